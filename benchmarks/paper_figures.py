@@ -11,8 +11,8 @@ import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from swashtwin.bench import collect_studies, write_paper_page
-from swashtwin.bench.results.reported import PAPER_STUDY
+from swashtwin_bench import collect_studies, write_paper_page
+from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin.foundation import DataError
 
 FIGURES = {

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import swashtwin as st
-from swashtwin.bench import build_rig
+from swashtwin_bench import build_rig
 
 build_rig("rig", seed=0, size="tiny")
 recordings = st.load_recordings("rig")

@@ -16,7 +16,7 @@ them from *healthy* recordings, each with an interval and a verdict. Terms are i
 import matplotlib.pyplot as plt
 
 import swashtwin as st
-from swashtwin.bench import build_rig
+from swashtwin_bench import build_rig
 
 pump = st.load_pump("25scy14-1b")
 pump

@@ -13,7 +13,7 @@ classifier then trains on measured and synthetic windows (slices of a recording)
 # Leave out what could not be recorded: the swash plate fault at the highest pressure. It is kept for the test.
 
 import swashtwin as st
-from swashtwin.bench import build_rig
+from swashtwin_bench import build_rig
 
 build_rig("rig", seed=0, size="tiny")
 recordings = st.load_recordings("rig")

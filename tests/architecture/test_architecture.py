@@ -30,7 +30,7 @@ def test_imports_go_one_way_down(monkeypatch: pytest.MonkeyPatch) -> None:
         ("oddments.py", "", "lower floors only"),
         ("foundation/errors.py", "import swashtwin.cli\n", "lower floors only"),
         ("calibration/procedure.py", "import swashtwin.learning\n", "lower floors only"),
-        ("report/page.py", "import swashtwin.bench\n", "lower floors only"),
+        ("report/page.py", "import swashtwin_bench\n", "lower floors only"),
         ("learning/features.py", "import swashtwin.physics\n", "know no physics"),
         ("report/page.py", "import swashtwin.pump.faults\n", "front doors only"),
         ("bench/rigs/fleet.py", "from swashtwin.physics import Twin\n", "use no twin"),
@@ -53,8 +53,8 @@ def test_no_way_of_writing_an_import_hides_a_twin_from_the_law_of_the_rigs(tmp_p
         "from ...physics import Twin",
         "import swashtwin as st",
         "import swashtwin.physics as physics",
-        "from swashtwin.bench.questions.wrong_twins import Twin",
-        "from swashtwin.bench import questions",
+        "from swashtwin_bench.questions.wrong_twins import Twin",
+        "from swashtwin_bench import questions",
     ]
     shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
     for index, text in enumerate(texts):

@@ -17,7 +17,7 @@ from commandline import run
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from swashtwin.bench import build_rig
+from swashtwin_bench import build_rig
 from swashtwin.cli import app
 from swashtwin.recordings import load_recordings, write_recording
 

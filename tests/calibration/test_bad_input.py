@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
 from swashtwin.calibration.objective.recording_checks import shown_speed
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, UnitError, rpm, um

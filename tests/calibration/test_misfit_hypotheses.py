@@ -9,8 +9,8 @@ import pytest
 import torch
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
-from swashtwin.bench.questions.twin_matrix import CHANNELS, matrix_cases
-from swashtwin.bench.questions.wrong_twins import with_swap, with_unit_error
+from swashtwin_bench.questions.twin_matrix import CHANNELS, matrix_cases
+from swashtwin_bench.questions.wrong_twins import with_swap, with_unit_error
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
 from swashtwin.foundation import stream

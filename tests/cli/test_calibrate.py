@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from commandline import AT_15, DEFECT, one_line, run, run_json
 
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import load_calibration
 from swashtwin.foundation import MPa
 from swashtwin.learning import load_windows
@@ -22,7 +22,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two specimens with a recess, at 10 and 15 MPa."""
     folder = tmp_path_factory.mktemp("rig")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
+        patch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
         size = RigSize(specimens=2, repeats=1, duration=1.3)
         recordings = [recording for recording, _ in rig_recordings(0, size, labels=("swash_plate",))]
     write_index(

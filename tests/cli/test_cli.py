@@ -13,10 +13,10 @@ import pytest
 from commandline import AT_15, DEFECT, QUICK, TINY, one_line, run, run_json
 
 import swashtwin
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
-from swashtwin.bench.rivals.models import DEFAULT, MODELS, Model
-from swashtwin.bench.studies.cases import case_two
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
+from swashtwin_bench.rivals.models import DEFAULT, MODELS, Model
+from swashtwin_bench.studies.cases import case_two
 from swashtwin.calibration import GaussNewton, load_calibration
 from swashtwin.diagnosis import load_classifier
 from swashtwin.foundation import MPa
@@ -31,7 +31,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rig")
     size = RigSize(specimens=2, repeats=2, duration=1.3)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+        patch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(15),))
         recordings = [recording for recording, _ in rig_recordings(0, size, labels=("normal", "swash_plate"))]
     files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
     write_index(recordings, files, folder)
@@ -172,7 +172,7 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(
 
 
 def test_an_interrupted_rig_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from swashtwin.bench.rigs import writing
+    from swashtwin_bench.rigs import writing
 
     real, written = writing.write_recording, iter(range(3))
 
@@ -204,9 +204,9 @@ def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
     monkeypatch.setitem(MODELS["quick"], DEFAULT, network)
     plan = case_two("quick")
     plan = replace(plan, scenario=replace(plan.scenario, **small))
-    monkeypatch.setattr("swashtwin.bench.demo.plan_of", lambda study, size: plan)
+    monkeypatch.setattr("swashtwin_bench.demo.plan_of", lambda study, size: plan)
     for module in ("rigs.writing", "demo"):
-        monkeypatch.setattr(f"swashtwin.bench.{module}.SIZES", {"small": RigSize(2, repeats=2, duration=1.3)})
+        monkeypatch.setattr(f"swashtwin_bench.{module}.SIZES", {"small": RigSize(2, repeats=2, duration=1.3)})
     monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 60)
     answer = run_json("demo", "--out", tmp_path, "--jobs", 1)
     assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(answer)
@@ -233,8 +233,8 @@ def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
 
 
 def test_rig_writes_an_index_that_inspect_reads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
-    monkeypatch.setattr("swashtwin.bench.rigs.writing.PRESSURES", (MPa(15),))
+    monkeypatch.setattr("swashtwin_bench.rigs.writing.SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
+    monkeypatch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(15),))
     monkeypatch.chdir(tmp_path)
     answer = run_json("bench", "rig", "rig", "--seed", 3, "--format", "csv")
     report = run_json("inspect", answer["index"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from stub_runs import run
 
-from swashtwin.bench.results.runs import save_run
+from swashtwin_bench.results.runs import save_run
 from swashtwin.foundation import DataError, MPa, file_name, rpm, stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording

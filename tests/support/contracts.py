@@ -14,9 +14,10 @@ from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
 
 
-def _subpackage(module: str) -> str:
-    """``"swashtwin.pump"`` of ``"swashtwin.pump.faults"``."""
-    return ".".join(module.split(".")[:2])
+def _room(module: str) -> str:
+    """``"swashtwin.pump"`` of ``"swashtwin.pump.faults"``; all of another distribution is one room."""
+    root, *names = module.split(".")
+    return ".".join([root, *names[: root == "swashtwin"]])
 
 
 class FrontDoor(Contract):
@@ -29,13 +30,13 @@ class FrontDoor(Contract):
             (importer, imported)
             for importer in sorted(graph.modules)
             for imported in sorted(graph.find_modules_directly_imported_by(importer))
-            if _subpackage(importer) != _subpackage(imported) and imported.count(".") > 1
+            if _room(importer) != _room(imported) and imported != _room(imported)
         ]
         return ContractCheck(kept=not trespasses, metadata={"trespasses": trespasses})
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         for importer, imported in check.metadata["trespasses"]:
-            output.print_error(f"{importer} imports {imported}: import the name from {_subpackage(imported)}.")
+            output.print_error(f"{importer} imports {imported}: import the name from {_room(imported)}.")
 
 
 class DoorNames(Contract):
@@ -109,7 +110,7 @@ def _tree(module: str) -> ast.Module:
 def _file(module: str) -> Path | None:
     """Door of a room, or source of a module; None where it is of another package."""
     root, *names = module.split(".")
-    if root != "swashtwin":
+    if root not in ("swashtwin", "swashtwin_bench"):
         return None
     path = Path(find_spec(root).submodule_search_locations[0]).joinpath(*names)
     files = (path / "__init__.pyi", path / "__init__.py", path.with_name(f"{path.name}.py"))

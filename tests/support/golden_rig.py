@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.bench import build_rig, rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
+from swashtwin_bench import build_rig, rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.foundation import MPa
 from swashtwin.recordings import Recording, write_index, write_recording
 

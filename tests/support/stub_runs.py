@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from swashtwin.bench.results.runs import Embedding, Outcome, Run, Task
+from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
 from swashtwin.foundation import MPa, rpm, stream
 from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
 from swashtwin.pump import CLASSES, OperatingCondition

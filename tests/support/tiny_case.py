@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
-from swashtwin.bench import Plan, plan_of, rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
-from swashtwin.bench.rivals.models import Model
-from swashtwin.bench.studies.scenario import Scenario
+from swashtwin_bench import Plan, plan_of, rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
+from swashtwin_bench.rivals.models import Model
+from swashtwin_bench.studies.scenario import Scenario
 from swashtwin.calibration import GaussNewton
 from swashtwin.learning import TrainingSettings
 from swashtwin.recordings import Recording

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
-from swashtwin.bench import rig_recordings
-from swashtwin.bench.rigs.writing import RigSize
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
 from swashtwin.calibration.objective.unknowns import search_space, unknowns_of
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um

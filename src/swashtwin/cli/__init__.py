@@ -2,9 +2,10 @@
 
 With ``--json`` standard output holds exactly one JSON object; progress and errors go to standard error. Exit codes: 0
 done, 1 a bug, 2 a wrong command line, 3 data or a value that cannot be used, 130 interrupted. Modules here import what
-is heavy inside the commands, so that ``--help`` answers at once.
+is heavy inside the commands, so that ``--help`` answers at once. Other distributions add commands to it: see
+`application.add_installed_commands`.
 """
 
-from swashtwin.cli.app import app, main
+import lazy_loader
 
-__all__ = ["app", "main"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -131,51 +131,19 @@ def _show_verdicts(verdicts: "Sequence[Diagnosis]", n_trained: int) -> None:
 
 
 def report(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(metavar="FILE|FOLDER...", help="Calibrations, models, or folders of bench studies' runs."),
-    ],
+    sources: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Calibrations and models.")],
     out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.", callback=as_folder)],
     as_json: Json = False,
 ) -> None:
-    """Write one page of saved results: of calibrations, of models, or of the finished runs of studies.
+    """Write one page of saved calibrations and models.
 
     The page of a diagnosis comes from swashtwin diagnose --report.
     """
-    from swashtwin.bench import collect_studies, write_study_report
     from swashtwin.calibration import load_calibration
     from swashtwin.diagnosis import load_model
     from swashtwin.report import write_report
 
     require_files(sources)
-    folders = [path for path in sources if path.is_dir()]
-    if folders and len(folders) < len(sources):
-        raise typer.BadParameter("give either files or folders of studies.", param_hint="SOURCES")
-    studies = [study for path in folders for study in collect_studies(path)]
-    if folders:
-        page = write_study_report(*studies, folder=out)
-    else:
-        items = [load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources]
-        page = write_report(*items, folder=out, about={"File": ", ".join(path.name for path in sources)})
-    result = {
-        "report": page,
-        "calibrations": [] if folders else sources,
-        "studies": [
-            {
-                "study": study.study,
-                "size": study.size,
-                "seeds": list(study.seeds),
-                "runs": len(study.runs),
-                "answer": list(study.answer),
-            }
-            for study in studies
-        ],
-    }
-
-    def show() -> None:
-        rows = [(study.study, study.size, ", ".join(map(str, study.seeds)), len(study.runs)) for study in studies]
-        if rows:
-            table("Studies", ("study", "size", "seeds", "runs"), rows)
-        say(f"Report: {page}")
-
-    tell(result, as_json, show)
+    items = [load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources]
+    page = write_report(*items, folder=out, about={"File": ", ".join(path.name for path in sources)})
+    tell({"report": page, "sources": sources}, as_json, lambda: say(f"Report: {page}"))

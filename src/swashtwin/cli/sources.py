@@ -83,37 +83,3 @@ def is_collection(path: Path, facts: dict[str, Any]) -> bool:
         remedy = "convert its files anew" if is_store(path) else "edit its index"
         raise typer.BadParameter(f"is for single files, and {path} says it itself; {remedy}.", param_hint=option)
     return True
-
-
-Dataset = Annotated[
-    Path, typer.Argument(metavar="INDEX", help="Index file or the folder that holds one, a store, or a --public-set.")
-]
-PublicSet = Annotated[
-    str | None, typer.Option(help="Name of the public set that the folder holds, such as pump_cavitation.")
-]
-Only = Annotated[
-    list[str] | None,
-    typer.Option(metavar="ATTRIBUTE=VALUE,...", help="Recordings to use, by label, specimen, attribute; repeatable."),
-]
-
-
-def choose_recordings(source: Path, public_set: str | None, only: list[str] | None) -> "list[Recording]":
-    """Recordings of an index, a store or a public set; with `only` those whose attributes have the values named."""
-    from swashtwin.bench import read_public_set
-    from swashtwin.foundation import DataError
-    from swashtwin.recordings import load_recordings
-
-    choices = read_pairs(only, "--only")
-    recordings = list(load_recordings(source)) if public_set is None else read_public_set(public_set, source)
-    for name, text in choices.items():
-        values = set(read_words(text))
-        recordings = [recording for recording in recordings if _attribute(recording, name) in values]
-        if not recordings:
-            raise DataError(f"no recording has {name} = {text}; swashtwin inspect shows what there is.")
-    return recordings
-
-
-def _attribute(recording: "Recording", name: str) -> str:
-    if name in ("label", "specimen"):
-        return getattr(recording, name) or ""
-    return str(recording.attributes.get(name, ""))

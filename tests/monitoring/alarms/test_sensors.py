@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_machine import Machine
 
-from swashtwin.bench.rigs.courses import PlantCourse, plant_course
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin.foundation import DataError, stream
 from swashtwin.monitoring.alarms import PointMonitor, PointState
 from swashtwin.recordings import Recording

@@ -1,0 +1,108 @@
+"""``swashtwin watch demo``: a pump of the virtual rig that wears over weeks, watched in some minutes."""
+
+import os
+import threading
+import time
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from swashtwin.cli import Json, Seed, as_folder, note, say, tell
+
+
+if TYPE_CHECKING:
+    from swashtwin.monitoring import Outcome, WatchConfig
+
+RECORDINGS, ONSET, PER_DAY, LEARNING = 90, 36, 3, 20
+_CONFIG = f"""\
+# What swashtwin watch demo watches: a pump of the virtual rig whose pistons wear.
+folder = "watch-data"
+
+[[machine]]
+name = "rig-pump"
+pump = "25scy14-1b"
+
+[[source]]
+kind = "folder"
+path = "incoming"
+settle = "0.2 s"
+remove = true
+
+[alarms]
+learning = {LEARNING}
+
+[[channel]]
+kind = "log"
+
+[page]
+port = PORT
+"""
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the watch and its history.", callback=as_folder)] = Path(
+        "swashtwin-watch-demo"
+    ),
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8642,
+    end: Annotated[bool, typer.Option("--end", help="End after the last recording instead of at Ctrl-C.")] = False,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, history and alarm."""
+    from swashtwin.cli import require_extra, stop_signals
+    from swashtwin.foundation import InputError, write_text
+    from swashtwin.monitoring import load_watch_config, run_watch
+
+    require_extra()
+    if (out / "watch-data").exists():
+        raise InputError(f"{out} holds an earlier demo; remove it, or name another folder with --out.")
+    config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
+    course = threading.Thread(target=_write_course, args=(config, seed), daemon=True)
+    alarms: list[int] = []
+    counts = {"judged": 0}
+
+    def start(address: str | None) -> None:
+        note(f"The page is at {address}. Weeks pass in minutes; Ctrl-C ends.")
+        if address is not None and not end:
+            webbrowser.open(address)
+        course.start()
+
+    def show(outcome: "Outcome") -> None:
+        counts["judged"] += 1
+        number = counts["judged"]
+        if outcome.state == "alarm" and not alarms:
+            alarms.append(number)
+        day = f"day {(number - 1) // PER_DAY + 1}"
+        (note if as_json else say)(f"{day}, {outcome.file}: {outcome.sentence}")
+        if number == RECORDINGS:
+            finished(stop)
+
+    def finished(stop: threading.Event) -> None:
+        if end:
+            stop.set()
+        else:
+            note("All recordings are judged; the page stays until Ctrl-C.")
+
+    with stop_signals() as stop:
+        run_watch(config, stop=stop, started=start, progress=show)
+    result = {"folder": out, "judged": counts["judged"], "onset": ONSET, "alarm": alarms[0] if alarms else None}
+    words = f"alarm at recording {alarms[0]}, " if alarms else "no alarm yet; "
+    tell(
+        result, as_json, lambda: say(f"{words}the pistons wear from recording {ONSET + 1} on. Everything is in {out}.")
+    )
+
+
+def _write_course(config: "WatchConfig", seed: int) -> None:
+    """Write the recordings of a month into the folder that is watched, as fast as they are computed."""
+    from swashtwin_bench import PlantCourse, plant_course
+    from swashtwin.recordings import write_recording
+
+    folder = config.path.parent / "incoming"
+    course = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
+    first = time.time() - 86400 * RECORDINGS / PER_DAY
+    for number, (recording, _) in enumerate(plant_course(seed, "A", course, batch=3)):
+        path = write_recording(recording.relabeled(None), folder / f".{number + 1:03}.h5")
+        os.utime(path, (first + 86400 * number / PER_DAY,) * 2)
+        path.rename(folder / f"{number + 1:03}.h5")

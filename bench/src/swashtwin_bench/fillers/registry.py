@@ -1,0 +1,26 @@
+"""The fillers that the studies compare, by name."""
+
+from swashtwin_bench.fillers.cvae import CVAE
+from swashtwin_bench.fillers.diffusion import Diffusion
+from swashtwin_bench.fillers.distortion import Jitter
+from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
+from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
+from swashtwin_bench.fillers.wgan_gp import WGANGP
+from swashtwin.synthesis import FILLERS, Filler, register_filler
+
+__all__ = ["FILLERS"]
+
+_fillers: dict[str, Filler] = {
+    "duplicate": Duplicate(),
+    "noisy_duplicate": NoisyDuplicate(),
+    "jitter": Jitter(),
+    "smote": SMOTE(),
+    "smote_spectrum": SMOTE(space="spectrum"),
+    "adasyn": ADASYN(),
+    "adasyn_spectrum": ADASYN(space="spectrum"),
+    "cvae": CVAE(),
+    "wgan_gp": WGANGP(),
+    "diffusion": Diffusion(),
+}
+for _name, _filler in _fillers.items():
+    register_filler(_name, _filler)

@@ -1,0 +1,177 @@
+"""Bearings of Case Western Reserve University: drive end and fan end, 12 and 48 kHz."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
+from swashtwin.foundation import DataError
+from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
+
+_LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
+"""Nominal speed [rpm] at each load [hp]."""
+_SERIES = (
+    ("DE", 12, "inner_race", 7, "", "105 106 107 108"),
+    ("DE", 12, "inner_race", 14, "", "169 170 171 172"),
+    ("DE", 12, "inner_race", 21, "", "209 210 211 212"),
+    ("DE", 12, "inner_race", 28, "", "3001 3002 3003 3004"),
+    ("DE", 12, "ball", 7, "", "118 119 120 121"),
+    ("DE", 12, "ball", 14, "", "185 186 187 188"),
+    ("DE", 12, "ball", 21, "", "222 223 224 225"),
+    ("DE", 12, "ball", 28, "", "3005 3006 3007 3008"),
+    ("DE", 12, "outer_race", 7, "6", "130 131 132 133"),
+    ("DE", 12, "outer_race", 7, "3", "144 145 146 147"),
+    ("DE", 12, "outer_race", 7, "12", "156 158 159 160"),
+    ("DE", 12, "outer_race", 14, "6", "197 198 199 200"),
+    ("DE", 12, "outer_race", 21, "6", "234 235 236 237"),
+    ("DE", 12, "outer_race", 21, "3", "246 247 248 249"),
+    ("DE", 12, "outer_race", 21, "12", "258 259 260 261"),
+    ("DE", 48, "inner_race", 7, "", "109 110 111 112"),
+    ("DE", 48, "inner_race", 14, "", "174 175 176 177"),
+    ("DE", 48, "inner_race", 21, "", "213 214 215 217"),
+    ("DE", 48, "ball", 7, "", "122 123 124 125"),
+    ("DE", 48, "ball", 14, "", "189 190 191 192"),
+    ("DE", 48, "ball", 21, "", "226 227 228 229"),
+    ("DE", 48, "outer_race", 7, "6", "135 136 137 138"),
+    ("DE", 48, "outer_race", 7, "3", "148 149 150 151"),
+    ("DE", 48, "outer_race", 7, "12", "161 162 163 164"),
+    ("DE", 48, "outer_race", 14, "6", "201 202 203 204"),
+    ("DE", 48, "outer_race", 21, "6", "238 239 240 241"),
+    ("DE", 48, "outer_race", 21, "3", "250 251 252 253"),
+    ("DE", 48, "outer_race", 21, "12", "262 263 264 265"),
+    ("FE", 12, "inner_race", 7, "", "278 279 280 281"),
+    ("FE", 12, "inner_race", 14, "", "274 275 276 277"),
+    ("FE", 12, "inner_race", 21, "", "270 271 272 273"),
+    ("FE", 12, "ball", 7, "", "282 283 284 285"),
+    ("FE", 12, "ball", 14, "", "286 287 288 289"),
+    ("FE", 12, "ball", 21, "", "290 291 292 293"),
+    ("FE", 12, "outer_race", 7, "6", "294 295 296 297"),
+    ("FE", 12, "outer_race", 7, "3", "298 299 300 301"),
+    ("FE", 12, "outer_race", 7, "12", "302 305 306 307"),
+    ("FE", 12, "outer_race", 14, "6", "313 - - -"),
+    ("FE", 12, "outer_race", 14, "3", "310 309 311 312"),
+    ("FE", 12, "outer_race", 21, "6", "315 - - -"),
+    ("FE", 12, "outer_race", 21, "3", "- 316 317 318"),
+    ("DE", 48, "normal", 0, "", "97 98 99 100"),
+    ("FE", 48, "normal", 0, "", "97 98 99 100"),
+)
+"""End, rate [kHz], label, diameter of the fault [mil], its place [o'clock], and the record at each load."""
+_NUMBER = re.compile(r"(?<!\d)(\d{2,4})(?!\d)")
+_SPEED = re.compile(r"(X\d+)?RPM", re.IGNORECASE)
+
+
+class _Record(NamedTuple):
+    """One record at one end, as the set's makers staged it."""
+
+    number: int
+    end: str
+    kilohertz: int
+    label: str
+    mil: int
+    position: str
+    load: int
+
+    @property
+    def specimen(self) -> str:
+        return f"{self.end}-healthy" if self.label == "normal" else f"{self.end}-{self.label}-{self.mil}"
+
+
+def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Recording]:
+    """Every recording of the CWRU bearing set, one for each record and end, from the accelerometer at that end.
+
+    A file is known by the record number in its name (``105.mat``, ``105_0.mat``, ``..._rec105.mat``), wherever below
+    `folder` it lies; the record decides label, rate and load. Files of no known record are passed over, and of a record
+    that is there twice the first is read.
+
+    Labels are the seat of the fault: ``normal``, ``inner_race``, ``ball``, ``outer_race``. The channel is called
+    ``acceleration`` at either end, so that one classifier can be asked about both. Readings are taken to be in g, as in
+    the literature.
+
+    Groups for an honest split: ``specimen`` (the bearing: end, seat and diameter; both rates, all loads and all places
+    of the outer race are one), ``attributes["fault_size_mil"]``, ``attributes["end"]`` (``DE`` or ``FE``, two types of
+    bearing). Further ``load_hp``, ``or_position`` [o'clock], ``record``, ``rate_khz``, and ``speed`` (as measured, or
+    nominal for the load where the file has none).
+
+    Parameters
+    ----------
+    folder : the files.
+    resample : rate to bring every recording to, such as ``"12 kHz"``; by default each keeps its own.
+
+    Raises
+    ------
+    DataError
+        `folder` holds no record of the set, or one is damaged.
+
+    Notes
+    -----
+    What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so without `resample` a network learns
+    the rate. There is one healthy bearing at each end. The loads are the same bearings again. Records whose
+    acquisition failed say so in ``attributes["known_problem"]`` (table 3 of Smith and Randall, 2015,
+    doi:10.1016/j.ymssp.2015.04.021) where the set came with a ``files.csv`` that knows it.
+    """
+    folder = Path(folder)
+    records = _records()
+    table = table_of(folder)
+    paths: dict[int, Path] = {}
+    for path in files_below(folder, ".mat"):
+        numbers = {int(text) for text in _NUMBER.findall(path.stem)} & records.keys()
+        if len(numbers) == 1:
+            paths.setdefault(numbers.pop(), path)
+    if not paths:
+        raise DataError(f"{folder} holds no file named after a record of the CWRU set, such as 105.mat.")
+    return [
+        recording
+        for number, path in sorted(paths.items())
+        for recording in _recordings(path, folder, records[number], table, resample)
+    ]
+
+
+def _records() -> dict[int, list[_Record]]:
+    """Records by number; the normal ones are there at both ends."""
+    records: dict[int, list[_Record]] = {}
+    for end, kilohertz, label, mil, position, numbers in _SERIES:
+        for load, text in enumerate(numbers.split()):
+            if text != "-":
+                record = _Record(int(text), end, kilohertz, label, mil, position, load)
+                records.setdefault(record.number, []).append(record)
+    return records
+
+
+def _recordings(
+    path: Path, folder: Path, records: list[_Record], table: dict[str, dict[str, str]], resample: str | None
+) -> Iterator[Recording]:
+    file = path.relative_to(folder).as_posix()
+    row = table.get(file, {})
+    columns = open_raw(path, Options())
+    measured = next((text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None)
+    for record in records:
+        # A file may hold a neighbor's variables too (99.mat does): its own number first, the first otherwise.
+        names = [name for name in columns.columns if name.endswith(f"_{record.end}_time")]
+        variables = [name for name in names if name.startswith(f"X{record.number:03d}")]
+        if not names:
+            raise DataError(f"{path} has no variable X..._{record.end}_time; it has {', '.join(columns.columns)}.")
+        attributes = {
+            "speed": f"{float(measured) if measured else _LOADS[record.load]:g} rpm",
+            "end": record.end,
+            "fault_size_mil": str(record.mil),
+            "or_position": record.position,
+            "load_hp": str(record.load),
+            "record": str(record.number),
+            "rate_khz": str(record.kilohertz),
+            "known_problem": row.get("known_problem"),
+        }
+        entry = Entry(
+            file=file,
+            id=f"cwru_{record.number}_{record.end}",
+            label=record.label,
+            specimen=record.specimen,
+            channels=((variables or names)[0],),
+            names=("acceleration",),
+            unit="g",
+            sample_rate=f"{record.kilohertz} kHz",
+            resample=resample,
+            sha256=row.get("sha256"),
+            attributes=facts_of(attributes),
+        )
+        yield recording_of(path, entry)

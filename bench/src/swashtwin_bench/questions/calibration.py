@@ -1,0 +1,379 @@
+"""How near calibrated twins come to pumps of the virtual rig, and whether their intervals hold what they promise.
+
+Each pump of each fleet is calibrated by every method on all but one of its recordings of one class at one pressure.
+Errors (RMSE, PE, SVE) are those on the recording that was kept, and, in the details, on its recordings at the other
+pressures. The six values are held against those that held in the rig on average over the recordings calibrated on (the
+rig takes a pump apart between two recordings, and its films follow oil and pressure). Two rows are no twins but the
+rig's own lines without their noise: of the very recording that is tested on, which nothing can beat, and of another
+recording of the same pump, which is all that can be known without it.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from joblib import delayed
+
+from swashtwin_bench.questions.contenders import CONTENDERS
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
+from swashtwin_bench.rigs.measuring import measure as record
+from swashtwin_bench.rigs.writing import RigSize, rig_recordings
+from swashtwin.calibration import (
+    Agreement,
+    Calibration,
+    agreement,
+    agreement_of_lines,
+    calibrate,
+    mean_agreement,
+    measure,
+    objective_of,
+)
+from swashtwin.foundation import VERSION, InputError, MPa, mm, parallel
+from swashtwin.physics import Twin
+from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
+from swashtwin.recordings import Recording
+
+FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
+"""What the twin of each class simulates: the recess as it was machined."""
+
+METRICS = {
+    "rmse": "RMSE [m/s²]",
+    "pe": "PE",
+    "sve": "SVE",
+    "identified": "values identified of 6",
+    "coverage": "coverage of identified",
+    "wall_s": "wall time [s]",
+    "simulations": "simulations",
+}
+
+
+THICK_FILM = 9e4
+"""C_sw [N s/m] under which K_sw shows in the spectrum (docs/explanation/physics.md, section 6); the paper's is
+1.86e6."""
+
+
+@dataclass(frozen=True)
+class CalibrationStudySettings:
+    """What is calibrated on what."""
+
+    label: str = "normal"
+    """Class of the recordings; a name in `FAULTS`."""
+    pressure: float = MPa(10)
+    """Discharge pressure at which is calibrated [Pa]."""
+    specimens: int = 6
+    """Pumps in each fleet."""
+    repeats: int = 3
+    """Recordings of each pump at each pressure; the last at `pressure` is tested on."""
+    thick_film: bool = False
+    """Whether the slippers' films are so thick, on the rig and on the drawing, that C_sw is nominally `THICK_FILM`."""
+    contenders: tuple[str, ...] = tuple(CONTENDERS)
+    """Names in `CONTENDERS`."""
+
+    def __post_init__(self) -> None:
+        if self.label not in FAULTS:
+            raise InputError(f"label {self.label!r} has no twin here; choose one of {', '.join(FAULTS)}.")
+        if self.repeats < 2 or self.specimens < 1:
+            raise InputError(
+                f"repeats ({self.repeats}) must be at least 2, of which one is tested on, and specimens "
+                f"({self.specimens}) at least 1."
+            )
+        unknown = [name for name in self.contenders if name not in CONTENDERS]
+        if unknown:
+            raise InputError(f"methods {', '.join(unknown)} are unknown; choose among {', '.join(CONTENDERS)}.")
+
+
+@dataclass(frozen=True, eq=False)
+class _Pump:
+    """One pump's recordings by role, with the truth behind them."""
+
+    seed: int
+    name: str
+    train: list[tuple[Recording, Run]]
+    held_out: tuple[Recording, Run]
+    others: dict[str, list[Recording]]
+
+
+def run_calibration_study(
+    *,
+    seeds: Sequence[int],
+    settings: CalibrationStudySettings | None = None,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    command: str = "",
+) -> StudyTable:
+    """Errors, coverage and cost of the nominal twin and of every way to calibrate, a trial for each pump.
+
+    Parameters
+    ----------
+    seeds : fleets of the rig.
+    settings : what is calibrated on what.
+    jobs : processes that work side by side.
+    progress : called with pumps done and in all.
+    command : command line that repeats the study, kept with the result.
+
+    Raises
+    ------
+    InputError
+        No seed.
+    """
+    started, settings = time.perf_counter(), settings or CalibrationStudySettings()
+    if not seeds:
+        raise InputError("give at least one seed, which draws a fleet of pumps.")
+    pumps = [pump for seed in seeds for pump in _fleet(seed, settings, jobs)]
+    cases_by_pump: list[list[_Case]] = []
+    for cases in parallel(jobs, return_as="generator")(delayed(_of_pump)(pump, settings) for pump in pumps):
+        cases_by_pump.append(cases)
+        if progress is not None:
+            progress(len(cases_by_pump), len(pumps))
+    names = [case.trial.factors["twin"] for case in cases_by_pump[0]]
+    cases = [
+        next(case for case in pump_cases if case.trial.factors["twin"] == name)
+        for name in names
+        for pump_cases in cases_by_pump
+    ]
+    table = StudyTable(
+        study="calibration",
+        title="How near do calibrated twins come, and do their intervals hold the truth?",
+        metrics=METRICS,
+        trials=tuple(case.trial for case in cases),
+        answer=(),
+        settings={**asdict(settings), "contenders": {name: _describe_contender(name) for name in settings.contenders}},
+        origin=origin_of([pumps[0].held_out[0]]),
+        wall_s=time.perf_counter() - started,
+        version=VERSION,
+        command=command,
+        details={"intervals": _intervals(cases), "other_pressures": _other_pressures(cases)},
+    )
+    return replace(table, answer=_answer(table, names), notes=_notes(table, settings))
+
+
+def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
+    size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
+    pairs = list(rig_recordings(seed, size, labels=(settings.label,), jobs=jobs))
+    if settings.thick_film:
+        pairs = _with_thick_films(pairs, size.duration, seed)
+    pumps = []
+    for name in sorted({str(recording.specimen) for recording, _ in pairs}):
+        pump_pairs = [pair for pair in pairs if pair[0].specimen == name]
+        by_pressure: dict[float, list[tuple[Recording, Run]]] = {}
+        for pair in pump_pairs:
+            by_pressure.setdefault(_pressure(pair[0]), []).append(pair)
+        if settings.pressure not in by_pressure:
+            levels = ", ".join(f"{level / 1e6:g}" for level in by_pressure)
+            raise InputError(f"the rig runs at {levels} MPa, not at {settings.pressure / 1e6:g} MPa.")
+        *train, held_out = by_pressure.pop(settings.pressure)
+        others = {f"{level / 1e6:g} MPa": [pair[0] for pair in rest] for level, rest in by_pressure.items()}
+        pumps.append(_Pump(seed, name, train, held_out, others))
+    return pumps
+
+
+def _with_thick_films(
+    pairs: Sequence[tuple[Recording, Run]], duration: float, seed: int
+) -> list[tuple[Recording, Run]]:
+    """The same pumps with thick films under their slippers, recorded anew."""
+    factors = np.array([_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0])
+    runs = [replace(run, specimen=replace(run.specimen, values=run.specimen.values * factors)) for _, run in pairs]
+    recordings = [recording for recording, _ in pairs]
+    names = [(seed, recording.recording_id) for recording in recordings]
+    signals = record(runs, duration, recordings[0].sample_rate, names)
+    return [
+        (recording.replace(signal=signal), run)
+        for recording, run, signal in zip(recordings, runs, signals, strict=True)
+    ]
+
+
+def _thinner() -> float:
+    """The thick film's C_sw over the drawing's."""
+    return THICK_FILM / load_pump("25scy14-1b").interfaces.values()[0]
+
+
+def _nominal(settings: CalibrationStudySettings, condition: OperatingCondition) -> Twin:
+    pump = load_pump("25scy14-1b")
+    if settings.thick_film:
+        values = np.array(pump.interfaces.values()) * [_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0]
+        pump = replace(pump, interfaces=Interfaces.from_values(values))
+    return Twin(pump, condition, FAULTS[settings.label])
+
+
+def _pressure(recording: Recording) -> float:
+    assert recording.condition is not None  # all recordings of the rig have one
+    return recording.condition.discharge_pressure
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One pump and one twin."""
+
+    trial: Trial
+    others: Mapping[str, Agreement]
+    intervals: tuple[dict[str, Any], ...] = ()
+
+
+def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
+    torch.set_num_threads(1)
+    train = [recording for recording, _ in pump.train]
+    assert train[0].condition is not None
+    nominal = _nominal(settings, train[0].condition)
+    truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
+    cases = [_case(pump, "nominal", nominal, {})]
+    for name in settings.contenders:
+        contender = CONTENDERS[name]
+        calibration = calibrate(
+            nominal,
+            train,
+            method=contender.method,
+            nuisances=contender.nuisances,
+            phases=contender.phases,
+            explain_misfit=False,
+            seed=pump.seed,
+        )
+        intervals = tuple(
+            _interval(pump, name, calibration, index, float(truth[index])) for index in range(len(PARAMETERS))
+        )
+        sure = [interval["held"] for interval in intervals if interval["verdict"] == "identified"]
+        values = {
+            "wall_s": calibration.wall_s,
+            "simulations": float(calibration.simulations),
+            "identified": float(len(sure)),
+        }
+        values["coverage"] = float(np.mean(sure)) if sure else float("nan")
+        cases.append(replace(_case(pump, name, calibration.twin, values), intervals=intervals))
+    for name, run in (("rig_truth_of_another_recording", pump.train[0][1]), ("rig_truth", pump.held_out[1])):
+        cases.append(_truth_case(pump, nominal, name, run))
+    return cases
+
+
+def _interval(pump: _Pump, method: str, calibration: Calibration, index: int, truth: float) -> dict[str, Any]:
+    estimate = calibration.estimates[index]
+    low, high = estimate.interval
+    return {
+        "seed": pump.seed,
+        "specimen": pump.name,
+        "twin": method,
+        "letter": estimate.letter,
+        "value": estimate.value,
+        "interval": [low, high],
+        "truth": float(np.exp(truth)),
+        "held": bool(low <= np.exp(truth) <= high),
+        "verdict": estimate.verdict,
+        "off": float((np.log(estimate.value) - truth) / estimate.log_std),
+    }
+
+
+def _case(pump: _Pump, name: str, twin: Twin, values: Mapping[str, float]) -> _Case:
+    near = _near(twin, [pump.held_out[0]])
+    others = {level: _near(twin, recordings) for level, recordings in pump.others.items()}
+    return _Case(Trial({"twin": name}, pump.seed, {**_errors(near), **values}), others)
+
+
+def _near(twin: Twin, recordings: Sequence[Recording]) -> Agreement:
+    """How near the twin, taken to the recordings' pressure, is to them."""
+    there = twin.at(twin.condition.replaced(discharge_pressure=_pressure(recordings[0])))
+    (comparison,) = objective_of(there, measure(there, recordings)).comparisons
+    return agreement(comparison.measurement, there, comparison.amplitude_of(there))[0]
+
+
+def _truth_case(pump: _Pump, nominal: Twin, name: str, run: Run) -> _Case:
+    """The rig's own lines without noise, in place of a twin's."""
+    measurement, lines = measure(nominal, [pump.held_out[0]]), sensor_lines(run)
+    orders = np.arange(1, lines.shape[1] + 1)
+    amplitude = np.abs(lines[:, measurement.orders - 1])
+    near = mean_agreement([agreement_of_lines(measurement, lines, orders, amplitude)[0]])
+    return _Case(Trial({"twin": name}, pump.seed, _errors(near)), {})
+
+
+def _errors(near: Agreement) -> dict[str, float]:
+    return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
+
+
+def _describe_contender(name: str) -> dict[str, Any]:
+    contender = CONTENDERS[name]
+    return {
+        "method": type(contender.method).__name__,
+        "nuisances": asdict(contender.nuisances),
+        "phases": contender.phases,
+    }
+
+
+def _intervals(cases: Sequence[_Case]) -> dict[str, Any]:
+    """For each way to calibrate: how often intervals held, of all pumps together, and every single one."""
+    table: dict[str, Any] = {}
+    for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
+        rows = [row for case in cases if case.trial.factors["twin"] == name for row in case.intervals]
+        sure = [row for row in rows if row["verdict"] == "identified"]
+        if not rows:
+            continue
+        letters = list(dict.fromkeys(row["letter"] for row in rows))
+        table[name] = {
+            "values": len(rows),
+            "identified": len(sure),
+            "held_of_identified": _share([row["held"] for row in sure]),
+            "beyond_three_of_identified": _share([abs(row["off"]) > 3 for row in sure]),
+            "held_of_all": _share([row["held"] for row in rows]),
+            "identified_by_letter": {
+                letter: _share([row["verdict"] == "identified" for row in rows if row["letter"] == letter])
+                for letter in letters
+            },
+            "single": rows,
+        }
+    return table
+
+
+def _share(hits: Sequence[bool]) -> float | None:
+    return float(np.mean(hits)) if hits else None
+
+
+def _other_pressures(cases: Sequence[_Case]) -> list[dict[str, Any]]:
+    """Mean errors at the pressures that nothing was calibrated at."""
+    rows = []
+    for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
+        agreements_by_case = [case.others for case in cases if case.trial.factors["twin"] == name]
+        rows += [
+            {
+                "twin": name,
+                "pressure": level,
+                **_errors(mean_agreement([agreements[level] for agreements in agreements_by_case])),
+            }
+            for level in agreements_by_case[0]
+        ]
+    return rows
+
+
+def _answer(table: StudyTable, names: Sequence[str]) -> tuple[str, ...]:
+    means = {name: {metric: float(np.mean(table.values(metric, twin=name))) for metric in METRICS} for name in names}
+    nominal, floor = means["nominal"], means["rig_truth_of_another_recording"]
+    sentences = []
+    for name in names[1:-2]:
+        shares = ", ".join(f"{metric.upper()} {means[name][metric] / nominal[metric]:.2f}" for metric in _ERRORS)
+        sentences.append(f"{name} over nominal on recordings held out: {shares}.")
+        pooled = table.details["intervals"][name]
+        if pooled["identified"]:
+            sentences[-1] += (
+                f" {pooled['identified']} of {pooled['values']} values are called identified, and "
+                f"{pooled['held_of_identified']:.0%} of their intervals hold the truth."
+            )
+    shares = ", ".join(f"{metric.upper()} {floor[metric] / nominal[metric]:.2f}" for metric in _ERRORS)
+    sentences.append(f"The rig's own truth of another recording of the same pump over nominal: {shares}.")
+    return tuple(sentences)
+
+
+_ERRORS = ("rmse", "pe", "sve")
+
+
+def _notes(table: StudyTable, settings: CalibrationStudySettings) -> tuple[str, ...]:
+    errors = "; ".join(
+        f"{row['twin']} at {row['pressure']}: RMSE {row['rmse']:.3f}, PE {row['pe']:.3f}, SVE {row['sve']:.3f}"
+        for row in table.details["other_pressures"]
+        if row["twin"] in ("nominal", *settings.contenders[:1])
+    )
+    return (
+        f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump; elsewhere: "
+        f"{errors}.",
+        "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
+        "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
+        "rows of the rig's truth say how much no twin can explain.",
+    )

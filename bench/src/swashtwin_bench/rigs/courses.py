@@ -1,0 +1,109 @@
+"""Courses of recordings of one of the rig's pumps in a plant: weeks of service, healthy or with a fault that grows.
+
+Unlike `rig_recordings`, the pump is not taken apart between recordings. Its load and its oil temperature drift over
+days and weeks, more than between the recordings that a baseline learns from.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from swashtwin_bench.rigs.fleet import draw_specimen
+from swashtwin_bench.rigs.measuring import Run, measure
+from swashtwin_bench.rigs.trending import TRENDS
+from swashtwin_bench.rigs.writing import SAMPLE_RATE, SPEED, recording_of
+from swashtwin.foundation import MPa, celsius, stream
+from swashtwin.pump import OperatingCondition, load_pump
+from swashtwin.recordings import Recording
+
+PER_DAY = 3
+"""Recordings in a day."""
+_SEASON = 60.0
+"""Period [day] of the slow swing of load and temperature; its phase differs from course to course."""
+_MEMORY = 5.0
+"""Time [day] in which the wandering of load and temperature is forgotten."""
+
+
+@dataclass(frozen=True)
+class PlantCourse:
+    """What happens to a pump, recording after recording."""
+
+    recordings: int = 360
+    """How many."""
+    kind: str | None = None
+    """Fault that grows, of `TRENDS`, or None for a healthy course."""
+    onset: int = 60
+    """Recordings before the fault begins."""
+    severity: float = 2.0
+    """Severity of the last recording over the typical one; it grows evenly from the onset."""
+    pressure: float = MPa(10)
+    """Set discharge pressure [Pa]."""
+    duration: float = 2.0
+    """Length of each recording [s]."""
+
+    def severities(self) -> Float64[np.ndarray, " recording"]:
+        """Severity over the typical one at each recording; 0 where nothing is wrong."""
+        if self.kind is None:
+            return np.zeros(self.recordings)
+        after = np.arange(1, self.recordings + 1) - self.onset
+        return np.clip(after / (self.recordings - self.onset), 0, None) * self.severity
+
+
+def plant_course(
+    seed: int, specimen: str, course: PlantCourse, *, batch: int = 30
+) -> Iterator[tuple[Recording, float]]:
+    """Recordings of a course in order of time, each with its severity over the typical one.
+
+    Parameters
+    ----------
+    seed : which fleet.
+    specimen : which pump of it, such as ``"A"``.
+    batch : recordings computed together; the samples do not depend on it.
+    """
+    pump = draw_specimen(load_pump("25scy14-1b"), specimen, seed)
+    severities = course.severities()
+    name = f"{specimen}_{course.kind or 'normal'}_course"
+    conditions = _conditions(seed, name, course)
+    for first in range(0, course.recordings, batch):
+        numbers = range(first, min(first + batch, course.recordings))
+        runs = []
+        for number in numbers:
+            typical = None if course.kind is None or not severities[number] else TRENDS[course.kind]
+            fault = None if typical is None else typical.scaled(float(severities[number]))
+            runs.append(Run(pump, conditions[number], fault))
+        names = [f"{name}_{number + 1:04d}" for number in numbers]
+        signals = measure(runs, course.duration, SAMPLE_RATE, [(seed, item) for item in names])
+        for number, item, run, signal in zip(numbers, names, runs, signals, strict=True):
+            label = "normal" if run.fault is None else run.fault.label
+            yield recording_of(item, label, course.pressure, run, signal), float(severities[number])
+
+
+def _conditions(seed: int, name: str, course: PlantCourse) -> list[OperatingCondition]:
+    """What holds at each recording: a slow swing, a wandering of days, and scatter from recording to recording."""
+    rng = stream(seed, "plant", name)
+    count = course.recordings
+    day = np.arange(count) / PER_DAY
+
+    def drift(swing: float, wander: float, scatter: float) -> Float64[np.ndarray, " recording"]:
+        keep = np.exp(-1 / (_MEMORY * PER_DAY))
+        walk = np.empty(count)
+        state = rng.normal()
+        for number, step in enumerate(rng.normal(size=count)):
+            state = keep * state + np.sqrt(1 - keep**2) * step
+            walk[number] = state
+        season = np.sin(2 * np.pi * (day / _SEASON + rng.random()))
+        return np.asarray(swing * season + wander * walk + scatter * rng.normal(size=count))
+
+    temperature = np.clip(45 + drift(7.0, 3.0, 2.0), 25, 65)
+    load = np.clip(drift(0.015, 0.01, 0.005), -0.045, 0.045)
+    speed = rng.uniform(0.997, 1.003, count)
+    return [
+        OperatingCondition(
+            speed=SPEED * speed[number],
+            discharge_pressure=course.pressure * (1 + load[number]),
+            oil_temperature=celsius(temperature[number]),
+        )
+        for number in range(count)
+    ]

@@ -1,0 +1,393 @@
+"""Which recordings the virtual rig takes, and how it puts them on disk."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from joblib import delayed
+
+from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
+from swashtwin_bench.rigs.measuring import Run, measure, recorded_angle
+from swashtwin_bench.rigs.process import OUTLET_PRESSURE, PROCESS, ProcessChannel, process_signals
+from swashtwin_bench.rigs.version_two import fleet as version_two
+from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
+from swashtwin_bench.rigs.version_two.measuring import recorded_angle as recorded_angle_two
+from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
+from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
+from swashtwin.recordings import Recording, write_index, write_recording
+
+RIG_VERSION = "1"
+"""Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
+
+DEEP_VERSION = "1-deep"
+"""Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version 1."""
+
+MANIFEST_NAME = "rig.json"
+"""File in a rig's folder that says what the rig is, so that a run that was interrupted can go on."""
+
+SAMPLE_RATE = 25600.0
+"""Readings per second and channel [Hz]."""
+
+PUMPS = MappingProxyType({3: "25scy14-1b", 13: "25scy14-1b-13"})
+"""Pump file by the number of its accelerometers."""
+
+SPEED = rpm(860)
+"""Set speed [rad/s], the paper's."""
+
+PRESSURES = (MPa(5), MPa(10), MPa(15))
+"""Set discharge pressures [Pa], the paper's."""
+
+
+@dataclass(frozen=True)
+class RigSize:
+    """How much is recorded."""
+
+    specimens: int
+    """Pumps in the fleet."""
+    repeats: int
+    """Recordings per pump, class and pressure."""
+    duration: float = 4.0
+    """Length of each [s]."""
+
+
+SIZES = MappingProxyType(
+    {
+        "tiny": RigSize(specimens=2, repeats=2, duration=1.25),
+        "small": RigSize(specimens=6, repeats=3),
+        "paper": RigSize(specimens=6, repeats=4),
+    }
+)
+"""``tiny`` is for trying things out, ``small`` for a demo. ``paper`` holds, in each class, over three times the paper's
+650 windows of 80 ms, so that a study can take the paper's counts for training and test on recordings it did not train
+on."""
+
+
+@dataclass(frozen=True)
+class _Slot:
+    specimen: str
+    label: str
+    pressure: float
+    repeat: int
+    version: str = RIG_VERSION
+    sensors: int = 3
+
+    @property
+    def name(self) -> str:
+        return f"{self.specimen}_{self.label}_{self.pressure / 1e6:.0f}MPa_{self.repeat}"
+
+    @property
+    def speed(self) -> float:
+        """Set speed [rad/s]: recordings of a cell take turns where there are several."""
+        speeds = VERSIONS[self.version].speeds
+        return speeds[(self.repeat - 1) % len(speeds)]
+
+
+def _slots(size: RigSize, version: str, sensors: int) -> list[_Slot]:
+    require_version(version)
+    if sensors not in PUMPS or (sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen):
+        raise InputError(
+            f"{sensors} sensors cannot be recorded by version {version} of the rig: version 1 has "
+            f"{' or '.join(map(str, PUMPS))}, version 2 has 3."
+        )
+    names = [chr(ord("A") + i) for i in range(size.specimens)]
+    return [_Slot(*key, version, sensors) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
+
+
+def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None, speed: float = SPEED) -> Run:
+    """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the condition that held."""
+    rng = stream(seed, "condition", name)
+    condition = OperatingCondition(
+        speed=speed * rng.uniform(0.997, 1.003),
+        discharge_pressure=pressure * rng.uniform(0.97, 1.03),
+        oil_temperature=celsius(rng.uniform(30, 60)),
+    )
+    return Run(specimen.reassemble(seed, name), condition, fault)
+
+
+@dataclass(frozen=True)
+class RigVersion:
+    """One version of the rig: what its pumps are, how they are run and how they are measured."""
+
+    speeds: tuple[float, ...]
+    """Set speeds [rad/s]."""
+    draw_specimen: Callable[[Pump, str, int], Specimen]
+    """Pump of a name and a seed, made from the nominal one."""
+    run: Callable[[_Slot, Specimen, int], Run]
+    """Measurement of a slot under a seed."""
+    measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
+    """Readings of runs, for a duration [s], at a sample rate [Hz]."""
+    angle: Callable[[Run, float, float, int, str], Float[np.ndarray, " time"]]
+    """Shaft angle [rad] in a run, for a duration [s], at a sample rate [Hz], by seed and recording."""
+
+
+def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+    fault = draw_fault(slot.label, slot.specimen, seed, slot.name, is_deep=is_deep)
+    return run_of(slot.name, specimen, slot.pressure, seed, fault)
+
+
+def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
+    """A pump that is not reassembled keeps its fault and its assembly in all recordings of a class."""
+    if not isinstance(specimen, version_two.SecondSpecimen):
+        raise TypeError(f"{specimen.name} is no pump of version 2 of the rig.")
+    purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
+    fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
+    rng = stream(seed, "condition of version 2", slot.name)
+    condition = OperatingCondition(
+        speed=slot.speed * (1 - rng.uniform(0.002, 0.008) * slot.pressure / MPa(15)),
+        discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.96, 1.04),
+        oil_temperature=celsius(rng.uniform(28, 62)),
+    )
+    return Run(specimen.reassemble(seed, purpose), condition, fault)
+
+
+VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
+    {
+        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure, recorded_angle),
+        DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure, recorded_angle),
+        "2": RigVersion((SPEED, rpm(1120)), version_two.draw_specimen, _second_run, measure_two, recorded_angle_two),
+        "2-deep": RigVersion(
+            (SPEED, rpm(1120)),
+            version_two.draw_specimen,
+            partial(_second_run, is_deep=True),
+            measure_two,
+            recorded_angle_two,
+        ),
+    }
+)
+"""Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of
+0.6 mm."""
+
+
+def require_version(version: str) -> None:
+    """Refuse a version that there is not.
+
+    Raises
+    ------
+    InputError
+        It is none of `VERSIONS`.
+    """
+    if version not in VERSIONS:
+        raise InputError(f"rig version {version!r} is unknown; choose one of {', '.join(VERSIONS)}.")
+
+
+def recording_of(
+    name: str,
+    label: str,
+    pressure: float,
+    run: Run,
+    signal: Float[np.ndarray, "sensor time"],
+    *,
+    speed: float = SPEED,
+    version: str = RIG_VERSION,
+) -> Recording:
+    """Recording `name` of a run: it states the set pressure [Pa] and speed [rad/s], not those that held."""
+    stated = OperatingCondition(
+        speed=speed,
+        discharge_pressure=pressure,
+        oil_temperature=celsius(round(run.condition.oil_temperature - celsius(0))),
+    )
+    return Recording(
+        signal=signal,
+        sample_rate=SAMPLE_RATE,
+        recording_id=name,
+        channels=run.specimen.pump.channels,
+        label=label,
+        condition=stated,
+        specimen=run.specimen.name,
+        attributes={"origin": f"swashtwin virtual rig, version {version}"},
+    )
+
+
+def rig_recordings(
+    seed: int,
+    size: RigSize,
+    *,
+    labels: Sequence[str] = CLASSES,
+    version: str = RIG_VERSION,
+    sensors: int = 3,
+    batch: int = 30,
+    jobs: int = 1,
+) -> Iterator[tuple[Recording, Run]]:
+    """Recordings of the rig, one by one, each with the truth behind it.
+
+    What a recording states of its condition is what was set and a thermometer read to a degree; the pressure and the
+    speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and 0.8 %), and nothing downstream learns
+    them.
+
+    Parameters
+    ----------
+    seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
+    labels : classes to record.
+    version : name in `VERSIONS`.
+    sensors : accelerometers, one of `PUMPS`.
+    batch : recordings computed together.
+    jobs : processes that compute batches side by side; the samples do not depend on it.
+    """
+    slots = [slot for slot in _slots(size, version, sensors) if slot.label in labels]
+    return _measured(slots, _fleet(slots, seed), size.duration, seed, batch=batch, jobs=jobs)
+
+
+def _measured(
+    slots: Sequence[_Slot],
+    fleet: Mapping[str, Specimen],
+    duration: float,
+    seed: int,
+    *,
+    batch: int = 30,
+    jobs: int = 1,
+) -> Iterator[tuple[Recording, Run]]:
+    """Recordings of some slots, each with its run."""
+    batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
+    measured = parallel(jobs, return_as="generator")(
+        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed) for slots in batches
+    )
+    for pairs in measured:
+        yield from pairs
+
+
+def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
+    pumps = {slot.specimen: (VERSIONS[slot.version], load_pump(PUMPS[slot.sensors])) for slot in slots}
+    return {name: version.draw_specimen(nominal, name, seed) for name, (version, nominal) in pumps.items()}
+
+
+def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:
+    return VERSIONS[slot.version].run(slot, specimen, seed)
+
+
+def _measure_batch(
+    slots: Sequence[_Slot], specimens: Sequence[Specimen], duration: float, seed: int
+) -> list[tuple[Recording, Run]]:
+    torch.set_num_threads(1)
+    runs = [_run_of(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
+    version = VERSIONS[slots[0].version]
+    signals = version.measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
+    return [(_recording(slot, run, signal), run) for slot, run, signal in zip(slots, runs, signals, strict=True)]
+
+
+def _recording(slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]) -> Recording:
+    return recording_of(slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version)
+
+
+def _truth(run: Run) -> dict[str, object]:
+    fault = run.fault
+    return {
+        "specimen": run.specimen.name,
+        "condition": asdict(run.condition),
+        "values": run.specimen.true_values(),
+        "fault": None if fault is None else {"kind": type(fault).__name__, **asdict(fault)},
+    }
+
+
+def build_rig(
+    folder: Path,
+    *,
+    seed: int,
+    size: str | RigSize = "small",
+    version: str = RIG_VERSION,
+    sensors: int = 3,
+    process: bool = False,
+    file_format: str = "h5",
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Index file of a virtual rig written to `folder`; what an earlier run left whole is kept.
+
+    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of swashtwin reads it.
+
+    Parameters
+    ----------
+    folder : new or empty folder, or one that an earlier run with equal arguments left, finished or not.
+    seed : which fleet.
+    size : name in `SIZES`, or a size of one's own.
+    version : name in `VERSIONS`.
+    sensors : accelerometers, one of `PUMPS`.
+    process : record pressure and flow at the outlet and the temperature of the tank too, each in a file of its own for
+        each recording, with an index of its own (`PROCESS`), such as ``outlet_pressure.toml``. They can be added to a
+        folder later.
+    file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
+    jobs : processes that work side by side.
+    progress : called with recordings done and in all.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else, or a rig of other arguments; or the size, the version or the number of sensors
+        is unknown.
+    """
+    folder = Path(folder).resolve()
+    if isinstance(size, str) and size not in SIZES:
+        raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
+    plan = SIZES[size] if isinstance(size, str) else size
+    slots = _slots(plan, version, sensors)
+    settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": file_format}
+    settings |= {} if sensors == 3 else {"sensors": sensors}
+    open_pieces(folder, MANIFEST_NAME, settings)
+    files = [Path(slot.specimen) / f"{slot.name}.{file_format}" for slot in slots]
+    path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
+    missing = [slot for slot in slots if not path_of[slot.name].is_file()]
+    fleet = _fleet(slots, seed)
+    for count, (recording, _) in enumerate(_measured(missing, fleet, plan.duration, seed, jobs=jobs), 1):
+        write_recording(recording, path_of[recording.recording_id])
+        if progress:
+            progress(len(slots) - len(missing) + count, len(slots))
+    runs = {slot.name: _run_of(slot, fleet[slot.specimen], seed) for slot in slots}
+    truth = {
+        "rig_version": version,
+        "seed": seed,
+        "size": asdict(plan),
+        "specimens": {name: specimen.truth() for name, specimen in fleet.items()},
+        "recordings": {name: _truth(run) for name, run in runs.items()},
+    }
+    write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
+    silent = np.zeros((sensors, 1))
+    described = [_recording(slot, runs[slot.name], silent) for slot in slots]
+    if process:
+        _write_process(slots, runs, plan.duration, seed, path_of)
+    return write_index(described, files, folder / "recordings.toml")
+
+
+def _write_process(
+    slots: Sequence[_Slot], runs: Mapping[str, Run], duration: float, seed: int, path_of: Mapping[str, Path]
+) -> None:
+    """Write what `PROCESS` records beside each recording, and an index of each channel, into the rig's folder."""
+    folder = next(iter(path_of.values())).parents[1]
+    indexed: dict[ProcessChannel, list[Recording]] = {channel: [] for channel in PROCESS}
+    paths: dict[ProcessChannel, list[Path]] = {channel: [] for channel in PROCESS}
+    for slot in slots:
+        run, angle_of = runs[slot.name], VERSIONS[slot.version].angle
+        angle = angle_of(run, duration, OUTLET_PRESSURE.sample_rate, seed, slot.name)
+        for channel, signal in process_signals(run, angle, seed, slot.name).items():
+            vibration = path_of[slot.name]
+            path = vibration.with_name(f"{slot.name}_{channel.name}{vibration.suffix}")
+            recording = _process_recording(slot, run, channel, signal)
+            if not path.is_file():
+                write_recording(recording, path)
+            indexed[channel].append(recording)
+            paths[channel].append(path)
+    for channel in PROCESS:
+        write_index(indexed[channel], paths[channel], folder / f"{channel.name}.toml")
+
+
+def _process_recording(
+    slot: _Slot, run: Run, channel: ProcessChannel, signal: Float[np.ndarray, " sample"]
+) -> Recording:
+    """Under the id of its vibration, so that no classifier of the one is tested on the other."""
+    described = _recording(slot, run, np.zeros((slot.sensors, 1)))
+    return Recording(
+        signal=signal[None],
+        sample_rate=channel.sample_rate,
+        recording_id=slot.name,
+        channels=(channel.name,),
+        unit=channel.unit,
+        label=described.label,
+        condition=described.condition,
+        specimen=described.specimen,
+        attributes=described.attributes,
+    )

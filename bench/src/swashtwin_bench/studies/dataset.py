@@ -1,0 +1,312 @@
+"""Data of one seed, from which training sets and tests are made: window sets by role, and calibrated twins."""
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from swashtwin_bench.results.runs import FORMAT
+from swashtwin_bench.studies.cells import classes_of, cut_evenly
+from swashtwin_bench.studies.random_windows import deal_windows
+from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
+from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
+from swashtwin.foundation import DataError, file_name
+from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.physics import Twin
+from swashtwin.pump import SPEED_TOLERANCE, OperatingCondition, group_by_condition, merge_close_values
+from swashtwin.recordings import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationTask:
+    """One calibration, to be run, or to be read where a file of it exists."""
+
+    specimen: str
+    """Machine whose recordings it learns from."""
+    label: str
+    """Class of its recordings."""
+    twins: tuple[Twin, ...]
+    """Where it starts."""
+    recordings: tuple[Recording, ...]
+    """What it learns from; training recordings, all of them."""
+    method: Calibrator
+    nuisances: Nuisances
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
+        starts = [[repr(twin.pump), repr(twin.condition), repr(twin.fault)] for twin in self.twins]
+        data = [
+            (recording.recording_id, repr(recording.condition), recording.fingerprint())
+            for recording in self.recordings
+        ]
+        text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed))
+        return f"{file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def run_calibration(task: CalibrationTask) -> Calibration:
+    """The calibration."""
+    torch.set_num_threads(1)
+    return calibrate(
+        task.twins,
+        task.recordings,
+        method=task.method,
+        nuisances=task.nuisances,
+        phases=False,
+        explain_misfit=False,
+        seed=task.seed,
+    )
+
+
+def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
+    """The calibration of that key in ``OUT/calibrations``, or None where there is no file of it."""
+    path = None if out is None else calibration_file(out, key)
+    return load_calibration(path) if path is not None and path.is_file() else None
+
+
+def calibration_file(out: Path, key: str) -> Path:
+    """Where the calibration of that key lies."""
+    return Path(out) / "calibrations" / key / "calibration.json"
+
+
+@dataclass(frozen=True, eq=False)
+class StudyDataset:
+    """Windows and calibrated twins that one seed trains and tests on."""
+
+    seed: int
+    scenario: Scenario
+    measured: WindowSet
+    """Measured training windows, the few of the scarce cells among them."""
+    tests: Mapping[str, WindowSet]
+    """Measured test windows by level, every class alike."""
+    test_recordings: Mapping[str, tuple[Recording, ...]]
+    """Recordings of the tests, where noise is to be added to them; else empty."""
+    train_recordings: tuple[Recording, ...]
+    """Recordings of the measured training windows, where noise is to be added to them; else empty."""
+    calibrations: Mapping[tuple[str, str], Calibration]
+    """By specimen and class; empty once no twin is needed any more."""
+    calibrated_on: tuple[str, ...]
+    """Recordings that twins were calibrated on."""
+    split: ScenarioSplit
+
+    @property
+    def manifest(self) -> tuple[str, ...]:
+        """Recordings that no test may hold besides those of the training set: calibration's, and the references."""
+        return tuple(sorted({*self.calibrated_on, *self.split.references}))
+
+    def roles(self) -> dict[str, list[str]]:
+        """Recording ids by role."""
+        tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
+        train = set(self.measured.recording_id.tolist())
+        roles = {"train": train, **tests, "calibration": set(self.calibrated_on), "reference": self.split.references}
+        return {name: sorted(ids) for name, ids in roles.items()}
+
+    def conditions(self) -> list[OperatingCondition]:
+        """Operating conditions of the scarce cells: their pressure, at each speed of the training recordings."""
+        speeds = self.measured.speed
+        level = merge_close_values(speeds, SPEED_TOLERANCE)
+        means = [float(speeds[level == speed].mean()) for speed in np.unique(level[~np.isnan(level)])]
+        return [OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure) for speed in means]
+
+    def calibrations_for(self, label: str) -> list[Calibration]:
+        """Calibrations that a class is simulated with, one for each training specimen."""
+        return [self.calibrations[key] for key in self._calibrations_of(label)]
+
+    def _calibrations_of(self, label: str) -> list[tuple[str, str]]:
+        source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
+        if source_label is None:
+            source_label = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
+        return [key for key in sorted(self.calibrations) if key[1] == source_label]
+
+
+def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
+    """Calibrations that the twins of a scenario need: recordings that train, and no others."""
+    split = split_scenario(recordings, scenario, seed)
+    lender_ids = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
+    trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
+    labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
+    tasks = []
+    for label in labels:
+        of_label = [r for r in trained_on if r.label == label]
+        for specimen in sorted({str(r.specimen) for r in of_label}):
+            tasks.append(
+                _calibration_task(specimen, label, [r for r in of_label if r.specimen == specimen], scenario, seed)
+            )
+    return tasks
+
+
+def read_for(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> dict[str, Recording]:
+    """Recordings that train, test or lend, by id, as the scenario reads them (`Scenario.as_read`); in an angle's case
+    all played back at the median of the speeds stated.
+
+    Raises
+    ------
+    DataError
+        The recordings cannot be split, or one cannot be put along the shaft's angle.
+    """
+    split = split_scenario(recordings, scenario, seed)
+    needed = split.train.union(
+        *split.tests.values(), *(_lenders(recordings, ids, scenario) for ids in split.scarce.values())
+    )
+    stated = [recording.condition.speed for recording in recordings if recording.condition is not None]
+    speed = float(np.median(stated)) if stated else math.nan
+    return {
+        recording.recording_id: scenario.as_read(recording, speed)
+        for recording in recordings
+        if recording.recording_id in needed
+    }
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    scenario: Scenario,
+    seed: int,
+    calibrations: Iterable[tuple[CalibrationTask, Calibration]],
+    *,
+    read: Mapping[str, Recording] | None = None,
+    noisy_tests: bool = False,
+    noisy_training: bool = False,
+) -> StudyDataset:
+    """Windows of every role under `seed`.
+
+    Parameters
+    ----------
+    calibrations : the tasks of `calibration_tasks`, each with its result.
+    read : result of `read_for` for the same recordings, scenario and seed; by default it is computed here.
+    noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
+    """
+    finished = list(calibrations)
+    split = split_scenario(recordings, scenario, seed)
+    lenders = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
+    by_id = read_for(recordings, scenario, seed) if read is None else read
+
+    train = [by_id[name] for name in sorted(split.train)]
+    measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
+    if scenario.class_windows is not None:
+        measured = _counted(measured, scenario)
+    for ids in lenders:
+        measured = measured + _scarce_windows(
+            [recording for name, recording in by_id.items() if name in ids], scenario, measured
+        )
+    tests = {level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured) for level, ids in split.tests.items()}
+    if RANDOM_WINDOWS in tests:
+        measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
+    return StudyDataset(
+        seed=seed,
+        scenario=scenario,
+        measured=measured,
+        tests=tests,
+        test_recordings={level: _recordings_of(windows, by_id) for level, windows in tests.items()}
+        if noisy_tests
+        else {},
+        train_recordings=_recordings_of(measured, by_id) if noisy_training else (),
+        calibrations={(task.specimen, task.label): calibration for task, calibration in finished},
+        calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
+        split=split,
+    )
+
+
+def _recordings_of(windows: WindowSet, by_id: Mapping[str, Recording]) -> tuple[Recording, ...]:
+    """Recordings that the windows are of, by id."""
+    return tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
+
+
+def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """Test windows of recordings: as many of each class as the scenario says, evenly over the class's recordings."""
+    windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
+    counts = {name: int((windows.label == name).sum()) for name in like.classes}
+    present = [count for count in counts.values() if count]
+    count = min(present) if scenario.test_windows is None else scenario.test_windows
+    if min(present) < count:
+        scarcest = min(counts, key=lambda name: counts[name] or len(windows))
+        raise DataError(
+            f"{count} test windows of each class are wanted, and {scarcest} has {counts[scarcest]}; record longer or "
+            "more often, or ask for less."
+        )
+    by_class = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
+    return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class])))
+
+
+def _counted(measured: WindowSet, scenario: Scenario) -> WindowSet:
+    """As many training windows of each class as the scenario says, before those of the scarce cells come in."""
+    chosen = []
+    for name in measured.classes:
+        of_class = np.flatnonzero(measured.label == name)
+        in_cell = scenario.scarce_windows + scenario.synthetic if name in scenario.scarce else 0
+        count = (scenario.class_windows or 0) - in_cell
+        if not 0 <= count <= len(of_class):
+            raise DataError(
+                f"{count} training windows of {name} are wanted outside the scarce cell, and there are "
+                f"{len(of_class)}; record longer or more often, or ask for less."
+            )
+        chosen.append(of_class[_evenly(len(of_class), count)])
+    return measured.subset(np.sort(np.concatenate(chosen)))
+
+
+def cut_again(recordings: Sequence[Recording], windows: WindowSet) -> WindowSet:
+    """The same windows cut again, from other signals of the same recordings."""
+    by_id = {recording.recording_id: recording.signal for recording in recordings}
+    signal = [
+        by_id[name][:, start : start + windows.length]
+        for name, start in zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True)
+    ]
+    return replace(windows, signal=np.array(signal, dtype=np.float32))
+
+
+def cells_of(windows: WindowSet) -> dict[str, int]:
+    """Windows by class and pressure in words; how many are synthetic, where any is."""
+    named = {}
+    for (label, pressure), count in windows.counts().items():
+        words = "unknown pressure" if pressure is None else f"{pressure / 1e6:g} MPa"
+        named[f"{label} @ {words}"] = count
+    synthetic = int(windows.synthetic.sum())
+    return {**named, "of them synthetic": synthetic} if synthetic else named
+
+
+def _evenly(available: int, count: int) -> np.ndarray:
+    return np.floor((np.arange(count) + 0.5) * available / max(count, 1)).astype(int)
+
+
+def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
+    """The first recordings of a scarce cell that together hold as many windows as the scenario needs."""
+    samples = {r.recording_id: r.signal.shape[1] for r in recordings}
+    lenders, windows = [], 0
+    for name in ids:
+        if windows >= scenario.scarce_windows:
+            break
+        lenders.append(name)
+        windows += samples[name] // scenario.length
+    if windows < scenario.scarce_windows:
+        raise DataError(
+            f"{scenario.scarce_windows} measured windows of the scarce cell are wanted, and its training recordings "
+            f"hold {windows}."
+        )
+    return lenders
+
+
+def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
+    """The measured windows of a scarce cell; along the shaft's angle the same recordings may hold one or two less, for
+    they begin with a whole turn, and at the same speed."""
+    if not lenders:
+        return like.subset(np.zeros(len(like), dtype=bool))
+    windows = cut_windows(lenders, like=like)
+    return windows.subset(_evenly(len(windows), min(scenario.scarce_windows, len(windows))))
+
+
+def _calibration_task(
+    specimen: str, label: str, recordings: Sequence[Recording], scenario: Scenario, seed: int
+) -> CalibrationTask:
+    stated = [recording.condition for recording in recordings if recording.condition is not None]
+    conditions = [stated[group[-1]] for group in group_by_condition(stated)]
+    pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
+    if label == "normal":
+        twins = tuple(Twin(pump, condition) for condition in conditions)
+    else:
+        nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
+        twins = (Twin(pump, nearest, scenario.faults[label][0]),)
+    return CalibrationTask(specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed)

@@ -1,0 +1,194 @@
+"""Training sets by name: what was measured, and what fills the scarce cells beside it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from swashtwin_bench.fillers.registry import FILLERS
+from swashtwin_bench.fillers.twin_filler import TwinFiller
+from swashtwin_bench.studies.dataset import StudyDataset, cut_again
+from swashtwin.calibration import Posterior
+from swashtwin.foundation import InputError, derive_seed, stream
+from swashtwin.learning import WindowSet
+from swashtwin.physics import Twin
+from swashtwin.pump import Fault
+from swashtwin.signals import add_noise
+from swashtwin.synthesis import (
+    DEFAULT_VARIATION,
+    Background,
+    Filler,
+    Variation,
+    discriminative_score,
+    has_filler,
+)
+
+TWINS = ("nominal", "calibrated", "posterior")
+"""What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""
+
+
+CALIBRATED_TWINS = TWINS[1:]
+"""Those that need a calibration."""
+
+RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
+"""Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
+
+FURTHER = {"discriminator": "AUROC measured/synthetic"}
+"""Headings of the figures of synthetic windows."""
+
+
+TRAINING_SNRS = (0.0, 25.0)
+"""Range of the ratios of noise in training [dB], a little wider than the tests'."""
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """What a training set holds besides the measured windows."""
+
+    by: str | None = None
+    """A name in `TWINS` or in `synthesis.FILLERS`, or None for nothing."""
+    count: int | None = None
+    """Windows for each cell that is filled; None takes the scenario's."""
+    every_class: bool = False
+    """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
+    trap, for then "synthetic" tells no class."""
+    noise: bool = False
+    """Learn from a noisy copy of everything too, measured and synthetic windows alike."""
+
+    background: Background = "spectrum"
+    """What a twin's windows are laid over."""
+    class_weights: bool = False
+    """Let every class count the same in a network's loss, in place of windows."""
+    stated_prior: bool = False
+    """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`."""
+
+    @property
+    def variation(self) -> Variation:
+        """What differs from one window of twins to the next."""
+        return DEFAULT_VARIATION if self.stated_prior else RIG_VARIATION
+
+    def describe(self, faults: Mapping[str, Sequence[Fault]]) -> dict[str, Any]:
+        """Settings as JSON can hold them, those of whatever fills among them.
+
+        Parameters
+        ----------
+        faults : what twins simulate of each class, where they fill all of them.
+        """
+        filler = None
+        if self.by is not None:
+            filler = repr(FILLERS[self.by] if has_filler(self.by) else self.variation)
+        table = {**asdict(self), "filler": filler}
+        del table["stated_prior"]  # the filler's spreads tell it
+        if self.every_class:
+            table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
+        if self.noise:
+            table["snrs"] = list(TRAINING_SNRS)
+        return table
+
+
+PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {"measured": TrainingSet(), "nominal": TrainingSet("nominal"), "calibrated": TrainingSet("calibrated")}
+)
+"""The paper's three training sets."""
+
+TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {
+        "nominal": TrainingSet("nominal"),
+        "calibrated": TrainingSet("calibrated"),
+        "posterior": TrainingSet("posterior"),
+        "stated_prior": TrainingSet("posterior", stated_prior=True),
+        "every_class": TrainingSet("calibrated", every_class=True),
+    }
+)
+"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so with severities
+of a stated prior, as `synthesize` does by default; calibrated, for every class alike."""
+
+
+def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
+    """(synthetic windows that a training set adds, figures of them)."""
+    synthetic = synthesize_for(dataset, training_set)
+    value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
+    values = {} if math.isnan(value) else {"discriminator": value}
+    if training_set.noise:
+        synthetic = synthetic + _noisy(dataset, synthetic) + noisy_training_windows(dataset)
+    return synthetic, values
+
+
+def _noisy(dataset: StudyDataset, synthetic: WindowSet) -> WindowSet:
+    """A copy of each synthetic window with noise; each is a recording of its own."""
+    signal = [
+        add_noise(window.astype(np.float64), _training_snr(dataset.seed, name), dataset.seed, "training", name)
+        for window, name in zip(synthetic.signal, synthetic.recording_id.tolist(), strict=True)
+    ]
+    return replace(synthetic, signal=np.array(signal, dtype=np.float32).reshape(synthetic.signal.shape))
+
+
+def noisy_training_windows(dataset: StudyDataset) -> WindowSet:
+    """The measured training windows once more, cut from their recordings after noise was added to these."""
+    noisy = [
+        recording.replace(
+            signal=add_noise(recording.signal, _training_snr(dataset.seed, name), dataset.seed, "training", name),
+        )
+        for recording in dataset.train_recordings
+        for name in [recording.recording_id]
+    ]
+    return cut_again(noisy, dataset.measured)
+
+
+def _training_snr(seed: int, name: str) -> float:
+    """Signal-to-noise ratio of one recording's noisy copy in training [dB]."""
+    return float(stream(seed, "training noise", name).uniform(*TRAINING_SNRS))
+
+
+def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
+    """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the fingerprint trap.
+
+    0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured windows are those of
+    the nearer test, which no filler saw; nothing is chosen by it.
+    """
+    test, scarce = dataset.tests[dataset.scenario.levels[0]], dataset.scenario.scarce
+    measured, synthetic = test.subset(np.isin(test.label, scarce)), synthetic.subset(np.isin(synthetic.label, scarce))
+    if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
+        return math.nan
+    return discriminative_score(measured, synthetic, seed=dataset.seed)
+
+
+def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSet:
+    """The synthetic windows that a training set adds; none where nothing fills."""
+    measured = dataset.measured
+    synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
+    count = dataset.scenario.synthetic if training_set.count is None else training_set.count
+    if training_set.by is None or count == 0:
+        return synthetic
+    for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
+        filler = _filler(dataset, training_set, label)
+        seed = derive_seed(dataset.seed, "filling", label) % 2**31
+        synthetic = synthetic + filler(
+            measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
+        )
+    return synthetic
+
+
+def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Filler:
+    if training_set.by is not None and has_filler(training_set.by):
+        return FILLERS[training_set.by]
+    if training_set.by not in TWINS:
+        raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
+    twins, posteriors = twins_of(dataset, training_set.by, label)
+    return TwinFiller(twins, posteriors, training_set.background, training_set.variation)
+
+
+def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:
+    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and training specimen,
+    and what their calibrations leave open, where it is to be drawn from."""
+    scenario, conditions = dataset.scenario, dataset.conditions()
+    faults = scenario.faults[label] if label != "normal" else (None,)
+    if by == "nominal":
+        return [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions], None
+    simulated = list(product(faults, conditions, dataset.calibrations_for(label)))
+    twins = [calibration.twin.at(condition).with_fault(fault) for fault, condition, calibration in simulated]
+    return twins, [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None

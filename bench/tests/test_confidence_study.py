@@ -1,0 +1,72 @@
+"""The study of confidence keeps its roles apart, and finds every row."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from swashtwin_bench import ConfidenceStudySettings, run_confidence
+from swashtwin_bench.questions import confidence
+from swashtwin_bench.questions.confidence import METRICS, record_roles
+from swashtwin.learning import (
+    FittedBaseline,
+    TrainingSettings,
+    WindowSet,
+    cut_windows,
+    fit_extra_trees,
+    learn_confidence,
+)
+from swashtwin.pump import CLASSES
+
+TINY = ConfidenceStudySettings(
+    trained_pumps=1,
+    validation_pumps=1,
+    unseen_pumps=1,
+    duration=0.2,
+    training=TrainingSettings(epochs=1, normalization="set"),
+    network={"stride": 32, "channels": (8, 8)},
+    trees=10,
+)
+
+
+def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
+    parts = record_roles(0, TINY)
+    ids = [recording.recording_id for some in parts.values() for recording in some]
+    assert len(set(ids)) == len(ids)
+    specimens = {role: {recording.specimen for recording in some} for role, some in parts.items()}
+    assert specimens["train"] == specimens["same"] == specimens["L2"]
+    assert not specimens["L4"] & (specimens["train"] | specimens["other"])
+    assert not specimens["other"] & specimens["train"]
+    for some in parts.values():
+        assert {recording.label for recording in some} == set(CLASSES)
+
+
+def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = run_confidence(seeds=(0,), settings=TINY, out=tmp_path)
+    monkeypatch.setattr(confidence, "_task", None)
+    assert run_confidence(seeds=(0,), settings=TINY, out=tmp_path).rows() == study.rows()
+    table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
+    assert len(table["rows"]) == 8
+    for row in table["rows"]:
+        assert all(row[name]["mean"] is not None for name in METRICS)
+        assert 1 <= row["set_size"]["mean"] <= 5
+        assert math.isclose(
+            row["unknown_auroc"]["mean"], sum(row[f"auroc_{label}"]["mean"] for label in CLASSES) / 5, rel_tol=1e-9
+        )
+    assert "stand-in for a machine" in table["origin"]
+    assert "sets asked to hold 90%" in table["answer"][0]
+    assert "bitcn less extra_trees, paired by fleet (n = 1)" in table["answer"][-1]
+
+
+def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = record_roles(0, TINY)
+
+    def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedBaseline:
+        validation = [recording for recording in parts["same"] if recording.label != "valve_plate"]
+        return learn_confidence(fit_extra_trees(train, n_trees=5), cut_windows(validation, like=train))
+
+    monkeypatch.setattr(confidence, "_fit", fit)
+    result = confidence._task(parts, "chosen", "valve_plate", 0, TINY)
+    assert set(result) == {"same", "other", "training"}
+    assert result["training"] == result["same"] != result["other"]

@@ -1,0 +1,79 @@
+"""The matrix of wrong twins and odd truths counts coverage of what is called identified, and warnings."""
+
+from functools import partial
+from pathlib import Path
+
+import pytest
+from commandline import run_json
+
+import swashtwin_bench.questions.wrong_twin_study as study
+from swashtwin_bench.questions.twin_matrix import RIGHT, matrix_cases
+from swashtwin_bench.questions.wrong_twins import with_mount
+from swashtwin_bench.results.table import Trial
+from swashtwin_bench.rigs.writing import RigSize
+from swashtwin.foundation import InputError
+from swashtwin.pump import Pump
+
+CASES = {case.name: case for case in matrix_cases()}
+
+
+def test_the_matrix_has_at_least_sixty_cases_of_each_kind_of_mistake() -> None:
+    assert len({(case.family, case.name) for case in matrix_cases()}) == len(matrix_cases()) >= 60
+    families = {case.family for case in matrix_cases()}
+    wanted = {RIGHT, "mount", "bearing", "gain", "cross-talk", "odd truth", "piston count", "pressure", "unit"}
+    assert wanted <= families
+
+
+def test_a_factor_along_one_axis_changes_that_stiffness_alone(pump: Pump) -> None:
+    changed = with_mount(pump, 1.2, 1.0, 1.0)
+    assert changed.mount.stiffness_x == pytest.approx(1.2 * pump.mount.stiffness_x)
+    assert changed.mount.stiffness_y == pump.mount.stiffness_y
+
+
+def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    chosen = (CASES["nothing, truth 1"], CASES["9 pistons"])
+    monkeypatch.setattr(study, "matrix_cases", lambda: chosen)
+    words = ("bench", "wrong-twins", "--seeds", "100", "--jobs", 1, "--out", tmp_path)
+    table = run_json(*words)
+    right, pistons = table["rows"]
+    assert right["family"] == RIGHT
+    assert right["identified"]["mean"] == right["covered"]["mean"] >= 2
+    assert right["warned"]["mean"] == 0
+    assert pistons["warned"]["mean"] == pistons["named"]["mean"] == 1
+    (counts, _) = table["details"]["families"]
+    assert counts["trials"] == 1
+    assert counts["covered"] == counts["identified"] == right["identified"]["mean"]
+
+    def refuse(*_: object) -> None:
+        raise InputError("calibrated again")
+
+    monkeypatch.setattr(study, "calibrate", refuse)
+    assert run_json(*words)["rows"] == table["rows"]
+
+
+def trial(family: str, identified: int, covered: int, *, errs: bool = False, warned: bool = False) -> Trial:
+    """A trial with these counts."""
+    values = {"identified": identified, "covered": covered, "errs": float(errs), "warned": float(warned)}
+    return Trial({"family": family}, 0, values)
+
+
+def test_the_answer_names_a_family_whose_identified_values_do_not_hold() -> None:
+    trials = [trial(RIGHT, 3, 3), trial("oil", 2, 1, errs=True), trial("unit", 0, 0, errs=True, warned=True)]
+    holding, warned, _ = study._answer(trials)
+    assert "4 of 5 (80%)" in holding
+    assert "oil (50%)" in holding
+    assert "1 of 2 (50%) of the wrong twins" in warned
+    assert "0 of 1 (0%) of the right ones" in warned
+
+
+def test_the_interval_of_a_family_counts_trials_and_no_values() -> None:
+    few, many = study.family_counts([trial("few", 6, 6), *[trial("many", 1, 1)] * 6])
+    assert few["identified"] == many["identified"] == 6
+    assert few["interval"][0] < many["interval"][0]
+
+
+def test_a_pump_of_the_rig_is_measured_twice_at_the_study_s_pressure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "RigSize", partial(RigSize, duration=1.3))
+    recordings, truth = study._rig_pump(100)
+    assert [recording.condition.discharge_pressure for recording in recordings if recording.condition] == [1e7, 1e7]
+    assert (truth > 0).all()

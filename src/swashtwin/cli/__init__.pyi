@@ -1,0 +1,51 @@
+"""Names for distributions that add commands, and where each lives."""
+
+from .application import app as app
+from .application import main as main
+from .console import note as note
+from .console import note_done_before as note_done_before
+from .console import progress as progress
+from .console import say as say
+from .console import table as table
+from .console import tell as tell
+from .exits import require_files as require_files
+from .exits import require_target as require_target
+from .exits import resumable as resumable
+from .options import Index as Index
+from .options import Jobs as Jobs
+from .options import Json as Json
+from .options import ReportFolder as ReportFolder
+from .options import Seed as Seed
+from .options import Window as Window
+from .options import as_folder as as_folder
+from .options import read_pairs as read_pairs
+from .options import read_seeds as read_seeds
+from .options import read_words as read_words
+from .watching import require_extra as require_extra
+from .watching import stop_signals as stop_signals
+
+__all__ = [
+    "Index",
+    "Jobs",
+    "Json",
+    "ReportFolder",
+    "Seed",
+    "Window",
+    "app",
+    "as_folder",
+    "main",
+    "note",
+    "note_done_before",
+    "progress",
+    "read_pairs",
+    "read_seeds",
+    "read_words",
+    "require_extra",
+    "require_files",
+    "require_target",
+    "resumable",
+    "say",
+    "stop_signals",
+    "table",
+    "tell",
+]

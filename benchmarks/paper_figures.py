@@ -11,9 +11,9 @@ import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from swashtwin.foundation import DataError
 from swashtwin_bench import collect_studies, write_paper_page
 from swashtwin_bench.results.reported import PAPER_STUDY
-from swashtwin.foundation import DataError
 
 FIGURES = {
     "excitation": "paper_case1_*excitation",

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from tiny_case import tiny, tiny_recordings
 
-from swashtwin_bench import StudyResult, run_plan
 from swashtwin.recordings import Recording
+from swashtwin_bench import StudyResult, run_plan
 
 
 @pytest.fixture(scope="session")

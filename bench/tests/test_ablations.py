@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from swashtwin_bench.rivals.ablations import ABLATIONS
 from swashtwin.foundation import InputError
 from swashtwin.learning import BiTCN, build_network
+from swashtwin_bench.rivals.ablations import ABLATIONS
 
 
 @pytest.mark.parametrize("name", [ablation.name for ablation in ABLATIONS])

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from commandline import run
 
+from swashtwin.foundation import MPa
 from swashtwin_bench import AlarmStudySettings, run_alarms
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin_bench.rigs.trending import TRENDS
-from swashtwin.foundation import MPa
 
 TINY = AlarmStudySettings(pumps=1, healthy=10, worn=16, onset=8, severity=3.0, duration=0.7, learning=5)
 

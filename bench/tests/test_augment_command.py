@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from commandline import one_line, run, run_json
 
-from swashtwin_bench import FILLERS
 from swashtwin.foundation import MPa, rpm, stream
 from swashtwin.learning import load_windows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin_bench import FILLERS
 
 FACTS = ("--label", "piston", "--pressure", "15 MPa", "--count", 8, "--window", 256)
 

@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 import pytest
 
+from swashtwin.calibration import GaussNewton
+from swashtwin.foundation import InputError
+from swashtwin.signals import order_spectrum
 from swashtwin_bench import CalibrationStudySettings, StudyTable, rig_recordings, run_calibration_study
 from swashtwin_bench.questions.contenders import CONTENDERS
 from swashtwin_bench.rigs.measuring import sensor_lines, true_values
 from swashtwin_bench.rigs.writing import RigSize
-from swashtwin.calibration import GaussNewton
-from swashtwin.foundation import InputError
-from swashtwin.signals import order_spectrum
 
 NAMES = ("calibrated", "gauss_newton")
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from swashtwin.foundation import DataError
 from swashtwin_bench import StudyResult, collect_studies, plan_of, write_study_report
 from swashtwin_bench.results.comparison_figures import time_drawing
 from swashtwin_bench.results.runs import Run, save_run
 from swashtwin_bench.results.study_part import contrast_table, metrics_table
 from swashtwin_bench.studies.runner import assemble_result
-from swashtwin.foundation import DataError
 
 
 def test_finished_runs_are_collected_into_their_study(result: StudyResult, out: Path) -> None:

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin_bench.rivals.composed import Ensemble, NetworkOnView
-from swashtwin_bench.rivals.models import COMPOSED, MODELS, Model, train_model
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import TrainingSettings, WindowSet, cut_windows
 from swashtwin.recordings import Recording
+from swashtwin_bench.rivals.composed import Ensemble, NetworkOnView
+from swashtwin_bench.rivals.models import COMPOSED, MODELS, Model, train_model
 
 NETWORK = Model("wdcnn", training=TrainingSettings(epochs=2, batch_size=8, normalization="set"))
 

@@ -6,9 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin_bench import ConfidenceStudySettings, run_confidence
-from swashtwin_bench.questions import confidence
-from swashtwin_bench.questions.confidence import METRICS, record_roles
 from swashtwin.learning import (
     FittedBaseline,
     TrainingSettings,
@@ -18,6 +15,9 @@ from swashtwin.learning import (
     learn_confidence,
 )
 from swashtwin.pump import CLASSES
+from swashtwin_bench import ConfidenceStudySettings, run_confidence
+from swashtwin_bench.questions import confidence
+from swashtwin_bench.questions.confidence import METRICS, record_roles
 
 TINY = ConfidenceStudySettings(
     trained_pumps=1,

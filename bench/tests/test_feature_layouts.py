@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from stub_runs import embedding, run
 
+from swashtwin.learning import Epoch
 from swashtwin_bench import StudyResult, plan_of
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.results.study_figures import MOST_PANELS, embedding_drawing
 from swashtwin_bench.studies.runner import assemble_result
-from swashtwin.learning import Epoch
 
 
 def trained(classifier: str, training_set: str = "calibrated", seed: int = 0, **varied: str) -> Run:

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from swashtwin_bench.rivals.graphs import COMPONENTS, CONTACTS, GRAPHS, ComponentGraph, FaultModeGraph
 from swashtwin.learning import build_network
+from swashtwin_bench.rivals.graphs import COMPONENTS, CONTACTS, GRAPHS, ComponentGraph, FaultModeGraph
 
 EACH_GRAPH = pytest.mark.parametrize("name", [graph.name for graph in GRAPHS])
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swashtwin.foundation import InputError, parse, rpm
 from swashtwin_bench import read_public_set
 from swashtwin_bench.public.motor_slip import MotorSlip, motor_slip
-from swashtwin.foundation import InputError, parse, rpm
 
 RATE = 3200.0
 

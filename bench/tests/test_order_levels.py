@@ -7,6 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from swashtwin.foundation import DataError, InputError, MPa, rpm
+from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.pump import CLASSES, OperatingCondition
+from swashtwin.recordings import Recording
 from swashtwin_bench.rivals.order_levels import (
     CachedExtractor,
     against_healthy,
@@ -16,10 +20,6 @@ from swashtwin_bench.rivals.order_levels import (
     order_lines,
 )
 from swashtwin_bench.rivals.order_threshold import CERTAIN, rising_orders, threshold_orders
-from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import WindowSet, cut_windows
-from swashtwin.pump import CLASSES, OperatingCondition
-from swashtwin.recordings import Recording
 
 RATE, LENGTH = 12800.0, 4096
 SPEED = rpm(860)

@@ -12,6 +12,10 @@ import pytest
 from commandline import run_json
 from tiny_case import TINY, tiny_recordings
 
+from swashtwin.calibration import IPINN, GaussNewton
+from swashtwin.foundation import DataError, InputError, MPa
+from swashtwin.learning import Epoch, WindowSet, cut_windows, fit
+from swashtwin.recordings import Recording
 from swashtwin_bench import EXPERIMENTS, collect_studies, paper_answer, run_paper, write_paper_page
 from swashtwin_bench.paper import identification, plans, running
 from swashtwin_bench.paper.convergence import convergence_sentence
@@ -24,10 +28,6 @@ from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.rigs.writing import DEEP_VERSION
 from swashtwin_bench.studies.dataset import prepare
 from swashtwin_bench.studies.random_windows import deal_windows
-from swashtwin.calibration import IPINN, GaussNewton
-from swashtwin.foundation import DataError, InputError, MPa
-from swashtwin.learning import Epoch, WindowSet, cut_windows, fit
-from swashtwin.recordings import Recording
 
 SMALL = {"stride": 32, "channels": (4, 4)}
 

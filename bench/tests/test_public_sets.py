@@ -11,14 +11,14 @@ import pytest
 from scipy.io import savemat
 from scipy.stats import kurtosis
 
+from swashtwin.foundation import DataError, InputError, MissingFileError
+from swashtwin.learning import cut_windows
+from swashtwin.recordings import Recording
 from swashtwin_bench import read_public_set
 from swashtwin_bench.public.readers.cwru import _records, read_cwru
 from swashtwin_bench.public.readers.mfpt import read_mfpt
 from swashtwin_bench.public.readers.registry import PUBLIC_SETS
 from swashtwin_bench.public.readers.uci_hydraulic import read_uci_hydraulic
-from swashtwin.foundation import DataError, InputError, MissingFileError
-from swashtwin.learning import cut_windows
-from swashtwin.recordings import Recording
 
 
 def rows_of(folder: Path, name: str = "files.csv") -> list[dict[str, str]]:

@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from swashtwin.cli import app
+from swashtwin.diagnosis import FaultClassifier
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording
 from swashtwin_bench import run_public, run_public_default, run_scarce
 from swashtwin_bench.public.default_training import _live
 from swashtwin_bench.public.estimators import ESTIMATORS, GrowingSigns, SharedWeights
@@ -14,10 +18,6 @@ from swashtwin_bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin_bench.public.plant_motors import motor_questions
 from swashtwin_bench.public.question import Fold, Question, Setting, Units
 from swashtwin_bench.public.validation import choose, leaky_scores, score_fold
-from swashtwin.cli.app import app
-from swashtwin.diagnosis import FaultClassifier
-from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Recording
 
 RATE = 1600.0
 LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}

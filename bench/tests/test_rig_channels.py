@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin_bench import SIZES, build_rig, rig_recordings
-from swashtwin_bench.rigs.process import PROCESS, TANK_TEMPERATURE
-from swashtwin_bench.rigs.writing import DEEP_VERSION, RigSize
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import cut_windows
 from swashtwin.pump import BoreDefect, PistonWear, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording, load_recordings
 from swashtwin.signals import order_spectrum
+from swashtwin_bench import SIZES, build_rig, rig_recordings
+from swashtwin_bench.rigs.process import PROCESS, TANK_TEMPERATURE
+from swashtwin_bench.rigs.writing import DEEP_VERSION, RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=1.2)
 

@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swashtwin.foundation import DataError, InputError, MPa, rpm, um
+from swashtwin.physics import excitation_lines
+from swashtwin.pump import BoreDefect, OperatingCondition, PistonWear, Pump, SwashPlateDefect
+from swashtwin.recordings import inspect_recordings, load_recordings
+from swashtwin.signals import periodic_signal
 from swashtwin_bench import build_rig, rig_recordings
 from swashtwin_bench.rigs.measuring import Run
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, draw_specimen
@@ -18,11 +23,6 @@ from swashtwin_bench.studies.dataset import prepare
 from swashtwin_bench.studies.scenario import Scenario
 from swashtwin_bench.studies.sources import Fleets, require_rig
 from swashtwin_bench.studies.training_sets import twins_of
-from swashtwin.foundation import DataError, InputError, MPa, rpm, um
-from swashtwin.physics import excitation_lines
-from swashtwin.pump import BoreDefect, OperatingCondition, PistonWear, Pump, SwashPlateDefect
-from swashtwin.recordings import inspect_recordings, load_recordings
-from swashtwin.signals import periodic_signal
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
 GOLDEN_TRUTH = "fec418347757a29a8d52d4195e446416428e9462ae830f2bb9fe5d15d32d752c"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from tiny_case import TINY, tiny
 
+from swashtwin.foundation import DataError, InputError
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
 from swashtwin_bench import Workers, plan_of, run_plan
 from swashtwin_bench.studies.cells import recordings_by_cell
 from swashtwin_bench.studies.dataset import calibration_tasks, prepare
 from swashtwin_bench.studies.scenario import split_scenario
-from swashtwin.foundation import DataError, InputError
-from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording
 
 
 @pytest.mark.parametrize("seed", range(5))

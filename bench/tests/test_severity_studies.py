@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin_bench import StudyTable, run_fault_map, run_severity, write_study_report
-from swashtwin_bench.questions.severity import _Case, _values
-from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.calibration import GaussNewton
 from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
+from swashtwin_bench import StudyTable, run_severity, write_study_report
+from swashtwin_bench.questions.severity import _Case, _values
+from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
 
 CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
 
@@ -21,20 +21,16 @@ CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identi
 def _short_recordings() -> Iterator[None]:
     """Studies on recordings of 1.5 s, each twin calibrated from a single start."""
     with pytest.MonkeyPatch.context() as patch:
-        for question in ("severity", "fault_map"):
-            patch.setattr(
-                f"swashtwin_bench.questions.{question}.trend_recordings", partial(trend_recordings, duration=1.5)
-            )
+        patch.setattr("swashtwin_bench.questions.severity.trend_recordings", partial(trend_recordings, duration=1.5))
         patch.setattr("swashtwin_bench.questions.severity.GaussNewton", partial(GaussNewton, starts=1))
-        patch.setattr("swashtwin_bench.questions.fault_map.METHOD", GaussNewton(starts=1))
         yield
 
 
 @pytest.fixture
 def severity(monkeypatch: pytest.MonkeyPatch) -> StudyTable:
     """The study of a single pump and fault."""
-    for module in ("bench.questions.severity", "bench.rigs.trending"):
-        monkeypatch.setattr(f"swashtwin.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
+    for module in ("questions.severity", "rigs.trending"):
+        monkeypatch.setattr(f"swashtwin_bench.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
     monkeypatch.setattr("swashtwin_bench.questions.severity.PUMPS", ("A",))
     return run_severity([7], severities=(1.0,), command="swashtwin bench severity --seeds 7")
 
@@ -70,21 +66,3 @@ def test_errors_coverage_and_ranks_are_those_of_the_cases() -> None:
     assert values["bias"] == pytest.approx(np.log(0.5) / 2)
     assert values["change"] == pytest.approx(np.log(2))
     assert values["limit"] == pytest.approx(2e-5 / TRENDS["piston"].severity)
-
-
-def test_the_map_holds_moves_of_each_kind_and_recalls_of_held_out_pumps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("swashtwin_bench.questions.fault_map.SEVERITIES", (1.0,))
-    monkeypatch.setattr("swashtwin_bench.questions.fault_map.HEALTHY", 3)
-    trends = {name: TRENDS[name] for name in ("swash_plate", "piston")}
-    monkeypatch.setattr("swashtwin_bench.questions.fault_map.TRENDS", trends)
-    monkeypatch.setattr("swashtwin_bench.rigs.trending.TRENDS", trends)
-    study = run_fault_map([7])
-    rows = study.rows()
-    assert {row["model"] for row in rows} == {"healthy", "fault"}
-    assert {row["fault"] for row in rows} == {"normal", *trends}
-    sound = [row for row in rows if row["fault"] == "normal" and row["model"] == "healthy"]
-    assert {row["parameter"] for row in sound} >= {"C_sw", "K_Hz", "mount", "all"}
-    assert "held-out pumps" in study.answer[0]
-    assert "What moves with which fault" in write_study_report(study, folder=tmp_path).read_text(encoding="utf-8")

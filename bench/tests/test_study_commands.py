@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from commandline import one_line, run, run_json
 
+from swashtwin.calibration import GaussNewton
+from swashtwin.foundation import InputError, MPa
 from swashtwin_bench import plan_of, run_plan
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies import runner
 from swashtwin_bench.studies.cases import SCENARIOS
-from swashtwin.calibration import GaussNewton
-from swashtwin.foundation import InputError, MPa
 
 
 @pytest.fixture
@@ -48,9 +48,9 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     assert {row["training_set"] for row in [*answer["rows"], *answer["rivals"]]} == {"measured", "nominal"}
     assert Path(answer["report"]).is_file()
     assert "2 of seed 0 done before" in run(*words).stderr
-    gathered = run_json("report", tmp_path / "out", "--out", tmp_path / "page")
+    gathered = run_json("bench", "report", tmp_path / "out", "--out", tmp_path / "page")
     assert [(study["study"], study["runs"]) for study in gathered["studies"]] == [("case1", 2)]
-    assert "case1" in run("report", tmp_path / "out", "--out", tmp_path / "page").stdout
+    assert "case1" in run("bench", "report", tmp_path / "out", "--out", tmp_path / "page").stdout
 
 
 def test_a_study_on_version_two_keeps_its_fleets_beside_those_of_version_one(tiny: None, tmp_path: Path) -> None:
@@ -63,20 +63,20 @@ def test_a_study_on_version_two_keeps_its_fleets_beside_those_of_version_one(tin
 
 
 def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> None:
-    assert "no finished run" in one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
+    assert "no finished run" in one_line(run("bench", "report", tmp_path, "--out", tmp_path / "page", code=3))
 
 
 def test_report_of_no_folder_says_that_there_is_none(tmp_path: Path) -> None:
-    line = one_line(run("report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
+    line = one_line(run("bench", "report", tmp_path / "nowhere", "--out", tmp_path / "page", code=3))
     assert "does not exist" in line
 
 
 @pytest.mark.parametrize(
     "words",
     [
-        ("bench", "case1", "."), ("bench", "tune", "."), ("bench", "conditions", "."),
+        ("bench", "case1", "."), 
         ("bench", "public", "--data", "."),
-        ("bench", "calibration"), ("bench", "wrong-twins"), ("bench", "paper"), ("demo",), ("report", "."),
+        ("bench", "calibration"), ("bench", "wrong-twins"), ("bench", "paper"), ("demo",), ("bench", "report", "."),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("below", ["", "deeper"])
@@ -99,7 +99,6 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("bench", "noise", "x", "--classifiers", "guess"), 3),
         (("bench", "noise", "x", "--training-sets", "guess"), 3),
         (("bench", "noise", "x", "--address", "tcp://nowhere:1"), 3),
-        (("bench", "tune", "x"), 2),
         (("bench", "paper", "--experiments", "guess"), 3),
         (("bench", "paper", "--size", "huge"), 2),
     ],

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from swashtwin.recordings import Recording
 from swashtwin_bench import StudyTable, write_study_report
 from swashtwin_bench.results.table import Trial, origin_of, spread
-from swashtwin.recordings import Recording
 
 
 @pytest.fixture

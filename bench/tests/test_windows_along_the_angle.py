@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from tiny_case import TINY, tiny
 
+from swashtwin.foundation import DataError, InputError, MPa, rpm
+from swashtwin.pump import OperatingCondition
+from swashtwin.recordings import Recording
+from swashtwin.signals import piston_pass_angle
 from swashtwin_bench import plan_of, run_plan
 from swashtwin_bench.studies.dataset import prepare, read_for
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import Scenario
 from swashtwin_bench.studies.training_sets import PAPER_TRAINING_SETS, TrainingSet
-from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording
-from swashtwin.signals import piston_pass_angle
 
 ANGLE = replace(TINY, along_angle=True)
 RATE, SECONDS, STATED = 10000.0, 6.0, 15.0

@@ -8,6 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from swashtwin.calibration import GaussNewton, Nuisances
+from swashtwin.cli import app
+from swashtwin.foundation import DataError
+from swashtwin.learning import TrainingSettings
+from swashtwin.pump import CLASSES
+from swashtwin.recordings import Recording
 from swashtwin_bench import StudyTable, run_zero_shot, write_study_report
 from swashtwin_bench.questions import zero_shot_prior
 from swashtwin_bench.questions.zero_shot import ZERO_SHOT_SIZES
@@ -31,12 +37,6 @@ from swashtwin_bench.questions.zero_shot_prior import (
 )
 from swashtwin_bench.questions.zero_shot_table import choose_zero_shot
 from swashtwin_bench.studies.priors import any_fault, rig_fault, wide_fault
-from swashtwin.calibration import GaussNewton, Nuisances
-from swashtwin.cli.app import app
-from swashtwin.foundation import DataError
-from swashtwin.learning import TrainingSettings
-from swashtwin.pump import CLASSES
-from swashtwin.recordings import Recording
 
 TINY = replace(
     ZERO_SHOT_SIZES["quick"],

@@ -17,9 +17,9 @@ from commandline import run
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from swashtwin_bench import build_rig
 from swashtwin.cli import app
 from swashtwin.recordings import load_recordings, write_recording
+from swashtwin_bench import build_rig
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]

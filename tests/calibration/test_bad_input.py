@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
-from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
 from swashtwin.calibration.objective.recording_checks import shown_speed
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, UnitError, rpm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
 from swashtwin.recordings import Recording
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 
 QUICK = GaussNewton(starts=1, most_iterations=2)
 

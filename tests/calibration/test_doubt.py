@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
-from swashtwin_bench.questions.wrong_twins import scale_stated_pressure, twin_at_pressure, with_unit_error
 from swashtwin.calibration import Calibration, GaussNewton, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.uncertainty.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
 from swashtwin.foundation import MPa, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.questions.wrong_twins import scale_stated_pressure, twin_at_pressure, with_unit_error
 
 QUICK = GaussNewton(starts=1)
 

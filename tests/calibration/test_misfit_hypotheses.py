@@ -9,14 +9,14 @@ import pytest
 import torch
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
-from swashtwin_bench.questions.twin_matrix import CHANNELS, matrix_cases
-from swashtwin_bench.questions.wrong_twins import with_swap, with_unit_error
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
 from swashtwin.foundation import stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.questions.twin_matrix import CHANNELS, matrix_cases
+from swashtwin_bench.questions.wrong_twins import with_swap, with_unit_error
 
 QUICK = GaussNewton(starts=1)
 

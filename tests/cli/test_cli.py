@@ -13,16 +13,16 @@ import pytest
 from commandline import AT_15, DEFECT, QUICK, TINY, one_line, run, run_json
 
 import swashtwin
-from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
-from swashtwin_bench.rivals.models import DEFAULT, MODELS, Model
-from swashtwin_bench.studies.cases import case_two
 from swashtwin.calibration import GaussNewton, load_calibration
 from swashtwin.diagnosis import load_classifier
 from swashtwin.foundation import MPa
 from swashtwin.learning import TrainingSettings, load_windows
 from swashtwin.pump import new_pump
 from swashtwin.recordings import Recording, load_recordings, write_index, write_recording
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
+from swashtwin_bench.rivals.models import DEFAULT, MODELS, Model
+from swashtwin_bench.studies.cases import case_two
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import swashtwin
 from swashtwin.cli import app, console
-from swashtwin.cli.app import FIRST, GROUPS, PUMPS
+from swashtwin.cli.application import FIRST, GROUPS, PUMPS
 
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 
@@ -81,10 +81,10 @@ def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...])
 
 def test_the_first_screen_has_at_most_twelve_commands_in_the_order_of_a_user_s_work_beside_the_groups() -> None:
     assert list(FIRST) == [
-        "demo", "index", "inspect", "check", "train", "evaluate", "diagnose", "calibrate", "synthesize", "report",
+        "index", "inspect", "check", "train", "evaluate", "diagnose", "calibrate", "synthesize", "report",
     ]  # fmt: skip
     assert len(FIRST) <= 12
-    assert list(GROUPS) == ["data", "signal", "twin", "history", "model", "bench"]
+    assert list(GROUPS) == ["data", "signal", "twin", "history", "model"]
 
 
 FACTS = {"sample_rate", "unit", "calibration_factor", "channels", "names", "resample"}

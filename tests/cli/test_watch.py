@@ -7,11 +7,9 @@ from typing import Any
 
 import pytest
 from commandline import one_line, run
-from mqtt_broker import free_port
 from typer.testing import CliRunner
 
-from swashtwin.cli import app, watch_demo
-from swashtwin.monitoring import History
+from swashtwin.cli import app
 
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "tutorials" / "watch.md").read_text(encoding="utf-8")
 
@@ -42,17 +40,6 @@ def test_a_configuration_may_follow_watch_directly(tmp_path: Path, monkeypatch: 
     (tmp_path / "incoming").mkdir()
     assert "judged 0" in run("watch", "watch.toml", "--once").stdout
     assert json.loads(run("watch", "--once", "watch.toml", "--json").stdout)["judged"] == 0
-
-
-def test_the_demo_ends_with_a_history_of_all_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch_demo, "RECORDINGS", 4)
-    monkeypatch.setattr(watch_demo, "ONSET", 2)
-    answer = json.loads(run("watch", "demo", "--out", tmp_path, "--port", free_port(), "--end", "--json").stdout)
-    assert (answer["judged"], answer["alarm"]) == (4, None)
-    history = History.open("", tmp_path / "watch-data")
-    (machine,) = history.read.machines()
-    history.close()
-    assert (machine.name, machine.recordings) == ("rig-pump", 4)
 
 
 def test_people_and_programs_are_let_in_and_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

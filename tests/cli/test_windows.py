@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from stub_runs import run
 
-from swashtwin_bench.results.runs import save_run
 from swashtwin.foundation import DataError, MPa, file_name, rpm, stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 from swashtwin.recordings.index import path_from, save_index
+from swashtwin_bench.results.runs import save_run
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 COMMANDS = (

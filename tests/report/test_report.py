@@ -13,11 +13,6 @@ import numpy as np
 import pytest
 from stub_runs import ORIGIN, run, scored
 
-from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
-from swashtwin_bench.results.reported import paper_words
-from swashtwin_bench.results.study_figures import accuracy_drawing
-from swashtwin_bench.rigs.writing import RigSize
-from swashtwin_bench.studies.runner import assemble_result
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import InputError, MPa, mm, rpm
@@ -28,6 +23,11 @@ from swashtwin.recordings import Recording
 from swashtwin.report import page_text, write_report
 from swashtwin.report.calibration_part import calibration_answer
 from swashtwin.report.writing import part_of
+from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
+from swashtwin_bench.results.reported import paper_words
+from swashtwin_bench.results.study_figures import accuracy_drawing
+from swashtwin_bench.rigs.writing import RigSize
+from swashtwin_bench.studies.runner import assemble_result
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin_bench import build_rig, rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.foundation import MPa
 from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin_bench import build_rig, rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 
 SIZE = RigSize(specimens=4, repeats=2, duration=1.2)
 LABELS = ("normal", "swash_plate")

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
 from swashtwin.foundation import MPa, rpm, stream
 from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
 from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
 
 ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
 

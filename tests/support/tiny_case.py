@@ -3,13 +3,13 @@
 from dataclasses import replace
 from typing import Any
 
+from swashtwin.calibration import GaussNewton
+from swashtwin.learning import TrainingSettings
+from swashtwin.recordings import Recording
 from swashtwin_bench import Plan, plan_of, rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.rivals.models import Model
 from swashtwin_bench.studies.scenario import Scenario
-from swashtwin.calibration import GaussNewton
-from swashtwin.learning import TrainingSettings
-from swashtwin.recordings import Recording
 
 TINY = Scenario(windows=2, scarce_windows=3, synthetic=6, held_out=1, method=GaussNewton(starts=1))
 NETWORK = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1, normalization="set"))

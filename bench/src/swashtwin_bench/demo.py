@@ -9,15 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from swashtwin_bench.results.result import StudyResult
-from swashtwin_bench.results.runs import Run
-from swashtwin_bench.results.study_part import study_part
-from swashtwin_bench.rigs.writing import SIZES, build_rig
-from swashtwin_bench.studies.plan import Plan
-from swashtwin_bench.studies.registry import plan_of
-from swashtwin_bench.studies.runner import model_file, run_plan
-from swashtwin_bench.studies.sources import SameRecordings, require_rig
-from swashtwin_bench.studies.workers import Workers
 from swashtwin.diagnosis import Diagnosis, diagnose, load_classifier, save_classifier
 from swashtwin.foundation import plural
 from swashtwin.learning import FittedClassifier, allowed_error_rate, cut_windows, learn_confidence
@@ -35,6 +26,15 @@ from swashtwin.report import (
     percent,
     write_report,
 )
+from swashtwin_bench.results.result import StudyResult
+from swashtwin_bench.results.runs import Run
+from swashtwin_bench.results.study_part import study_part
+from swashtwin_bench.rigs.writing import SIZES, build_rig
+from swashtwin_bench.studies.plan import Plan
+from swashtwin_bench.studies.registry import plan_of
+from swashtwin_bench.studies.runner import model_file, run_plan
+from swashtwin_bench.studies.sources import SameRecordings, require_rig
+from swashtwin_bench.studies.workers import Workers
 
 QUESTION = "A fault nobody recorded at this pressure: can a twin replace the missing recordings?"
 """Title of the page."""

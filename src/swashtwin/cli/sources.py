@@ -3,12 +3,12 @@
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from swashtwin.cli.advice import SINGLE_FILE_OPTIONS, single_file_options
-from swashtwin.cli.options import present, read_pairs, read_words
+from swashtwin.cli.options import present
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from small_machine import Machine
 
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin.foundation import DataError, stream
 from swashtwin.monitoring.alarms import PointMonitor, PointState
 from swashtwin.recordings import Recording
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 
 MONITOR = PointMonitor("A", learning=8)
 

@@ -20,7 +20,7 @@ def _is_command(words: list[str]) -> bool:
     """Whether `swashtwin` knows these words, the last of which is a file."""
     import typer
 
-    from swashtwin.cli.app import app
+    from swashtwin.cli import app
 
     command = typer.main.get_command(app)
     for word in words[:-1]:

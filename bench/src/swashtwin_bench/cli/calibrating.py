@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import Jobs, Json, ReportFolder, progress, read_seeds, read_words, resumable
-
+from swashtwin.cli import Jobs, Json, ReportFolder, progress, read_seeds, resumable
 from swashtwin_bench.cli.questions import FleetSeeds
 from swashtwin_bench.cli.results import tell_study, typed_command
 

@@ -6,8 +6,18 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import Json, as_folder, note, note_done_before, progress, read_seeds, read_words, resumable, say, tell
-
+from swashtwin.cli import (
+    Json,
+    as_folder,
+    note,
+    note_done_before,
+    progress,
+    read_seeds,
+    read_words,
+    resumable,
+    say,
+    tell,
+)
 from swashtwin_bench.cli.plans import Device, DeviceName, TaskJobs
 from swashtwin_bench.cli.results import typed_command
 
@@ -65,8 +75,8 @@ def paper(
     as_json: Json = False,
 ) -> None:
     """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
-    from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
     from swashtwin.foundation import has_bfloat16_arithmetic
+    from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
     numbers = read_seeds(seeds)
     names = EXPERIMENTS if experiments is None else read_words(experiments)

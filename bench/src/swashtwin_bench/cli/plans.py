@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli import Index, Json, Seed, as_folder, note_done_before, progress, read_seeds, read_words, resumable
-
+from swashtwin.cli import Json, as_folder, note_done_before, progress, read_seeds, read_words, resumable
 from swashtwin_bench.cli.results import tell_study, typed_command
 from swashtwin_bench.cli.rig import RigVersionName, VersionOfRig, require_rig_for
 
@@ -28,7 +27,6 @@ class Backend(StrEnum):
 
     joblib = "joblib"
     dask = "dask"
-    ray = "ray"
 
 
 class Device(StrEnum):
@@ -59,9 +57,7 @@ Out = Annotated[
 ]
 TaskJobs = Annotated[int, typer.Option("--jobs", min=1, help="Number of parallel tasks, each on one thread.")]
 BackendName = Annotated[Backend, typer.Option(help="What runs the tasks; the numbers are the same.")]
-Address = Annotated[
-    str | None, typer.Option(help="Scheduler of a running dask or ray cluster: tcp://HOST:8786, ray://HOST:10001.")
-]
+Address = Annotated[str | None, typer.Option(help="Scheduler of a running dask cluster: tcp://HOST:8786.")]
 Classifiers = Annotated[
     str | None, typer.Option(help='Classifiers to train instead of the study\'s: "bitcn,tcn,bitcn_paper".')
 ]
@@ -147,8 +143,8 @@ def _run_plan(
     device: str,
     as_json: bool,
 ) -> None:
-    from swashtwin_bench import Fleets, SameRecordings, run_plan
     from swashtwin.recordings import load_recordings
+    from swashtwin_bench import Fleets, SameRecordings, run_plan
 
     hint = "with --out, finished runs would be kept"
     if out is not None:

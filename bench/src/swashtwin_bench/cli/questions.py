@@ -6,12 +6,21 @@ from typing import Annotated
 
 import typer
 
-from swashtwin.cli import Index, Jobs, Json, ReportFolder, Window, as_folder, progress, read_seeds, read_words, resumable
-
+from swashtwin.cli import (
+    Jobs,
+    Json,
+    ReportFolder,
+    Window,
+    as_folder,
+    progress,
+    read_seeds,
+    read_words,
+    resumable,
+)
+from swashtwin.foundation import parse
 from swashtwin_bench.cli.plans import OptionalIndex
 from swashtwin_bench.cli.results import tell_study, typed_command
 from swashtwin_bench.cli.rig import RigVersionName, VersionOfRig, require_rig_for
-from swashtwin.foundation import parse
 
 
 class ZeroShotSize(StrEnum):
@@ -151,8 +160,8 @@ def zero_shot(
     as_json: Json = False,
 ) -> None:
     """Zero-shot: unmeasured faults, learned from twins of healthy recordings, tested on measured faults."""
-    from swashtwin_bench import run_zero_shot
     from swashtwin.recordings import load_recordings
+    from swashtwin_bench import run_zero_shot
 
     if (source is None) is not rig:
         raise typer.BadParameter("give either recordings or --rig.", param_hint="INDEX")

@@ -5,11 +5,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-
-
 import typer
 
 from swashtwin.cli import Json, as_folder, require_files, say, table, tell
+
 if TYPE_CHECKING:
     from swashtwin_bench import StudyTable
 

@@ -7,13 +7,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli import Index, Jobs, Json, Seed, Window, as_folder, note, note_done_before, progress, require_files, require_target, resumable, say, table, tell
-
+from swashtwin.cli import (
+    Index,
+    Jobs,
+    Json,
+    Seed,
+    Window,
+    as_folder,
+    note,
+    note_done_before,
+    progress,
+    require_files,
+    require_target,
+    resumable,
+    say,
+    table,
+    tell,
+)
 from swashtwin_bench.cli.results import show_study, typed_command
 
 if TYPE_CHECKING:
-    from swashtwin_bench import Demo
     from swashtwin.learning import WindowSet
+    from swashtwin_bench import Demo
 
 
 class RigFormat(StrEnum):
@@ -198,11 +213,11 @@ def augment(
     the filler uses those of its class at other pressures. docs/explanation/augmentation.md explains the figures of
     fidelity.
     """
-    from swashtwin_bench import FILLERS
     from swashtwin.foundation import DataError, InputError, parse
     from swashtwin.learning import check_disjoint, cut_windows, save_windows
     from swashtwin.recordings import declared_classes, load_recordings
     from swashtwin.synthesis import has_filler, in_cell
+    from swashtwin_bench import FILLERS
 
     if not has_filler(filler):
         raise typer.BadParameter(f"{filler!r} is none of {', '.join(FILLERS)}.", param_hint="--filler")

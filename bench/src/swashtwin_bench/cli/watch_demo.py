@@ -11,7 +11,6 @@ import typer
 
 from swashtwin.cli import Json, Seed, as_folder, note, say, tell
 
-
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome, WatchConfig
 
@@ -96,8 +95,8 @@ def demo(
 
 def _write_course(config: "WatchConfig", seed: int) -> None:
     """Write the recordings of a month into the folder that is watched, as fast as they are computed."""
-    from swashtwin_bench import PlantCourse, plant_course
     from swashtwin.recordings import write_recording
+    from swashtwin_bench import PlantCourse, plant_course
 
     folder = config.path.parent / "incoming"
     course = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)

@@ -6,9 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin_bench.fillers.generation import Batches, Draw, dense, fill_with_model
 from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
+from swashtwin_bench.fillers.generation import Batches, Draw, dense, fill_with_model
 
 
 @dataclass(frozen=True)

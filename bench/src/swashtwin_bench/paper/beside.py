@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from swashtwin.plot import words
+from swashtwin.report import Cell, Table, score
 from swashtwin_bench.paper.plans import MAIN
 from swashtwin_bench.results.contrasts import paired_interval
 from swashtwin_bench.results.naming import classifier_words, training_set_words
 from swashtwin_bench.results.reported import paper_figures
 from swashtwin_bench.results.result import METRICS, StudyResult
-from swashtwin.plot import words
-from swashtwin.report import Cell, Table, score
 
 Key = Mapping[str, str]
 

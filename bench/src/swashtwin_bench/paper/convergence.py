@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.lines import Line2D
 
+from swashtwin.plot import figure_style, name_decades, panels, series_colors
+from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
 from swashtwin_bench.paper.plans import MAIN
 from swashtwin_bench.results.naming import classifier_words
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.runs import Run
 from swashtwin_bench.studies.plan import EPOCH_TIME
-from swashtwin.plot import figure_style, name_decades, panels, series_colors
-from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
 
 
 def convergence_table(study: StudyResult) -> Table:

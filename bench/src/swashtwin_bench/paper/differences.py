@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swashtwin_bench.paper import plans
-from swashtwin_bench.rigs.writing import SIZES
-from swashtwin_bench.studies.scenario import Scenario
 from swashtwin.calibration import IPINN, PAPER_RATES
 from swashtwin.foundation import plural
 from swashtwin.learning import PAPER_TRAINING
+from swashtwin_bench.paper import plans
+from swashtwin_bench.rigs.writing import SIZES
+from swashtwin_bench.studies.scenario import Scenario
 
 
 @dataclass(frozen=True)

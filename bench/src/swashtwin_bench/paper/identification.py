@@ -16,6 +16,11 @@ import numpy as np
 import torch
 from joblib import delayed
 
+from swashtwin.calibration import IPINN, PAPER_RATES, agreement, calibrate, measure, objective_of
+from swashtwin.foundation import VERSION, DataError, InputError, MPa, parallel
+from swashtwin.physics import RK4, Twin
+from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
+from swashtwin.recordings import Recording
 from swashtwin_bench.questions.calibration import FAULTS
 from swashtwin_bench.questions.contenders import CONTENDERS, Contender
 from swashtwin_bench.results.finished import finished_values
@@ -23,11 +28,6 @@ from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.results.runs import Task, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.studies.sources import Source
-from swashtwin.calibration import IPINN, PAPER_RATES, agreement, calibrate, measure, objective_of
-from swashtwin.foundation import VERSION, DataError, InputError, MPa, parallel
-from swashtwin.physics import RK4, Twin
-from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
-from swashtwin.recordings import Recording
 
 STUDY = f"{PAPER_STUDY}identification"
 LABEL = "swash_plate"

@@ -5,10 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin_bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART, SOLVED_BY_RK4, mean_parameters
-from swashtwin_bench.results.contrasts import paired_interval
-from swashtwin_bench.results.table import StudyTable
-from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
 from swashtwin.pump import PARAMETERS
 from swashtwin.report import (
@@ -20,6 +16,10 @@ from swashtwin.report import (
     render_drawing,
     tabulate,
 )
+from swashtwin_bench.paper.identification import CHOSEN, NOMINAL, PHASES_APART, SOLVED_BY_RK4, mean_parameters
+from swashtwin_bench.results.contrasts import paired_interval
+from swashtwin_bench.results.table import StudyTable
+from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 
 ERRORS = ("rmse", "pe", "sve")
 

@@ -5,16 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from swashtwin_bench.paper.beside import beside_table, level_sentence
-from swashtwin_bench.paper.convergence import convergence_drawing, convergence_sentence, convergence_table
-from swashtwin_bench.paper.differences import Comparability, common, comparability
-from swashtwin_bench.paper.identification import STUDY as IDENTIFICATION
-from swashtwin_bench.paper.identified import identification_blocks, identification_sentence
-from swashtwin_bench.paper.running import EXPERIMENTS, REPEATED
-from swashtwin_bench.results.result import StudyResult
-from swashtwin_bench.results.study_part import study_part, with_origin
-from swashtwin_bench.results.table import StudyTable
-from swashtwin_bench.results.table_part import table_part
 from swashtwin.foundation import InputError, plural
 from swashtwin.report import (
     Bullets,
@@ -29,6 +19,16 @@ from swashtwin.report import (
     drawings,
     write_report,
 )
+from swashtwin_bench.paper.beside import beside_table, level_sentence
+from swashtwin_bench.paper.convergence import convergence_drawing, convergence_sentence, convergence_table
+from swashtwin_bench.paper.differences import Comparability, common, comparability
+from swashtwin_bench.paper.identification import STUDY as IDENTIFICATION
+from swashtwin_bench.paper.identified import identification_blocks, identification_sentence
+from swashtwin_bench.paper.running import EXPERIMENTS, REPEATED
+from swashtwin_bench.results.result import StudyResult
+from swashtwin_bench.results.study_part import study_part, with_origin
+from swashtwin_bench.results.table import StudyTable
+from swashtwin_bench.results.table_part import table_part
 
 TITLES = {
     "case1": "Case I, few samples",

@@ -10,6 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
+from swashtwin.learning import PAPER_TRAINING, TrainingSettings
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.rigs.fleet import PAPER_RECESS
 from swashtwin_bench.rivals.models import Model
@@ -18,7 +19,6 @@ from swashtwin_bench.studies.perturbations import noises
 from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
 from swashtwin_bench.studies.training_sets import PAPER_TRAINING_SETS
-from swashtwin.learning import PAPER_TRAINING, TrainingSettings
 
 SIZES = ("small", "medium", "paper")
 """Minutes of two cores; the paper's counts with fewer epochs and its network on patches, which take hours; and the

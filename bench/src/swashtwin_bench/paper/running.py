@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
+from swashtwin.foundation import InputError
 from swashtwin_bench.paper.identification import STUDY as IDENTIFICATION
 from swashtwin_bench.paper.identification import run_identification
 from swashtwin_bench.paper.plans import PAPER_PLANS, REPEATS, SIZES
@@ -15,7 +16,6 @@ from swashtwin_bench.studies.runner import run_plan
 from swashtwin_bench.studies.sources import Fleets, SameRecordings, Source
 from swashtwin_bench.studies.training_sets import PAPER_TRAINING_SETS
 from swashtwin_bench.studies.workers import Workers
-from swashtwin.foundation import InputError
 
 RECESS = "paper-recess"
 """Study on fleets with the paper's recess."""

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 from joblib import delayed
 
-from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 from swashtwin.foundation import DataError, parallel
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import BEARINGS, SEATS, defect_prominences, prewhitened
+from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 
 _WINDOW, _RATE = 2048, 12000.0
 _SIZES = ("7", "14", "21")

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin_bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
-from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin.diagnosis import AnomalyVerdict, fit_healthy, persistent_alarms
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import level_layout
 from swashtwin.monitoring import PointMonitor
 from swashtwin.recordings import Recording
+from swashtwin_bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
+from swashtwin_bench.results.table import StudyTable, Trial
 
 N_HEALTHY = 20
 """Recordings at the start of each life that are taken for healthy."""

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from joblib import delayed
 
-from swashtwin_bench.public.motor_slip import motor_slip
-from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 from swashtwin.foundation import parallel, parse
 from swashtwin.learning import band_energies
 from swashtwin.recordings import Recording
 from swashtwin.signals import order_spectrum
+from swashtwin_bench.public.motor_slip import motor_slip
+from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 
 _WINDOW = 3281
 _ORDERS = np.array([1, 2, 3, 6, 12, 18])

@@ -9,6 +9,10 @@ from typing import Any
 import numpy as np
 from joblib import delayed
 
+from swashtwin.diagnosis import FaultClassifier
+from swashtwin.foundation import VERSION, DataError, InputError, parallel, plural
+from swashtwin.learning import BASELINES, NETWORKS, unseen_recordings
+from swashtwin.recordings import Recording, usual_window
 from swashtwin_bench.public.bearing_faults import bearing_splits
 from swashtwin_bench.public.cavitation import cavitation_splits
 from swashtwin_bench.public.hydraulic import hydraulic_splits
@@ -21,10 +25,6 @@ from swashtwin_bench.results.finished import finished_values
 from swashtwin_bench.results.runs import Task, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin_bench.rivals.models import CHOSEN, Model
-from swashtwin.diagnosis import FaultClassifier
-from swashtwin.foundation import VERSION, DataError, InputError, parallel, plural
-from swashtwin.learning import BASELINES, NETWORKS, unseen_recordings
-from swashtwin.recordings import Recording, usual_window
 
 SPLITS: Mapping[str, Callable[[Sequence[Recording]], list[Split]]] = {
     "pump_cavitation": cavitation_splits,

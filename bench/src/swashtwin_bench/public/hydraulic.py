@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 from sklearn.model_selection import GroupKFold
 
-from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording
+from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of
 
 _OPEN, _CLOSED, _LAST = slice(13, 19), slice(4, 9), slice(52, 59)
 """Seconds of the rig's cycle of 60: flow at moderate load, flow blocked (all of it over the relief valve), the end."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 from swashtwin.recordings import Recording
 from swashtwin.signals import (
     TIME_STATISTICS,
@@ -21,6 +20,7 @@ from swashtwin.signals import (
     time_statistics,
     transform,
 )
+from swashtwin_bench.public.question import Fold, Question, Setting, Split, units_of, usual_windows
 
 _PAIRS = (
     (("hA", "fA"), ("hB", "fB")),

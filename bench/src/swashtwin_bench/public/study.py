@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from joblib import delayed
 
+from swashtwin.foundation import VERSION, DataError, InputError, parallel
+from swashtwin.recordings import Recording
 from swashtwin_bench.public.bearing_faults import bearing_questions
 from swashtwin_bench.public.cavitation import cavitation_questions
 from swashtwin_bench.public.hydraulic import hydraulic_questions
@@ -17,8 +19,6 @@ from swashtwin_bench.public.question import Question, Setting
 from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.public.validation import FoldScore, leaky_scores, score_fold
 from swashtwin_bench.results.table import StudyTable, Trial
-from swashtwin.foundation import VERSION, DataError, InputError, parallel
-from swashtwin.recordings import Recording
 
 QUESTIONS: dict[str, Callable[[Sequence[Recording], int], list[Question]]] = {
     "pump_cavitation": cavitation_questions,

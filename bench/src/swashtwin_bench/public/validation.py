@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 from sklearn.metrics import recall_score
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedGroupKFold, StratifiedKFold
 
+from swashtwin.foundation import DataError, derive_seed, stream
 from swashtwin_bench.public.estimators import ESTIMATORS, extra_trees
 from swashtwin_bench.public.question import Fold, Question, Setting, Units
-from swashtwin.foundation import DataError, derive_seed, stream
 
 _TRAIN_SHARE = 0.8
 """Share of the training units that a seed draws."""

@@ -11,14 +11,14 @@ import torch
 from joblib import delayed
 from scipy.stats import binomtest
 
+from swashtwin.foundation import VERSION, parallel
+from swashtwin.monitoring import PointMonitor
 from swashtwin_bench.results.finished import finished_values
 from swashtwin_bench.results.runs import Task
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin_bench.rigs.trending import TRENDS
 from swashtwin_bench.rigs.writing import RIG_VERSION
-from swashtwin.foundation import VERSION, parallel
-from swashtwin.monitoring import PointMonitor
 
 HEALTHY = "healthy"
 METRICS = {

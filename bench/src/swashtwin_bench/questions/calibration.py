@@ -17,11 +17,6 @@ import numpy as np
 import torch
 from joblib import delayed
 
-from swashtwin_bench.questions.contenders import CONTENDERS
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
-from swashtwin_bench.rigs.measuring import measure as record
-from swashtwin_bench.rigs.writing import RigSize, rig_recordings
 from swashtwin.calibration import (
     Agreement,
     Calibration,
@@ -36,6 +31,11 @@ from swashtwin.foundation import VERSION, InputError, MPa, mm, parallel
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.questions.contenders import CONTENDERS
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
+from swashtwin_bench.rigs.measuring import measure as record
+from swashtwin_bench.rigs.writing import RigSize, rig_recordings
 
 FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
 """What the twin of each class simulates: the recess as it was machined."""

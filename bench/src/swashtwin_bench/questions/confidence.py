@@ -13,12 +13,6 @@ import torch
 from joblib import delayed
 from sklearn.metrics import roc_auc_score
 
-from swashtwin_bench.results.contrasts import paired_interval
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task, fingerprint_of
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.writing import RigSize, rig_recordings
-from swashtwin_bench.rivals.models import CHOSEN, Model
 from swashtwin.foundation import VERSION, parallel
 from swashtwin.learning import (
     BiTCN,
@@ -35,6 +29,12 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.contrasts import paired_interval
+from swashtwin_bench.results.finished import finished_values
+from swashtwin_bench.results.runs import Task, fingerprint_of
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.rigs.writing import RigSize, rig_recordings
+from swashtwin_bench.rivals.models import CHOSEN, Model
 
 CLASSIFIERS = ("bitcn", "extra_trees")
 """Classifiers by default; `CHOSEN` is the further one."""

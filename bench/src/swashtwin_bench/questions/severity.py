@@ -11,9 +11,6 @@ import scipy.stats
 import torch
 from joblib import delayed
 
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
 from swashtwin.calibration import (
     GaussNewton,
     Nuisances,
@@ -26,6 +23,9 @@ from swashtwin.foundation import VERSION, mm, parallel
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.rigs.measuring import Run
+from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
 
 METRICS = {
     "error": "median |ln(estimate / truth)|",

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.physics import Twin
+from swashtwin.pump import LETTERS
 from swashtwin_bench.questions.wrong_twins import (
     ChangeOfRecording,
     ChangeOfTwin,
@@ -26,8 +28,6 @@ from swashtwin_bench.questions.wrong_twins import (
     with_swap,
     with_unit_error,
 )
-from swashtwin.physics import Twin
-from swashtwin.pump import LETTERS
 
 CHANNELS = ("cover_z", "body_y", "body_x")
 RIGHT = "right"

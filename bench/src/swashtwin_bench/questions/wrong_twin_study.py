@@ -15,12 +15,6 @@ import numpy as np
 import torch
 from joblib import delayed
 
-from swashtwin_bench.questions.twin_matrix import RIGHT, MatrixCase, matrix_cases
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task
-from swashtwin_bench.results.table import StudyTable, Trial
-from swashtwin_bench.rigs.measuring import true_values
-from swashtwin_bench.rigs.writing import RIG_VERSION, RigSize, rig_recordings
 from swashtwin.calibration import Calibration, calibrate, is_warning
 from swashtwin.foundation import VERSION, MPa, SwashTwinError, parallel, rpm, stream
 from swashtwin.learning import wilson_interval
@@ -28,6 +22,12 @@ from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, load_pump
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
+from swashtwin_bench.questions.twin_matrix import RIGHT, MatrixCase, matrix_cases
+from swashtwin_bench.results.finished import finished_values
+from swashtwin_bench.results.runs import Task
+from swashtwin_bench.results.table import StudyTable, Trial
+from swashtwin_bench.rigs.measuring import true_values
+from swashtwin_bench.rigs.writing import RIG_VERSION, RigSize, rig_recordings
 
 STUDY = "wrong-twins"
 METRICS = {

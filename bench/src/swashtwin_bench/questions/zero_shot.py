@@ -21,6 +21,19 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import recall_score, roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
+from swashtwin.foundation import VERSION, InputError, derive_seed, parallel
+from swashtwin.learning import (
+    BiTCN,
+    Classifier,
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    evaluate,
+    extract_features,
+    fit,
+    fit_extra_trees,
+)
+from swashtwin.recordings import Recording
 from swashtwin_bench.questions.zero_shot_data import (
     CALIBRATED,
     HEALTHY_ONLY,
@@ -66,19 +79,6 @@ from swashtwin_bench.rivals.order_levels import (
 )
 from swashtwin_bench.rivals.order_threshold import OrderThreshold, rising_orders, threshold_orders
 from swashtwin_bench.studies.priors import pump_of
-from swashtwin.foundation import VERSION, InputError, derive_seed, parallel
-from swashtwin.learning import (
-    BiTCN,
-    Classifier,
-    FittedClassifier,
-    TrainingSettings,
-    WindowSet,
-    evaluate,
-    extract_features,
-    fit,
-    fit_extra_trees,
-)
-from swashtwin.recordings import Recording
 
 ZERO_SHOT_SIZES = {
     "quick": ZeroShotSettings(

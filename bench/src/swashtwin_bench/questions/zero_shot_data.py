@@ -6,6 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.calibration import Calibration, Calibrator, GaussNewton, Nuisances, calibrate
+from swashtwin.foundation import DataError, derive_seed, stream
+from swashtwin.learning import TrainingSettings, WindowSet
+from swashtwin.physics import Twin
+from swashtwin.pump import CLASSES, OperatingCondition, Pump, group_by_condition, load_pump
+from swashtwin.recordings import Recording
 from swashtwin_bench.studies.cells import cut_evenly, recordings_by_cell
 from swashtwin_bench.studies.priors import (
     Draw,
@@ -16,12 +22,6 @@ from swashtwin_bench.studies.priors import (
     synthetic_windows,
     wide_fault,
 )
-from swashtwin.calibration import Calibration, Calibrator, GaussNewton, Nuisances, calibrate
-from swashtwin.foundation import DataError, derive_seed, stream
-from swashtwin.learning import TrainingSettings, WindowSet
-from swashtwin.physics import Twin
-from swashtwin.pump import CLASSES, OperatingCondition, Pump, group_by_condition, load_pump
-from swashtwin.recordings import Recording
 
 NOMINAL, PRIOR, CALIBRATED, POSTERIOR = "nominal", "prior draws", "calibrated", "posterior draws"
 """The twins: of the drawing, drawn from the priors, calibrated, drawn from the calibrations' posteriors."""

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swashtwin_bench.questions.zero_shot_data import ORACLE, ZeroShotSplit
-from swashtwin_bench.results.table import Trial
 from swashtwin.diagnosis import PriorClassifier, load_prior
 from swashtwin.foundation import stream
 from swashtwin.learning import Forest, fit_forest
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording, stated_pressure
+from swashtwin_bench.questions.zero_shot_data import ORACLE, ZeroShotSplit
+from swashtwin_bench.results.table import Trial
 
 PRIOR, FOREST = "pump prior", "forest on changes"
 """The training set, and what learns from it."""

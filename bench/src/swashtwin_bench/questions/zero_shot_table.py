@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.learning import Scores
 from swashtwin_bench.questions.zero_shot_data import (
     CALIBRATED,
     HEALTHY_ONLY,
@@ -25,7 +26,6 @@ from swashtwin_bench.questions.zero_shot_prior import (
     few_shot,
 )
 from swashtwin_bench.results.table import StudyTable, Trial
-from swashtwin.learning import Scores
 
 TREES, TREES_ORDERS, TREES_HEALTHY = "extra trees", "extra trees on orders", "extra trees on orders against healthy"
 NET, NET_HEALTHY = "BiTCN", "BiTCN on orders against healthy"

@@ -10,13 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from swashtwin.foundation import plural
+from swashtwin.learning import LEVELS
+from swashtwin.report import score
 from swashtwin_bench.results.contrasts import Contrast
 from swashtwin_bench.results.naming import classifier_words, training_set_words
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.runs import Outcome
-from swashtwin.foundation import plural
-from swashtwin.learning import LEVELS
-from swashtwin.report import score
 
 MOST_CONTRASTS = 4
 """Contrasts in the answer for each level, of classifiers the nearest ones; the table has all."""

@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from swashtwin_bench.results.naming import classifier_words, training_set_words
-from swashtwin_bench.results.result import StudyResult
 from swashtwin.foundation import plural
 from swashtwin.plot import figure_style, panels, series_colors, spread_labels, words
 from swashtwin.report import Drawing, render_drawing, tabulate
+from swashtwin_bench.results.naming import classifier_words, training_set_words
+from swashtwin_bench.results.result import StudyResult
 
 NAMING = ("classifier", "training_set", "level")
 """Factors that every study has; a further one is what curves run along."""

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swashtwin_bench.results.runs import FORMAT, Task
 from swashtwin.foundation import ArtifactError, read_text, write_text
+from swashtwin_bench.results.runs import FORMAT, Task
 
 
 def finished_values(out: Path | None, task: Task, compute: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:

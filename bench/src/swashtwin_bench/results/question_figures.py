@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from swashtwin_bench.results.table import StudyTable
 from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ratio_axis, words
 from swashtwin.report import Drawing, render_drawing, tabulate
+from swashtwin_bench.results.table import StudyTable
 
 
 @figure_style()

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin_bench.results.contrasts import Contrast, paired_interval, signed_rank_p
-from swashtwin_bench.results.runs import Outcome, Run
-from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin.calibration import Calibration
 from swashtwin.foundation import holm_correction
 from swashtwin.learning import Epoch
+from swashtwin_bench.results.contrasts import Contrast, paired_interval, signed_rank_p
+from swashtwin_bench.results.runs import Outcome, Run
+from swashtwin_bench.results.table import StudyTable, Trial
 
 METRICS = {
     "accuracy": "accuracy",

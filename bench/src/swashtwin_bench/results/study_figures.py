@@ -11,14 +11,14 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
 
-from swashtwin_bench.results.comparison_figures import LEGEND_WIDTH
-from swashtwin_bench.results.naming import classifier_words, training_set_words
-from swashtwin_bench.results.result import StudyResult
-from swashtwin_bench.results.runs import Embedding, Outcome
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS
 from swashtwin.plot import class_colors, figure_style, name_decades, panels, series_colors, words
 from swashtwin.report import Drawing, confusion_drawing, render_drawing, tabulate
+from swashtwin_bench.results.comparison_figures import LEGEND_WIDTH
+from swashtwin_bench.results.naming import classifier_words, training_set_words
+from swashtwin_bench.results.result import StudyResult
+from swashtwin_bench.results.runs import Embedding, Outcome
 
 _LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
 """Marker of each level of generalization."""

@@ -5,20 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from swashtwin_bench.results.answers import case_answer, case_verdict
-from swashtwin_bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
-from swashtwin_bench.results.naming import classifier_words, training_set_words
-from swashtwin_bench.results.reported import PAPER_STUDY, is_reported, paper_words
-from swashtwin_bench.results.result import StudyResult
-from swashtwin_bench.results.runs import Outcome
-from swashtwin_bench.results.study_figures import (
-    accuracy_drawing,
-    can_embed,
-    confusion_of,
-    embedding_drawing,
-    scarce_drawing,
-    training_drawing,
-)
 from swashtwin.learning import LEVELS
 from swashtwin.plot import words
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
@@ -41,6 +27,20 @@ from swashtwin.report import (
     number,
     score,
     verdict_counts,
+)
+from swashtwin_bench.results.answers import case_answer, case_verdict
+from swashtwin_bench.results.comparison_figures import classifier_drawing, curve_drawings, curve_factor, time_drawing
+from swashtwin_bench.results.naming import classifier_words, training_set_words
+from swashtwin_bench.results.reported import PAPER_STUDY, is_reported, paper_words
+from swashtwin_bench.results.result import StudyResult
+from swashtwin_bench.results.runs import Outcome
+from swashtwin_bench.results.study_figures import (
+    accuracy_drawing,
+    can_embed,
+    confusion_of,
+    embedding_drawing,
+    scarce_drawing,
+    training_drawing,
 )
 
 _METRICS = {

@@ -3,11 +3,11 @@
 from collections import Counter
 from pathlib import Path
 
+from swashtwin.report import Part, write_report
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.study_part import study_part
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.results.table_part import table_part
-from swashtwin.report import Part, write_report
 
 
 def write_study_report(*studies: StudyTable, folder: Path | str) -> Path:

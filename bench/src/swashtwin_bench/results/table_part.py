@@ -6,8 +6,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swashtwin_bench.results.question_figures import fault_map_drawing, severity_drawing
-from swashtwin_bench.results.table import StudyTable
 from swashtwin.foundation import plural
 from swashtwin.plot import CALIBRATED, MEASURED, figure_style, panels, words
 from swashtwin.report import (
@@ -26,6 +24,8 @@ from swashtwin.report import (
     number,
     render_drawing,
 )
+from swashtwin_bench.results.question_figures import severity_drawing
+from swashtwin_bench.results.table import StudyTable
 
 MOST_ROWS = 40
 """Rows that are drawn; a longer table is drawn up to there."""
@@ -52,7 +52,7 @@ def _blocks(study: StudyTable, key: str) -> tuple:
 
 
 QUESTION_DRAWINGS: Mapping[str, tuple[Callable[[StudyTable, str], Drawing], ...]] = MappingProxyType(
-    {"severity": (severity_drawing,), "fault-map": (fault_map_drawing,)}
+    {"severity": (severity_drawing,)}
 )
 """Figures of a study besides those of its rows, by the study's name."""
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from swashtwin.foundation import MPa, celsius, stream
+from swashtwin.pump import OperatingCondition, load_pump
+from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.fleet import draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
 from swashtwin_bench.rigs.trending import TRENDS
 from swashtwin_bench.rigs.writing import SAMPLE_RATE, SPEED, recording_of
-from swashtwin.foundation import MPa, celsius, stream
-from swashtwin.pump import OperatingCondition, load_pump
-from swashtwin.recordings import Recording
 
 PER_DAY = 3
 """Recordings in a day."""

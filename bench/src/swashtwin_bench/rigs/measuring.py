@@ -10,7 +10,6 @@ import scipy.signal
 import torch
 from jaxtyping import Complex, Float
 
-from swashtwin_bench.rigs.fleet import Specimen, film_factors
 from swashtwin.foundation import InputError, SwashTwinError, stream
 from swashtwin.physics import (
     HarmonicBalance,
@@ -27,6 +26,7 @@ from swashtwin.physics import (
 )
 from swashtwin.pump import Fault, OperatingCondition, SwashPlateDefect
 from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, synchronous_signal, transform
+from swashtwin_bench.rigs.fleet import Specimen, film_factors
 
 T = TypeVar("T")
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin_bench.rigs.measuring import Run, with_steps
 from swashtwin.foundation import stream
 from swashtwin.physics import ChamberPressures, LoadCase, chamber_pressures
+from swashtwin_bench.rigs.measuring import Run, with_steps
 
 PRESSURE_STEP = 25e6 / 2**15
 """Smallest difference [Pa] that the 16-bit converter of the pressure transducer tells apart; its range is 25 MPa."""

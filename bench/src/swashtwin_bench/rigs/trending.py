@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from swashtwin_bench.rigs.fleet import RECESS, draw_specimen
-from swashtwin_bench.rigs.measuring import Run, measure
-from swashtwin_bench.rigs.writing import SAMPLE_RATE, recording_of, run_of
 from swashtwin.foundation import MPa, deg, stream, um
 from swashtwin.pump import BoreDefect, DamScratch, Fault, GrooveErosion, PistonWear, load_pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.rigs.fleet import RECESS, draw_specimen
+from swashtwin_bench.rigs.measuring import Run, measure
+from swashtwin_bench.rigs.writing import SAMPLE_RATE, recording_of, run_of
 
 TRENDS: Mapping[str, Fault] = MappingProxyType(
     {

@@ -13,15 +13,15 @@ import torch
 from jaxtyping import Float
 from joblib import delayed
 
+from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
+from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
+from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure, recorded_angle
 from swashtwin_bench.rigs.process import OUTLET_PRESSURE, PROCESS, ProcessChannel, process_signals
 from swashtwin_bench.rigs.version_two import fleet as version_two
 from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
 from swashtwin_bench.rigs.version_two.measuring import recorded_angle as recorded_angle_two
-from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
-from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
-from swashtwin.recordings import Recording, write_index, write_recording
 
 RIG_VERSION = "1"
 """Version that is taken where none is named. No recording of a version ever changes: another law is another version."""

@@ -4,8 +4,6 @@ What BiTCN is by default stands here and nowhere else.
 """
 
 import difflib
-import importlib.util
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,11 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin_bench.rivals.ablations import ABLATIONS
-from swashtwin_bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
-from swashtwin_bench.rivals.graphs import GRAPHS
-from swashtwin_bench.rivals.kernels import KERNELS, PYTHON
-from swashtwin_bench.rivals.order_threshold import rising_orders, threshold_orders
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import (
     BASELINES,
@@ -39,6 +32,10 @@ from swashtwin.learning import (
     fit_baseline,
     fit_chosen,
 )
+from swashtwin_bench.rivals.ablations import ABLATIONS
+from swashtwin_bench.rivals.composed import Ensemble, NetworkOnView, first_sensors
+from swashtwin_bench.rivals.graphs import GRAPHS
+from swashtwin_bench.rivals.order_threshold import rising_orders, threshold_orders
 
 
 @dataclass(frozen=True)
@@ -60,11 +57,6 @@ class Model:
     def is_network(self) -> bool:
         """Whether it is trained in epochs; a single training has a loss curve, and features to embed."""
         return self.kind in NETWORKS
-
-    @property
-    def is_at_hand(self) -> bool:
-        """Whether what it needs is installed: baselines of convolution kernels need aeon, here or in another Python."""
-        return self.kind not in KERNELS or bool(os.environ.get(PYTHON)) or importlib.util.find_spec("aeon") is not None
 
     def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them. One training on all sensors is the

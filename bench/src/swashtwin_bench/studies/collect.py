@@ -6,12 +6,12 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+from swashtwin.foundation import DataError
 from swashtwin_bench.results.result import StudyResult, varied_of
 from swashtwin_bench.results.runs import OtherFormatError, Run, load_run
 from swashtwin_bench.studies.dataset import load_finished_calibration
 from swashtwin_bench.studies.registry import PLANS, plan_of
 from swashtwin_bench.studies.runner import assemble_result, first_calibrations
-from swashtwin.foundation import DataError
 
 
 def collect_studies(folder: Path) -> list[StudyResult]:

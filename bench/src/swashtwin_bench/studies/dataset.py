@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from swashtwin_bench.results.runs import FORMAT
-from swashtwin_bench.studies.cells import classes_of, cut_evenly
-from swashtwin_bench.studies.random_windows import deal_windows
-from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
 from swashtwin.foundation import DataError, file_name
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import SPEED_TOLERANCE, OperatingCondition, group_by_condition, merge_close_values
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.runs import FORMAT
+from swashtwin_bench.studies.cells import classes_of, cut_evenly
+from swashtwin_bench.studies.random_windows import deal_windows
+from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 
 
 @dataclass(frozen=True, eq=False)

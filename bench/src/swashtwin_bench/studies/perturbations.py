@@ -5,11 +5,11 @@ from typing import Literal
 
 import numpy as np
 
-from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 from swashtwin.foundation import stream
 from swashtwin.learning import WindowSet, at_other_speeds, with_gains
 from swashtwin.recordings import Recording
 from swashtwin.signals import NoiseKind, add_noise
+from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 
 
 @dataclass(frozen=True)

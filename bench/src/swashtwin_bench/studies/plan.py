@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 import torch
 
+from swashtwin.diagnosis import save_classifier
+from swashtwin.foundation import VERSION, InputError
+from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
+from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
 from swashtwin_bench.rivals.composed import NetworkOnView, UnlistedClassifier
 from swashtwin_bench.rivals.models import Model, train_model
@@ -23,10 +27,6 @@ from swashtwin_bench.studies.training_sets import (
     TWIN_TRAINING_SETS,
     TrainingSet,
 )
-from swashtwin.diagnosis import save_classifier
-from swashtwin.foundation import VERSION, InputError
-from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
-from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 
 EPOCH_TIME = "epoch_cpu_s"
 """CPU time of an epoch of the training [s], among the values of a run; the mean of those since an interruption."""
@@ -75,8 +75,6 @@ class Plan:
     """Notes that must be read with the numbers."""
     model_notes: Mapping[str, str] = field(default_factory=dict)
     """Notes on single classifiers, given where these were trained."""
-    absent: tuple[str, ...] = ()
-    """Classifiers that belong here, and for want of aeon cannot be trained."""
 
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
@@ -129,7 +127,7 @@ class Plan:
         main, *others = models
         is_single = isinstance(self.compared.get("classifier"), str)
         compared = {**self.compared, **({"classifier": main} if is_single else {})}
-        return replace(self, models=models, compared=compared, absent=(), rivals=tuple(others) if self.rivals else ())
+        return replace(self, models=models, compared=compared, rivals=tuple(others) if self.rivals else ())
 
     def of_training_sets(self, names: Sequence[str]) -> "Plan":
         """The plan of some of its training sets only, or of others of `TWIN_TRAINING_SETS`.

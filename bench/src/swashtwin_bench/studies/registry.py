@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+from swashtwin.foundation import InputError
+from swashtwin.recordings import Recording
 from swashtwin_bench.paper import plans as paper
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.studies.cases import ablation, algorithms, case_one, case_two, noise, shaft_angle
@@ -11,8 +13,6 @@ from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.runner import run_plan
 from swashtwin_bench.studies.scarcity import augmentation, calibrators, few_shot, unseen_pressure, unseen_specimen
 from swashtwin_bench.studies.sources import Source
-from swashtwin.foundation import InputError
-from swashtwin.recordings import Recording
 
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {

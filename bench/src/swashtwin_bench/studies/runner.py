@@ -6,6 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from swashtwin.calibration import Calibration
+from swashtwin.foundation import InputError
+from swashtwin.learning import WindowSet
+from swashtwin.recordings import Recording
 from swashtwin_bench.results.answers import answer_of
 from swashtwin_bench.results.result import METRICS, StudyResult, contrasts_of, trials_of, varied_of
 from swashtwin_bench.results.runs import Run, Task, load_run, save_run
@@ -20,15 +24,10 @@ from swashtwin_bench.studies.dataset import (
     read_for,
     run_calibration,
 )
-from swashtwin_bench.studies.epochs import epochs_shown
 from swashtwin_bench.studies.plan import Plan, RunFacts, run_task
 from swashtwin_bench.studies.sources import SameRecordings, Source
 from swashtwin_bench.studies.training_sets import FURTHER, fill_cells
 from swashtwin_bench.studies.workers import Workers
-from swashtwin.calibration import Calibration
-from swashtwin.foundation import InputError
-from swashtwin.learning import WindowSet
-from swashtwin.recordings import Recording
 
 Report = Callable[[str, int, int], None]
 _Case = tuple[int, str]
@@ -204,13 +203,8 @@ def _run_seeds(
         facts = replace(group.facts, calibrations=names, values=values, checkpoint=path, model=model)
         calls.append((task, plan, sent[case], synthetic, facts))
     calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
-    trainings = [(call[-1].checkpoint, plan.models[call[0].factors["classifier"]]) for call in calls]
-    epochs = {file: model.training.epochs for file, model in trainings if file is not None and model.is_network}
-    ended: set[Path | None] = set()
-    with epochs_shown(epochs, ended.__contains__, report):
-        for index, run in workers.each(run_task, calls):
-            ended.add(trainings[index][0])
-            yield run
+    for _, run in workers.each(run_task, calls):
+        yield run
 
 
 def _calibrate(
@@ -313,8 +307,6 @@ def _notes(plan: Plan, classifiers: Collection[str]) -> Iterator[str]:
     """What must be read with the numbers of the classifiers that were trained."""
     yield from plan.notes
     yield from (note for name, note in plan.model_notes.items() if name in classifiers)
-    if absent := [name for name in plan.absent if name not in classifiers]:
-        yield f"Not run here, for want of aeon: {', '.join(absent)}."
 
 
 def _settings(runs: Sequence[Run]) -> dict[str, Any]:

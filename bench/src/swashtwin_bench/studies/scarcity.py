@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.studies.cases import SCENARIOS, case_one
 from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.training_sets import PAPER_TRAINING_SETS, TWIN_TRAINING_SETS, TrainingSet
-from swashtwin.calibration import GaussNewton, Nuisances
 
 BUDGETS = {"quick": ("0", "72", "200"), "paper": ("0", "50", "150", "200", "500")}
 """Synthetic windows of each filling."""

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin_bench.rigs.version_two.fleet import PAPER_RECESS
-from swashtwin_bench.studies.cells import recordings_by_cell
-from swashtwin_bench.studies.priors import RIG_FAULTS
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
 from swashtwin.foundation import DataError, InputError, MPa, mm, stream
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, Pump, SwashPlateDefect, load_pump, values_match
 from swashtwin.recordings import Recording
 from swashtwin.signals import piston_pass_angle, resampled_by_angle
+from swashtwin_bench.rigs.version_two.fleet import PAPER_RECESS
+from swashtwin_bench.studies.cells import recordings_by_cell
+from swashtwin_bench.studies.priors import RIG_FAULTS
 
 MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
     {**RIG_FAULTS, "swash_plate": (SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),)}

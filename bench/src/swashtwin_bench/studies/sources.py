@@ -6,10 +6,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from swashtwin_bench.results.runs import fingerprint_of
-from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recordings
+from swashtwin_bench.results.runs import fingerprint_of
+from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""Where a study's tasks run: processes of this machine, a dask cluster, or a ray cluster.
+"""Where a study's tasks run: processes of this machine, or a dask cluster.
 
 A task is a plain function of its arguments and draws from streams of its own seed, so every backend gives the same
 numbers. Results come back to the caller, who alone writes files: workers need no disk in common.
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+from joblib import Parallel, delayed, parallel_config
 
 from swashtwin.foundation import InputError, MissingExtraError, keep_freed_memory, parallel
 
-BACKENDS = ("joblib", "dask", "ray")
+BACKENDS = ("joblib", "dask")
 """Backends of joblib that can run tasks."""
 
 
@@ -25,9 +25,9 @@ class Workers:
     jobs: int = 1
     """Processes of this machine; of a cluster at an address, whatever it has."""
     backend: str = "joblib"
-    """``"joblib"``, ``"dask"`` or ``"ray"``."""
+    """``"joblib"`` or ``"dask"``."""
     address: str | None = None
-    """Of a running cluster's scheduler; without one, dask and ray start `jobs` workers here."""
+    """Of a running cluster's scheduler; without one, dask starts `jobs` workers here."""
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:
@@ -35,7 +35,7 @@ class Workers:
         if self.jobs < 1:
             raise InputError(f"jobs ({self.jobs}) must be at least 1.")
         if self.address is not None and self.backend == "joblib":
-            raise InputError("an address belongs to backend dask or ray; joblib's processes run on this machine.")
+            raise InputError("an address belongs to backend dask; joblib's processes run on this machine.")
 
     @contextmanager
     def started(self) -> Iterator["Workers"]:
@@ -43,8 +43,6 @@ class Workers:
         with ExitStack() as stack:
             if self.backend == "dask":
                 stack.enter_context(_dask(self.jobs, self.address))
-            elif self.backend == "ray":
-                stack.enter_context(_ray(self.jobs, self.address))
             yield self
 
     def each(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
@@ -52,10 +50,6 @@ class Workers:
         calls = [delayed(_call_with_index)(function, index, values) for index, values in enumerate(arguments)]
         if self.backend == "joblib":
             yield from parallel(self.jobs, return_as="generator_unordered")(calls)
-        elif self.backend == "ray":  # whose bridge to joblib gives nothing before all is done
-            size = max(1, effective_n_jobs(-1))
-            for first in range(0, len(calls), size):
-                yield from Parallel()(calls[first : first + size])
         else:
             yield from Parallel(return_as="generator_unordered", pre_dispatch="all")(calls)
 
@@ -89,23 +83,3 @@ def _dask(jobs: int, address: str | None) -> Iterator[None]:
             )
         stack.enter_context(parallel_config(backend="dask", n_jobs=-1))
         yield
-
-
-@contextmanager
-def _ray(jobs: int, address: str | None) -> Iterator[None]:
-    try:
-        import ray
-        from ray.util.joblib import register_ray
-    except ImportError as cause:
-        raise MissingExtraError('backend ray needs pip install "swashtwin[ray]".') from cause
-    try:
-        options: dict[str, Any] = {"num_cpus": jobs} if address is None else {"address": address}
-        ray.init(**options, log_to_driver=False, include_dashboard=False if address is None else None)
-    except (ConnectionError, ValueError, RuntimeError) as cause:
-        raise InputError(f"no ray cluster answers at {address}: {str(cause).splitlines()[0]}") from cause
-    try:
-        register_ray()
-        with parallel_config(backend="ray", n_jobs=-1):
-            yield
-    finally:
-        ray.shutdown()

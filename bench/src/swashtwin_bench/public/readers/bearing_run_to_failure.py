@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from swashtwin_bench.public.readers.files import files_below, table_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Recording, recording_of, stem_of
+from swashtwin_bench.public.readers.files import files_below, table_of
 
 _NAME = re.compile(r"(Bearing(\d)_\d+)_(\d+)")
 _SPEEDS = {"1": "1800 rpm", "2": "1650 rpm", "3": "1500 rpm"}

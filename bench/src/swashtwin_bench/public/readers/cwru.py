@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
+from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
 
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
 """Nominal speed [rpm] at each load [hp]."""

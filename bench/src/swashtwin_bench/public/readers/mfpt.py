@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from swashtwin_bench.public.readers.files import files_below
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
+from swashtwin_bench.public.readers.files import files_below
 
 _LABELS = {"baseline": "normal", "outerrace": "outer_race", "innerrace": "inner_race"}
 

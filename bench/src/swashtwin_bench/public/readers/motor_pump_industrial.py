@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from swashtwin_bench.public.readers.files import files_below, table_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Recording, recording_of
+from swashtwin_bench.public.readers.files import files_below, table_of
 
 _NAME = re.compile(r"([HF])\w*?(\d+)", re.IGNORECASE)
 _LABELS = {"h": "healthy", "f": "faulty"}

@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Recording, recording_of, stem_of
+from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
 
 _NAME = re.compile(r"(\d+)[ _](\d)[ _]s(\d+)[ _](\w+)")
 _CHANNELS = ("acceleration 0", "acceleration 1", "acceleration 2", "acceleration 3", "microphone")

@@ -18,14 +18,14 @@ set                        labels                                  groups (attri
 from collections.abc import Callable
 from pathlib import Path
 
+from swashtwin.foundation import InputError
+from swashtwin.recordings import Recording
 from swashtwin_bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
 from swashtwin_bench.public.readers.cwru import read_cwru
 from swashtwin_bench.public.readers.mfpt import read_mfpt
 from swashtwin_bench.public.readers.motor_pump_industrial import read_motor_pump_industrial
 from swashtwin_bench.public.readers.pump_cavitation import read_pump_cavitation
 from swashtwin_bench.public.readers.uci_hydraulic import read_uci_hydraulic
-from swashtwin.foundation import InputError
-from swashtwin.recordings import Recording
 
 PUBLIC_SETS: dict[str, Callable[[Path], list[Recording]]] = {
     "bearing_run_to_failure": read_bearing_run_to_failure,

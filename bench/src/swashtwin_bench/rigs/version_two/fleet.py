@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin_bench.rigs.fleet import Housing, Specimen
 from swashtwin.foundation import deg, mm, stream, um
 from swashtwin.pump import PARAMETERS, BoreDefect, DamScratch, Fault, GrooveErosion, PistonWear, Pump, SwashPlateDefect
+from swashtwin_bench.rigs.fleet import Housing, Specimen
 
 FLEET_FACTORS = (0.6, 0.5, 0.7, 1.5, 2.2, 1.4)
 """Truth over nominal of the six interface values, fleet mean."""

@@ -8,6 +8,19 @@ import scipy.signal
 import torch
 from jaxtyping import Complex, Float
 
+from swashtwin.foundation import stream
+from swashtwin.physics import (
+    HarmonicBalance,
+    LoadCase,
+    assemble,
+    excitation_lines,
+    fault_forces,
+    force_lines,
+    periodic_steady_state,
+    worn_values,
+)
+from swashtwin.pump import BoreDefect, InterfaceValue, OperatingCondition
+from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, periodic_signal, synchronous_signal
 from swashtwin_bench.rigs.fleet import film_factors
 from swashtwin_bench.rigs.measuring import (
     BANDWIDTH,
@@ -26,19 +39,6 @@ from swashtwin_bench.rigs.version_two.sounds import (
     sensor_response,
     stand_noise,
 )
-from swashtwin.foundation import stream
-from swashtwin.physics import (
-    HarmonicBalance,
-    LoadCase,
-    assemble,
-    excitation_lines,
-    fault_forces,
-    force_lines,
-    periodic_steady_state,
-    worn_values,
-)
-from swashtwin.pump import BoreDefect, InterfaceValue, OperatingCondition
-from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, periodic_signal, synchronous_signal
 
 
 def true_values(run: Run, specimen: SecondSpecimen) -> Float[np.ndarray, " 6"]:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.version_two.fleet import RECESS_DEPTH, SENSOR_RESONANCE, SOURCES, SecondSpecimen
 from swashtwin.foundation import deg, rpm, um
 from swashtwin.pump import BoreDefect, DamScratch, GrooveErosion, PistonWear, SwashPlateDefect
 from swashtwin.signals import line_frequencies, transform
+from swashtwin_bench.rigs.measuring import Run
+from swashtwin_bench.rigs.version_two.fleet import RECESS_DEPTH, SENSOR_RESONANCE, SOURCES, SecondSpecimen
 
 JITTER = deg(1.2)
 """Standard deviation [rad] of the angle at which an impact comes."""

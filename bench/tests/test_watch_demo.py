@@ -1,0 +1,22 @@
+"""The watch of a pump that wears, from the rig's course to the history."""
+
+import json
+from pathlib import Path
+
+import pytest
+from commandline import run
+from mqtt_broker import free_port
+
+from swashtwin.monitoring import History
+from swashtwin_bench.cli import watch_demo
+
+
+def test_the_demo_ends_with_a_history_of_all_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(watch_demo, "RECORDINGS", 4)
+    monkeypatch.setattr(watch_demo, "ONSET", 2)
+    answer = json.loads(run("watch", "demo", "--out", tmp_path, "--port", free_port(), "--end", "--json").stdout)
+    assert (answer["judged"], answer["alarm"]) == (4, None)
+    history = History.open("", tmp_path / "watch-data")
+    (machine,) = history.read.machines()
+    history.close()
+    assert (machine.name, machine.recordings) == ("rig-pump", 4)

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from commandline import AT_15, DEFECT, one_line, run, run_json
 
-from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import load_calibration
 from swashtwin.foundation import MPa
 from swashtwin.learning import load_windows
 from swashtwin.recordings import load_recordings, write_index, write_recording
 from swashtwin.synthesis import synthesize
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 
 SIMPLE = ("--nuisances", "none", "--no-phases")
 QUICK = ("--set", "starts=1", *SIMPLE)

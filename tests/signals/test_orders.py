@@ -15,8 +15,6 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, inspect_recording, stated_speed
 from swashtwin.signals import ShaftAngle, resampled_by_angle, stated_angle, tachometer_speed, tracked_speed
 from swashtwin.signals.spectra import amplitude_spectrum
-from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
 
 RATE = 10000.0
 

@@ -14,6 +14,7 @@ from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "swashtwin"
+BENCH = ROOT / "bench" / "src" / "swashtwin_bench"
 MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
 ROOMS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.pyi"))
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
@@ -30,14 +31,16 @@ def test_imports_go_one_way_down(monkeypatch: pytest.MonkeyPatch) -> None:
         ("oddments.py", "", "lower floors only"),
         ("foundation/errors.py", "import swashtwin.cli\n", "lower floors only"),
         ("calibration/procedure.py", "import swashtwin.learning\n", "lower floors only"),
-        ("report/page.py", "import swashtwin_bench\n", "lower floors only"),
+        ("report/page.py", "import swashtwin_bench\n", "does not know its bench"),
         ("learning/features.py", "import swashtwin.physics\n", "know no physics"),
         ("report/page.py", "import swashtwin.pump.faults\n", "front doors only"),
-        ("bench/rigs/fleet.py", "from swashtwin.physics import Twin\n", "use no twin"),
+        ("../swashtwin_bench/demo.py", "import swashtwin.pump.faults\n", "front doors only"),
+        ("../swashtwin_bench/rigs/fleet.py", "from swashtwin.physics import Twin\n", "use no twin"),
     ],
 )
 def test_a_module_that_breaks_the_floors_is_refused(tmp_path: Path, module: str, text: str, contract: str) -> None:
-    shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in (PACKAGE, BENCH):
+        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "swashtwin" / module).open("a") as file:
         file.write(text)
     lines = lint(tmp_path)
@@ -50,15 +53,16 @@ def test_no_way_of_writing_an_import_hides_a_twin_from_the_law_of_the_rigs(tmp_p
         "from swashtwin import Twin",
         "from swashtwin import physics",
         "from swashtwin.physics import *",
-        "from ...physics import Twin",
+        "from swashtwin import calibration",
         "import swashtwin as st",
         "import swashtwin.physics as physics",
         "from swashtwin_bench.questions.wrong_twins import Twin",
         "from swashtwin_bench import questions",
     ]
-    shutil.copytree(PACKAGE, tmp_path / "swashtwin", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in (PACKAGE, BENCH):
+        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("__pycache__"))
     for index, text in enumerate(texts):
-        (tmp_path / "swashtwin" / "bench" / "rigs" / f"breach_{index}.py").write_text(text + "\n")
+        (tmp_path / "swashtwin_bench" / "rigs" / f"breach_{index}.py").write_text(text + "\n")
     output = "\n".join(lint(tmp_path))
     assert [text for index, text in enumerate(texts) if f"rigs.breach_{index} uses" not in output] == []
 

@@ -114,12 +114,8 @@ def kinds_of_options() -> dict[str, set[str]]:
 
 def test_an_option_takes_the_same_kind_of_value_in_every_command() -> None:
     kinds = kinds_of_options()
-    assert len(kinds) > 100
-    several = {option for option, names in kinds.items() if len(names) > 1}
-    assert several == {
-        "--device",
-        "--size",
-    }  # cuda:1 of train, only kinds of machine in a study; a rig has no quick size
+    assert len(kinds) > 50
+    assert [option for option, names in kinds.items() if len(names) > 1] == []
 
 
 @pytest.mark.parametrize(

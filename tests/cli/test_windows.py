@@ -24,7 +24,7 @@ COMMANDS = (
     "--test-fraction 0 --checkpoint training --out model.safetensors",
     "evaluate model.safetensors split/test.toml --level L2",
     "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
-    "report runs --out 'report of all'",
+    "bench report runs --out 'report of all'",
     "signal spectrum data/normal_0.h5 --out spectrum.svg",
     "twin pump new mine",
 )

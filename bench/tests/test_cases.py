@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from tiny_case import TINY, tiny
 
+from swashtwin.foundation import ArtifactError, InputError
+from swashtwin.pump import PistonWear
+from swashtwin.recordings import Recording
 from swashtwin_bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
 from swashtwin_bench.fillers.distortion import Jitter
 from swashtwin_bench.results.runs import Embedding, load_run
@@ -17,9 +20,6 @@ from swashtwin_bench.studies.dataset import calibration_tasks
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import MACHINED, split_scenario
 from swashtwin_bench.studies.training_sets import TrainingSet
-from swashtwin.foundation import ArtifactError, InputError
-from swashtwin.pump import PistonWear
-from swashtwin.recordings import Recording
 
 SETS = ("measured", "nominal", "calibrated")
 MEASURED = {"measured": TrainingSet()}

@@ -8,6 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
+from swashtwin.learning import WindowSet
+from swashtwin.synthesis import Filler, in_cell, sources_of
 from swashtwin_bench import FILLERS
 from swashtwin_bench.fillers.cvae import CVAE
 from swashtwin_bench.fillers.diffusion import Diffusion
@@ -23,9 +26,6 @@ from swashtwin_bench.fillers.periodic_extension import (
     read_extension,
 )
 from swashtwin_bench.fillers.wgan_gp import WGANGP
-from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
-from swashtwin.learning import WindowSet
-from swashtwin.synthesis import Filler, in_cell, sources_of
 
 CLASSES = ("normal", "piston")
 PERIOD = 256

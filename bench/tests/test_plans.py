@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swashtwin.calibration import GaussNewton
+from swashtwin.foundation import DataError, InputError, holm_correction
+from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
+from swashtwin.recordings import Recording, load_recording, write_recording
+from swashtwin.signals import add_noise
+from swashtwin.synthesis import DEFAULT_VARIATION, discriminative_score
 from swashtwin_bench import FILLERS, Plan, models_of, plan_of, rig_recordings, run_plan
 from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.results.contrasts import Contrast, paired_interval, signed_rank_p
@@ -18,12 +24,11 @@ from swashtwin_bench.results.table import Trial
 from swashtwin_bench.rigs.version_two.fleet import draw_fault
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.rivals import models
-from swashtwin_bench.rivals.models import DEFAULT, MODELS, VARIED, Model, train_model
+from swashtwin_bench.rivals.models import DEFAULT, MODELS, VARIED, train_model
 from swashtwin_bench.rivals.order_threshold import threshold_orders
 from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.registry import PLANS, sizes_of
-from swashtwin_bench.studies.runner import _notes
 from swashtwin_bench.studies.scenario import split_scenario
 from swashtwin_bench.studies.training_sets import (
     RIG_VARIATION,
@@ -33,12 +38,6 @@ from swashtwin_bench.studies.training_sets import (
     fill_cells,
     noisy_training_windows,
 )
-from swashtwin.calibration import GaussNewton
-from swashtwin.foundation import DataError, InputError, holm_correction
-from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
-from swashtwin.recordings import Recording, load_recording, write_recording
-from swashtwin.signals import add_noise
-from swashtwin.synthesis import DEFAULT_VARIATION, discriminative_score
 
 FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
 
@@ -190,10 +189,7 @@ def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
         plan = plan_of("algorithms", size)
         ablations = {name for name in NETWORKS if name.startswith("bitcn_")}
         assert set(NETWORKS) - ablations <= set(plan.models)
-        kernels = {name for name, baseline in BASELINES.items() if baseline.fit_columns is not None}
-        assert set(BASELINES) - kernels <= set(plan.models)
-        missing = kernels - set(plan.models)
-        assert missing == set(plan.absent)
+        assert set(BASELINES) <= set(plan.models)
     assert {"bitcn", *ablations} <= set(plan_of("ablation", "paper").models)
 
 
@@ -358,15 +354,6 @@ def test_a_study_can_be_run_for_some_of_its_training_sets_and_models() -> None:
         plan.of_training_sets(["guess"])
     with pytest.raises(InputError, match="no model is called 'extra_tres'; did you mean 'extra_trees'"):
         models_of("quick", ["extra_tres"])
-
-
-def test_classifiers_that_cannot_be_trained_for_want_of_aeon_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Model, "is_at_hand", property(lambda model: model.kind != "hydra"))
-    plan = plan_of("algorithms", "quick")
-    assert plan.absent == ("hydra",)
-    assert "hydra" not in plan.models
-    assert list(_notes(plan, ["spectral_bitcn"])) == ["Not run here, for want of aeon: hydra."]
-    assert list(_notes(plan, ["spectral_bitcn", "hydra"])) == []
 
 
 def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin.bench.fillers.duplicates import Duplicate, NoisyDuplicate
 from swashtwin.foundation import DataError, InputError, MPa, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
@@ -14,6 +13,7 @@ from swashtwin.synthesis import (
     measure_fidelity,
     spectral_distance,
 )
+from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
 
 CLASSES = ("normal", "piston")
 

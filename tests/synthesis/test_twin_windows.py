@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
-from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.writing import RigSize
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
 from swashtwin.calibration.objective.unknowns import search_space, unknowns_of
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
@@ -27,6 +25,8 @@ from swashtwin.synthesis import (
 )
 from swashtwin.synthesis import twin_windows as synthesis
 from swashtwin.synthesis.background import background_noise
+from swashtwin_bench import rig_recordings
+from swashtwin_bench.rigs.writing import RigSize
 
 STILL = Variation(
     speed=0.0, pressure=0.0, severity=0.0, angle=0.0, temperature=(318.15, 318.15), interfaces=0.0, sensor=0.0

@@ -11,12 +11,12 @@ import torch
 from jaxtyping import Float, Float64, Int64
 from torch import Tensor, nn
 
-from swashtwin_bench.fillers.duplicates import draw_indices
-from swashtwin_bench.fillers.log_spectra import SpectralForm
-from swashtwin_bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 from swashtwin.foundation import TorchStream, derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import fill_cell, require_count, sources_of
+from swashtwin_bench.fillers.duplicates import draw_indices
+from swashtwin_bench.fillers.log_spectra import SpectralForm
+from swashtwin_bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 
 Draw = Callable[[Tensor, torch.Generator], Tensor]
 """Scores of new windows, from the condition of each."""

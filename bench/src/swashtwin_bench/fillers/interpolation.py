@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.distance import cdist
 
-from swashtwin_bench.fillers.log_spectra import log_amplitude, with_amplitude
-from swashtwin_bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 from swashtwin.foundation import DataError, MissingExtraError, derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import fill_cell, require_count, sources_of
+from swashtwin_bench.fillers.log_spectra import log_amplitude, with_amplitude
+from swashtwin_bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 
 Space = Literal["samples", "spectrum"]
 """Where points are put between windows: their samples, or the logarithm of their amplitude spectra."""

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.bench.fillers.interpolation import NoNeighborsError, oversampler
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import WindowSet, extract_features
+from swashtwin_bench.fillers.interpolation import NoNeighborsError, oversampler
 
 _SHAKE = 0.05
 """Noise of a shaken copy over its window's standard deviation."""

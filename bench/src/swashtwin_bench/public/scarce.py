@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float
 from joblib import delayed
 from sklearn.metrics import confusion_matrix
 
+from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, parallel
+from swashtwin.learning import WindowSet, cut_windows, extract_features, g_mean, recalls
 from swashtwin_bench.fillers.interpolation import NoNeighborsError
 from swashtwin_bench.public.estimators import extra_trees
 from swashtwin_bench.public.feature_fillers import FEATURE_FILLERS
 from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.results.table import StudyTable, Trial
-from swashtwin.foundation import VERSION, DataError, InputError, derive_seed, parallel
-from swashtwin.learning import WindowSet, cut_windows, extract_features, g_mean, recalls
 
 MEASURED = ("every recording", "one recording", "none")
 """What training has of the scarce cell: all, one repeat, or nothing."""

@@ -9,9 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin_bench.fillers.registry import FILLERS
-from swashtwin_bench.fillers.twin_filler import TwinFiller
-from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 from swashtwin.calibration import Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet
@@ -26,6 +23,9 @@ from swashtwin.synthesis import (
     discriminative_score,
     has_filler,
 )
+from swashtwin_bench.fillers.registry import FILLERS
+from swashtwin_bench.fillers.twin_filler import TwinFiller
+from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 
 TWINS = ("nominal", "calibrated", "posterior")
 """What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""

@@ -258,13 +258,3 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(folder: Pa
     assert values["lost"]["order_amplitude 7x"] is None
     assert values["lost"]["rms"] == pytest.approx(1.0, rel=0.05)
     assert "the line at order 7" in one_line(run("signal", "features", lost, *options, code=3))
-
-
-def test_features_and_trend_write_a_page_where_they_are_asked_to(folder: Path, tmp_path: Path) -> None:
-    answer = run_json("signal", "features", folder, "--family", "statistics", "--report", tmp_path / "page.html")
-    assert answer["report"] == str(tmp_path / "page.html")
-    assert "<h1>Indicators of the recordings</h1>" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    trend = run_json("signal", "trend", folder, "--report", tmp_path / "trend")
-    assert Path(trend["report"]).read_text(encoding="utf-8").count("<figure>") == 1
-    assert (tmp_path / "trend" / "figures" / "trend.csv").is_file()
-    assert "report" not in run_json("signal", "trend", folder)

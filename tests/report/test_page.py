@@ -14,17 +14,14 @@ from stub_runs import scored
 
 from swashtwin.diagnosis import AlarmScores, Diagnosis, HealthySpectrum
 from swashtwin.diagnosis.alarm_scores import ClassAlarms
-from swashtwin.learning import check_recordings
 from swashtwin.physics import Twin
-from swashtwin.plot import confusion, panels
+from swashtwin.plot import panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
 from swashtwin.recordings import Recording, RecordingFacts, facts_of
 from swashtwin.report import Paragraph, Part, Section, SectionOrder, page_text, render_drawing, write_report
 from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.glossary import Glossary
-from swashtwin.report.origin import fact_entries
-from swashtwin.report.phone_form import NARROW
-from swashtwin.signals import indicators_of, stacked, trend_of
+from swashtwin.report.wording import fact_entries
 
 CHROMIUM = "/usr/bin/chromium"
 RIG = "swashtwin virtual rig, version 1"
@@ -94,28 +91,15 @@ def test_many_recordings_are_a_table_and_each_is_folded_away() -> None:
     assert "<summary>b: Suspected fault: piston</summary>" in page
 
 
-def test_every_figure_has_a_form_for_phones_words_for_screen_readers_and_its_data(tmp_path: Path) -> None:
+def test_every_figure_has_words_for_screen_readers_and_its_data(tmp_path: Path) -> None:
     page = write_report(diagnosis(), folder=tmp_path).read_text(encoding="utf-8")
-    figures = re.findall(r'<div class="(wide|narrow)" role="img" aria-label="([^"]+)">', page)
-    assert [form for form, _ in figures] == ["wide", "narrow"] * 3
-    assert figures[0][1].startswith("Spectrum over the healthy recordings. 17 % of the bands")
+    figures = re.findall(r'<div class="drawing" role="img" aria-label="([^"]+)">', page)
+    assert len(figures) == 3
+    assert figures[0].startswith("Spectrum over the healthy recordings. 17 % of the bands")
     for name, link in re.findall(r'<a download="(\w+)\.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)">', page):
         assert base64.b64decode(link) == (tmp_path / "figures" / f"{name}.csv").read_bytes()
     assert "prefers-color-scheme: dark" in page
     assert "@media print" in page
-
-
-def test_the_form_for_phones_is_narrow_and_stacks_panels() -> None:
-    figure, axes = panels(2, 2, 3.0)
-    for panel in axes.flat:
-        panel.plot([0, 1], [0, 1])
-    axes[0, 0].set_yticks([0, 1], ["a name that is far too long for a phone", "b"])
-    drawing = render_drawing("f", figure, {"x": [0.0, 1.0]}, title="Figure", caption="")
-    widths = [float(re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)[1]) for svg in (drawing.svg, drawing.narrow)]  # type: ignore[index]
-    assert widths == [9 * 72, pytest.approx(NARROW * 72)]
-    lefts = {round(panel.get_position().x0, 3) for panel in axes.flat}
-    assert len(lefts) == 1
-    assert drawing.words == "Figure. x from 0 to 1"
 
 
 def test_colors_of_a_figure_follow_the_page_and_stay_in_its_file() -> None:
@@ -123,7 +107,8 @@ def test_colors_of_a_figure_follow_the_page_and_stay_in_its_file() -> None:
     axes[0, 0].plot([0, 1], [0, 1], color="#0072b2")
     drawing = render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
     assert "var(--blue)" not in drawing.svg
-    assert all("stroke: var(--blue)" in body and "#0072b2" not in body for _, body in drawing.forms)
+    assert "stroke: var(--blue)" in drawing.within_page
+    assert "#0072b2" not in drawing.within_page
 
 
 def test_a_word_is_explained_where_it_stands_first_and_only_there() -> None:
@@ -177,22 +162,6 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
     assert facts_of([]) == RecordingFacts()
 
 
-def test_features_and_a_trend_make_pages_of_the_same_kind() -> None:
-    generator = np.random.default_rng(0)
-    recordings = [
-        Recording(generator.normal(size=(1, 4000)) * (4 if i == 7 else 1), 1000.0, f"r{i}", specimen="P",
-                  label="normal" if i < 7 else "worn", attributes={"speed": "600 rpm", "discharge_pressure": "9 MPa"})
-        for i in range(8)
-    ]  # fmt: skip
-    table = stacked([indicators_of(recording, families=["statistics"]) for recording in recordings])
-    page = page_text(table, recordings=recordings)
-    assert re.search(r"<h2>\d+ indicators of 8 recordings</h2>", page)
-    trend = page_text(trend_of(table, "rms"), recordings=recordings)
-    assert "<h2>1 of 8 recordings flagged</h2>" in trend
-    assert '<th scope="row">r7</th>' in trend
-    assert all("<dd>600 rev/min, 9 MPa</dd>" in text for text in (page, trend))
-
-
 @pytest.mark.skipif(not shutil.which(CHROMIUM), reason=f"no {CHROMIUM}")
 def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
     page, paper = write_report(diagnosis(), folder=tmp_path), tmp_path / "page.pdf"
@@ -200,24 +169,6 @@ def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
     command += [f"--print-to-pdf={paper}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 4
-
-
-def test_names_of_shared_upright_labels_stay_on_one_line_on_a_phone() -> None:
-    figure, axes = panels(2, 1, 3.0, sharex=True)
-    for panel in axes.flat:
-        panel.plot([0, 9], [0, 1])
-    axes[1, 0].set_xticks(range(10), [f"from {i}.25 kHz" for i in range(10)], rotation=90)
-    drawing = render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
-    assert "from 0.25 kHz" in drawing.narrow
-
-
-def test_a_matrix_uses_the_width_of_a_phone_with_its_labels_in_view() -> None:
-    figure = confusion(np.eye(5, dtype=int), [f"cylinder block {i}" for i in range(5)])
-    render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
-    (panel,) = figure.axes
-    assert panel.get_aspect() == "auto"
-    figure.draw_without_rendering()
-    assert panel.yaxis.label.get_window_extent().x0 >= 0
 
 
 def test_two_calibrations_or_more_items_of_one_title_are_told_apart() -> None:
@@ -261,15 +212,3 @@ def test_bands_outside_the_range_of_few_healthy_recordings_are_no_sign_of_a_faul
     few = replace(spectrum(), healthy=spectrum().healthy[:2])
     assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
     assert "narrow range" not in page_text(diagnosis())
-
-
-def test_a_sound_and_sufficient_data_set_says_to_train() -> None:
-    signals = np.random.default_rng(0).normal(size=(48, 1, 4096))
-    recordings = [
-        Recording(signal, 1000.0, f"r{i}", label=("normal", "swash_plate")[i % 2], specimen="AB"[i // 2 % 2])
-        for i, signal in enumerate(signals)
-    ]
-    check = check_recordings(recordings)
-    page = page_text(check)
-    assert check.is_enough == ("Train a model on them" in page)
-    assert "swash_plate" not in page

@@ -113,7 +113,7 @@ def test_every_reference_within_the_page_has_one_target(page):
 
 def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, page):
     names = json.loads((folder / "results.json").read_text())["figures"]
-    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>") / 2
+    assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
     names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
     assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
     kinds = {name.rsplit("_", 1)[-1] for name in names}

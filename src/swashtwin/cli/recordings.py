@@ -26,7 +26,6 @@ from swashtwin.cli.options import (
     Window,
     read_pairs,
 )
-from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import file_facts, load_distinct
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
@@ -145,7 +144,6 @@ def check(
     source: Index,
     window: Window = 2048,
     error_rate: Annotated[float, typer.Option(help="Error rate that the confidence of a classifier is to hold.")] = 0.1,
-    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Say whether recordings are sound and enough, and for what.
@@ -158,14 +156,7 @@ def check(
         unreadable: list[Finding] = []
         recordings = load_distinct([source], unreadable)
         result = check_recordings(recordings, window=window, error_rate=error_rate, unreadable=unreadable, progress=bar)
-    page = write_page(report, result, recordings=recordings)
-
-    def show() -> None:
-        show_check(result)
-        if page is not None:
-            say(str(page))
-
-    tell({**result.to_dict(), "report": page}, as_json, show)
+    tell(result.to_dict(), as_json, lambda: show_check(result))
     if not result.is_sound:
         raise typer.Exit(BAD_DATA)
     if not result.is_enough:

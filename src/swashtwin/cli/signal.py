@@ -22,7 +22,6 @@ from swashtwin.cli.options import (
     Unit,
     band_from,
 )
-from swashtwin.cli.pages import Report, page_entry, write_page
 from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
 from swashtwin.cli.sources import file_facts, load_distinct, load_sources, refuse_source
 from swashtwin.cli.summaries import MOST_ROWS, All, number_or_none, show_medians, show_trend
@@ -77,7 +76,6 @@ def features(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
-    report: Report = None,
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
@@ -105,14 +103,7 @@ def features(
         ):
             indicators = _indicators_of(recordings, pistons, band, family, shaft, results)
             write_text(out, indicators.csv)
-    page = write_page(report, indicators, recordings=recordings)
-
-    def show() -> None:
-        _show_indicators(indicators, out, show_all)
-        if page is not None:
-            say(str(page))
-
-    tell({"csv": out, **indicators.to_dict(), **page_entry(page)}, as_json, show)
+    tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out, show_all))
 
 
 def _stamps(sources: Sequence[Path]) -> list[tuple[str, int, int]]:
@@ -249,7 +240,6 @@ def trend(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
-    report: Report = None,
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
@@ -271,7 +261,6 @@ def trend(
         drawing = trend_drawing(result)
         write_text(csv_file, drawing.csv)
         write_text(out, drawing.svg)
-    page = write_page(report, result, recordings=recordings)
 
     def show() -> None:
         show_trend(result, show_all)
@@ -285,10 +274,8 @@ def trend(
         say(f"{len(result.flagged)} of {len(result.points)} flagged beyond {threshold:g} spreads. {_NO_ZONE}")
         if out is not None:
             say(f"{out}\n{csv_file}")
-        if page is not None:
-            say(str(page))
 
-    tell({**result.to_dict(), "svg": out, "csv": csv_file, **page_entry(page)}, as_json, show)
+    tell({**result.to_dict(), "svg": out, "csv": csv_file}, as_json, show)
 
 
 def _indicators_of(

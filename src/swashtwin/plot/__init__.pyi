@@ -1,12 +1,7 @@
 """Names that other rooms import, and where each lives: six figures, then what all figures share."""
 
-from .confusion_figure import confusion as confusion
-from .excitation_figure import excitation as excitation
-from .layout import name_decades as name_decades
-from .layout import panels as panels
-from .layout import ratio_axis as ratio_axis
-from .layout import spread_labels as spread_labels
-from .layout import words as words
+from .figures import confusion as confusion
+from .figures import excitation as excitation
 from .order_figures import order_map as order_map
 from .order_figures import waterfall as waterfall
 from .signal_figures import marked_spectrum as marked_spectrum
@@ -23,7 +18,12 @@ from .style import ON_SHADE as ON_SHADE
 from .style import WIDTH as WIDTH
 from .style import class_colors as class_colors
 from .style import figure_style as figure_style
+from .style import name_decades as name_decades
+from .style import panels as panels
+from .style import ratio_axis as ratio_axis
 from .style import series_colors as series_colors
+from .style import spread_labels as spread_labels
+from .style import words as words
 
 __all__ = [
     "CALIBRATED",

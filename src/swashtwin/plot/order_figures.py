@@ -8,9 +8,8 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from swashtwin.foundation import InputError
-from swashtwin.plot.layout import panels, words
 from swashtwin.plot.signal_figures import unit_words
-from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style
+from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
 from swashtwin.recordings import Recording
 from swashtwin.signals import ShaftAngle, resampled_by_angle, spectrum_of, stated_angle, tapered_transform
 

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from swashtwin.foundation import InputError
-from swashtwin.plot.layout import name_decades, panels, spread_labels, words
-from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style
+from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style, name_decades, panels, spread_labels, words
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
 

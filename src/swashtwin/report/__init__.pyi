@@ -3,7 +3,6 @@
 from .calibration_part import calibration_blocks as calibration_blocks
 from .calibration_part import comparison_table as comparison_table
 from .calibration_part import verdict_counts as verdict_counts
-from .confusion import confusion_drawing as confusion_drawing
 from .drawing import Drawing as Drawing
 from .drawing import render_drawing as render_drawing
 from .drawing import tabulate as tabulate
@@ -19,6 +18,7 @@ from .page import Section as Section
 from .page import SectionOrder as SectionOrder
 from .page import Table as Table
 from .page import drawings as drawings
+from .scores_part import confusion_drawing as confusion_drawing
 from .scores_part import levels_table as levels_table
 from .wording import facts_table as facts_table
 from .wording import flatten_settings as flatten_settings

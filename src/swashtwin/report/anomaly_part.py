@@ -1,16 +1,13 @@
 """Part of the page about whether a recording deviates from the healthy ones."""
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter
 
 from swashtwin.diagnosis import AnomalyVerdict, next_checks
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
-from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ratio_axis, words
+from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance, spectrum_sentences
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.origin import fact_entries, rig_notice
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
-from swashtwin.report.spectrum_figure import spectrum_sentences
-from swashtwin.report.wording import number, percent
+from swashtwin.report.wording import fact_entries, number, percent, rig_notice
 
 _NOT_CHECKED = (
     "Which fault it is: healthy recordings say what is usual, not what a fault looks like.",
@@ -107,8 +104,7 @@ def level_drawing(verdict: AnomalyVerdict, key: str) -> Drawing:
             panel.plot(center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1)
             panel.set_title(words(channel), loc="left")
             if not column:
-                panel.set_xscale("log")
-                panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                ratio_axis(panel, "x", "")
     axes[len(channels) // 2, 0].set_ylabel("change [dB]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
     if has_orders:

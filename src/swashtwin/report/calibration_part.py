@@ -11,9 +11,16 @@ from swashtwin.foundation import plural
 from swashtwin.plot import words
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.calibration_figures import calibration_drawings
-from swashtwin.report.origin import rig_notice
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import facts_table, flatten_settings, number, number_cell, parameter_words, percent
+from swashtwin.report.wording import (
+    facts_table,
+    flatten_settings,
+    number,
+    number_cell,
+    parameter_words,
+    percent,
+    rig_notice,
+)
 
 FIGURES = MappingProxyType(
     {

@@ -1,17 +1,28 @@
 """Part of the page about the diagnosis of one recording."""
 
+import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, next_checks
-from swashtwin.plot import class_colors, figure_style, panels, words
+from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, HealthySpectrum, next_checks
+from swashtwin.foundation import plural
+from swashtwin.plot import (
+    CALIBRATED,
+    LIGHT,
+    MEASURED,
+    class_colors,
+    figure_style,
+    panels,
+    ratio_axis,
+    unit_words,
+    words,
+)
 from swashtwin.pump import is_healthy
+from swashtwin.recordings import RecordingFacts
 from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.origin import fact_entries, rig_notice
 from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
-from swashtwin.report.spectrum_figure import spectrum_over_healthy, spectrum_sentences
 from swashtwin.report.training_part import choice_blocks
-from swashtwin.report.wording import percent
+from swashtwin.report.wording import fact_entries, percent, rig_notice
 
 _UNCALIBRATED = "The model's confidence was not calibrated, so the score ranks the classes and is no probability."
 _MOST_NOTES, _MOST_CHECKS = 3, 4
@@ -199,3 +210,78 @@ def window_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     caption = "The likeliest class of each window alone."
     columns: dict[str, list] = {"window": number, "class": labels}
     return render_drawing(f"{key}_windows", figure, columns, title="Class of each window", caption=caption)
+
+
+_MARKS = 4
+"""Multiples of the piston-pass line that are marked."""
+_LOWEST = 5.0
+"""Frequency from which the axis begins at least [Hz]."""
+
+
+_FEW_HEALTHY = 5
+"""Healthy recordings below which their range is too narrow to judge by."""
+
+
+def spectrum_sentences(spectrum: HealthySpectrum | None) -> tuple[str, ...]:
+    """How a recording differs from healthy ones, and that few of them span a narrow range."""
+    if spectrum is None:
+        return ()
+    if (count := len(spectrum.healthy)) >= _FEW_HEALTHY:
+        return (spectrum.sentence(),)
+    return (
+        f"{spectrum.sentence()} {plural(count, 'healthy recording')} {'spans' if count == 1 else 'span'} a narrow "
+        "range: bands outside it are no sign of a fault by themselves.",
+    )
+
+
+@figure_style()
+def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key: str) -> Drawing:
+    """Levels of a recording, channel by channel, over the range and the median of healthy ones."""
+    count, first = len(spectrum.channels), max(float(spectrum.low[0]), 1e-3)
+    edges = np.append(np.maximum(spectrum.low, first), spectrum.high[-1])
+    figure, axes = panels(count, 1, 1.1 + 1.25 * count, sharex=True)
+    healthy = spectrum.healthy
+    least, median, greatest = healthy.min(axis=0), np.median(healthy, axis=0), healthy.max(axis=0)
+    for row, (panel, name) in enumerate(zip(axes[:, 0], spectrum.channels, strict=True)):
+        for line in _marked_lines(facts):
+            panel.axvline(line, color=LIGHT, linewidth=0.8, linestyle=":", zorder=0)
+        panel.stairs(greatest[row], edges, baseline=least[row], fill=True, color=LIGHT, label="range of healthy ones")
+        panel.stairs(median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median")
+        panel.stairs(spectrum.level[row], edges, color=CALIBRATED, linewidth=1.5, baseline=None, label="this recording")
+        panel.set_title(words(name), loc="left")
+    lowest = min(max(_LOWEST, 0.7 * (facts.shaft or 0.0)), edges[-2])
+    axes[0, 0].set(xscale="log", xlim=(max(edges[0], lowest), edges[-1]))
+    unit = unit_words(spectrum.unit)
+    axes[count // 2, 0].set_ylabel(f"level [dB re 1 ({unit})²/Hz]")
+    ratio_axis(axes[-1, 0], "x", "frequency [Hz]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    marked = " Dotted: the piston-pass line and its multiples." if _marked_lines(facts) else ""
+    caption = (
+        f"Blue: this recording. Gray: {spectrum.basis}; the line is their median, the band reaches from the least to "
+        f"the greatest.{marked} 6 dB are twice the amplitude."
+    )
+    columns = {
+        "channel": np.repeat(spectrum.channels, len(spectrum.low)),
+        "low_hz": np.tile(spectrum.low, count),
+        "high_hz": np.tile(spectrum.high, count),
+        "level_db": spectrum.level.ravel(),
+        "healthy_least_db": least.ravel(),
+        "healthy_median_db": median.ravel(),
+        "healthy_greatest_db": greatest.ravel(),
+    }
+    return render_drawing(
+        f"{key}_spectrum",
+        figure,
+        columns,
+        title="Spectrum over the healthy recordings",
+        caption=caption,
+        description=spectrum.sentence(),
+    )
+
+
+def _marked_lines(facts: RecordingFacts) -> list[float]:
+    """Frequencies [Hz]; none where the speed or the number of pistons is not stated."""
+    if facts.pistons is None or facts.shaft is None:
+        return []
+    return [facts.shaft * facts.pistons * multiple for multiple in range(1, _MARKS + 1)]

@@ -2,26 +2,17 @@
 
 import base64
 import io
-import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter
 
 from swashtwin.foundation import csv_text, escape_controls
-from swashtwin.report.phone_form import fit_to_phone
 
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
-_POINTS = 72
-"""Dots per inch of an SVG."""
 _PAGE_COLORS = {
     "#000000": "ink", "#ffffff": "paper", "#4d4d4d": "measured", "#0072b2": "blue", "#d9d9d9": "light",
     "#e6e6e6": "grid", "#efefef": "faint", "#009e73": "green", "#d55e00": "orange", "#aa4499": "purple",
@@ -44,10 +35,8 @@ class Drawing:
     """The figure as a file of its own."""
     columns: Mapping[str, Sequence[Any] | np.ndarray]
     """Its data, one entry of each column per row."""
-    narrow: str = ""
-    """The same figure, as high and narrow as a phone; where empty, the page shows `svg` on a phone too."""
     description: str = ""
-    """What it shows, for those who cannot see it; where empty, the page takes what the columns range over."""
+    """What it shows, for those who cannot see it."""
 
     @property
     def csv(self) -> str:
@@ -63,39 +52,15 @@ class Drawing:
         return f"data:text/csv;charset=utf-8;base64,{content.decode()}"
 
     @property
-    def forms(self) -> list[tuple[str, str]]:
-        """(class of its frame, SVG within a page) of each form: for wide screens and paper, and for phones."""
-        forms = [("wide", self.svg), ("narrow", self.narrow)] if self.narrow else [("any", self.svg)]
-        return [(name, _within_page(svg, f"{self.name}-{name}")) for name, svg in forms]
-
-    @property
-    def words(self) -> str:
-        """Title and description, for a screen reader."""
-        ranges = [_range(name, column) for name, column in self.columns.items()]
-        return f"{self.title}. {self.description or '; '.join(filter(None, ranges))}"
-
-
-def _range(name: str, column: Sequence[Any] | np.ndarray) -> str:
-    """Which values a column has, in words."""
-    values = list(map(_plain, column))
-    numbers = [value for value in values if isinstance(value, int | float) and math.isfinite(value)]
-    if numbers:
-        return f"{name.replace('_', ' ')} from {min(numbers):.3g} to {max(numbers):.3g}"
-    texts = list(dict.fromkeys(str(value) for value in values if value not in ("", None)))
-    if not texts:
-        return ""
-    return f"{name.replace('_', ' ')}: {', '.join(texts)}" if len(texts) <= 6 else f"{len(texts)} of {name}"
-
-
-def _within_page(svg: str, prefix: str) -> str:
-    """A figure as part of a page: without its prolog and size, its ids unique, its colors the page's."""
-    body = svg[svg.index("<svg") :]
-    body = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", body, count=1)
-    body = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", body, count=1)
-    body = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', body)
-    body = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}-\1"', body)
-    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", body)
-    return re.sub(r'style="[^"]*"', _in_page_colors, body)
+    def within_page(self) -> str:
+        """The figure as part of a page: without its prolog and size, its ids unique, its colors the page's."""
+        body = self.svg[self.svg.index("<svg") :]
+        body = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", body, count=1)
+        body = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", body, count=1)
+        body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
+        body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
+        body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
+        return re.sub(r'style="[^"]*"', _in_page_colors, body)
 
 
 def _in_page_colors(style: re.Match[str]) -> str:
@@ -115,44 +80,16 @@ def render_drawing(
     caption: str,
     description: str = "",
 ) -> Drawing:
-    """The figure as SVG, once wide and once for a phone, with its data; call it within `figure_style`.
+    """The figure as SVG with its data; call it within `figure_style`.
 
     Parameters
     ----------
     description : what it shows in words, for those who cannot see it.
     """
-    _escape_texts(figure)
-    wide = _saved(figure)
-    fit_to_phone(figure)
-    return Drawing(name, title, caption, wide, columns, _saved(figure), description)
-
-
-def _saved(figure: Figure) -> str:
-    """What `Figure.savefig` writes, without the first of its two drawings, which only serves to find the layout."""
-    text, canvas, engine = io.StringIO(), FigureCanvasSVG(figure), figure.get_layout_engine()
-    figure.set_dpi(_POINTS)
-    if engine is not None:
-        engine.execute(figure)
-    figure.set_layout_engine("none")
-    canvas.print_svg(text, metadata=_NO_METADATA)
-    figure.set_layout_engine(engine)
-    return text.getvalue()
-
-
-def _escape_texts(figure: Figure) -> None:
-    """Show control characters of names as codes: XML does not allow them, and a lone surrogate has no glyph."""
-    for text in figure.findobj(Text):
-        text.set_text(escape_controls(text.get_text(), keep="\n"))
-    formatters = {
-        id(formatter): formatter for formatter in (axis.get_major_formatter() for axis in figure.findobj(Axis))
-    }
-    for formatter in formatters.values():  # which panels may share
-        if isinstance(formatter, FuncFormatter):  # which set_ticks makes of its labels
-            formatter.func = partial(_escaped_label, formatter.func)
-
-
-def _escaped_label(label_of: Callable[..., str], *position: Any) -> str:
-    return escape_controls(label_of(*position), keep="\n")
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata=_NO_METADATA)
+    # XML allows no control characters, which names of recordings may have
+    return Drawing(name, title, caption, escape_controls(text.getvalue(), keep="\n"), columns, description)
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -1,7 +1,12 @@
 """Part of the page about an identifiability report."""
 
-from swashtwin.calibration import VALUES, IdentifiabilityReport
-from swashtwin.report.identifiability_figures import coordinate_words, identifiability_drawings
+import numpy as np
+from matplotlib.axes import Axes
+
+from swashtwin.calibration import THRESHOLD, VALUES, IdentifiabilityReport, Profile
+from swashtwin.plot import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, ON_DARK, ON_SHADE, figure_style, panels, words
+from swashtwin.pump import LETTERS
+from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
@@ -89,4 +94,130 @@ def directions_table(report: IdentifiabilityReport) -> Table:
         f"{number(report.condition_number)} times its least.",
         ("combination", "share left", *report.names[VALUES]),
         tuple(rows),
+    )
+
+
+_COLOR_OF = {letter: INTERFACE_COLORS[name.split(".")[0]] for name, letter in LETTERS.items()}
+
+
+def identifiability_drawings(report: IdentifiabilityReport, key: str) -> list[Drawing]:
+    """Every figure of a report, in the order of the page.
+
+    Parameters
+    ----------
+    key : start of each file name.
+    """
+    figures = [shares(report, key), correlations(report, key)]
+    if report.profiles:
+        figures.append(profile_curves(report, key))
+    return figures
+
+
+def coordinate_words(name: str) -> str:
+    """Name of a coordinate in words; letters of the six values as they are."""
+    return name if name in _COLOR_OF else words(name)
+
+
+@figure_style()
+def shares(report: IdentifiabilityReport, key: str) -> Drawing:
+    """Width of each coordinate's posterior over that of its prior, with its standing."""
+    rows = [
+        {"coordinate": name, "posterior_std": post, "prior_std": prior, "share": post / prior, "standing": word}
+        for name, post, prior, word in zip(report.names, report.std, report.prior_std, report.standing, strict=True)
+    ]
+    figure, axes = panels(1, 1, 1.0 + 0.28 * len(rows))
+    panel = axes[0, 0]
+    for height, row in enumerate(reversed(rows)):
+        color = _COLOR_OF.get(str(row["coordinate"]), MEASURED)
+        panel.barh(height, 1.0, height=0.6, color="#efefef")
+        panel.barh(height, float(row["share"]), height=0.6, color=color)
+        panel.annotate(
+            str(row["standing"]), (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9
+        )
+    panel.set(
+        xlim=(0, 1), ylim=(-0.6, len(rows) - 0.4), yticks=range(len(rows)), xlabel="posterior over prior width [1]"
+    )
+    panel.set_yticklabels([coordinate_words(name) for name in reversed(report.names)])
+    panel.grid(axis="y", visible=False)
+    caption = (
+        "Standard deviation after the measurement (color) over that before (gray). A full bar: the measurement added "
+        "nothing. Traded off: the lines change with it, but in the same way as with others."
+    )
+    return render_drawing(
+        f"{key}_shares", figure, tabulate(rows), title="What the measurement tells of each", caption=caption
+    )
+
+
+@figure_style()
+def correlations(report: IdentifiabilityReport, key: str) -> Drawing:
+    """Posterior correlation of all coordinates."""
+    count = len(report.names)
+    rows = [
+        {"first": first, "second": second, "correlation": report.correlation[i, j]}
+        for i, first in enumerate(report.names)
+        for j, second in enumerate(report.names)
+    ]
+    figure, axes = panels(1, 1, min(8.5, 2.0 + 0.36 * count))
+    panel = axes[0, 0]
+    image = panel.imshow(report.correlation, cmap="RdBu_r", vmin=-1, vmax=1)
+    panel.set(xticks=range(count), yticks=range(count))
+    panel.set_xticklabels([coordinate_words(name) for name in report.names], rotation=90)
+    panel.set_yticklabels([coordinate_words(name) for name in report.names])
+    panel.grid(False)
+    if count <= 12:
+        for i, j in np.ndindex(count, count):
+            value = report.correlation[i, j]
+            color = ON_DARK if abs(value) > 0.6 else ON_SHADE
+            panel.text(j, i, f"{value:.1f}".replace("-0.0", "0.0"), ha="center", va="center", fontsize=8, color=color)
+    figure.colorbar(image, ax=panel, label="correlation [1]")
+    caption = (
+        "Correlation of the estimated logarithms. Near 1: only the ratio of the two is well determined; near −1: only "
+        "their product."
+    )
+    return render_drawing(
+        f"{key}_correlations", figure, tabulate(rows), title="What can be traded for what", caption=caption
+    )
+
+
+@figure_style()
+def profile_curves(report: IdentifiabilityReport, key: str) -> Drawing:
+    """Profile likelihoods, a panel each."""
+    rows = [
+        {"coordinate": profile.name, "logarithm": x, "rise": y}
+        for profile in report.profiles
+        for x, y in zip(profile.coordinate, profile.rise, strict=True)
+    ]
+    columns = min(3, len(report.profiles))
+    lines = -(-len(report.profiles) // columns)
+    figure, axes = panels(lines, columns, 0.6 + 2.2 * lines, sharey=True)
+    for panel, profile in zip(axes.flat, report.profiles, strict=False):
+        _draw_profile(panel, profile)
+    for panel in axes.flat[len(report.profiles) :]:
+        panel.set_visible(False)
+    for panel in axes[:, 0]:
+        panel.set_ylabel("rise [1]")
+    caption = (
+        "How much worse the best fit becomes where one value is held (horizontal: its logarithm relative to the best) "
+        "and all others are fitted again. The value lies where the curve is below the gray line (90 %); a curve that "
+        "stays below it up to a bound shows that the measurement sets no limit there."
+    )
+    return render_drawing(f"{key}_profiles", figure, tabulate(rows), title="Profile likelihoods", caption=caption)
+
+
+def _draw_profile(panel: Axes, profile: Profile) -> None:
+    panel.axhline(THRESHOLD, color=LIGHT, linewidth=2)
+    panel.plot(
+        profile.coordinate - profile.best,
+        profile.rise,
+        ".-",
+        color=_COLOR_OF.get(profile.name, CALIBRATED),
+        markersize=4,
+    )
+    low, high = (bound - profile.best for bound in profile.bounds)
+    reach = np.abs(profile.coordinate - profile.best).max() * 1.1
+    for bound in (low, high):
+        if abs(bound) <= reach:
+            panel.axvline(bound, color=MEASURED, linestyle=":", linewidth=1)
+    panel.set(
+        title=profile.words, ylim=(-0.15, 2 * THRESHOLD), xlim=(-reach, reach), xlabel=f"ln {profile.name} − best"
     )

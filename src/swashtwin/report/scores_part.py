@@ -1,14 +1,18 @@
 """Part of the page about the scores of one test set."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from swashtwin.diagnosis import AlarmScores
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Scores
-from swashtwin.plot import words
-from swashtwin.report.confusion import confusion_drawing
+from swashtwin.plot import confusion, figure_style, words
+from swashtwin.pump import is_healthy
+from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import number, number_cell
+from swashtwin.report.wording import number, number_cell, percent
 
 _METRICS = {
     "accuracy": "accuracy",
@@ -146,3 +150,83 @@ def _class_table(scores: Scores) -> Table:
 def _recall_cell(scores: Scores, label: str) -> Cell:
     value = scores.recall[label]
     return number_cell(value, f"no test window of {label}" if value != value else "")
+
+
+@figure_style()
+def confusion_drawing(
+    name: str, matrices: Mapping[tuple[str, str], np.ndarray], classes: Sequence[str], *, caption: str
+) -> Drawing:
+    """Grid of confusion matrices.
+
+    Parameters
+    ----------
+    matrices : windows by actual (row) and predicted class (column), by (row of the grid, column of the grid). A column
+        beyond the classes counts the windows without a verdict.
+    """
+    n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
+    predictions = [*classes, *["no verdict"] * (n_columns - len(classes))]
+    rows = [
+        {"row": row, "column": column, "actual": actual, "predicted": predicted, "windows": matrix[i][j]}
+        for (row, column), matrix in matrices.items()
+        for i, actual in enumerate(classes)
+        for j, predicted in enumerate(predictions[: np.shape(matrix)[1]])
+    ]
+    title = "Confusion matrix" if len(matrices) == 1 else "Confusion matrices"
+    figure = confusion(matrices, classes)
+    description = ". ".join(filter(None, (_in_words(key, matrix, classes) for key, matrix in matrices.items())))
+    return render_drawing(name, figure, tabulate(rows), title=title, caption=caption, description=description)
+
+
+def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) -> str:
+    """Share of each class that was told right, as a screen reader says it."""
+    total = np.asarray(counts).sum(axis=1)
+    shares = [
+        f"{words(label)} {100 * counts[index][index] / total[index]:.0f} %"
+        for index, label in enumerate(classes)
+        if total[index]
+    ]
+    where = ", ".join(part for part in key if part)
+    return f"Classified correctly{f' ({where})' if where else ''}: {', '.join(shares)}" if shares else ""
+
+
+def alarms_part(scores: AlarmScores, key: str) -> Part:
+    """Part of the page about the alarms on one test set.
+
+    Parameters
+    ----------
+    key : not used; it has no figures.
+    """
+    healthy = [item for item in scores.classes if is_healthy(item.label)]
+    faulty = [item for item in scores.classes if not is_healthy(item.label)]
+    alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
+    rows = tuple(
+        (
+            Cell(words(item.label)),
+            Cell(str(item.n_recordings)),
+            Cell(str(item.n_no_verdict)),
+            Cell(str(item.n_alarms)),
+            Cell(percent(item.share)),
+            Cell(f"{percent(item.interval[0])} to {percent(item.interval[1])}"),
+            Cell(number(item.auroc)),
+        )
+        for item in scores.classes
+    )
+    header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC")
+    table = Table("Alarms by class. AUROC is of the class against the healthy recordings.", header, rows)
+    return Part(
+        title="Test of a detector of deviations",
+        answer=tuple(
+            f"Of {plural(item.n_recordings, 'healthy recording')}, {item.n_alarms} raised a false alarm."
+            for item in healthy
+        )
+        or ("No healthy recording was tested, so this test says nothing about false alarms.",),
+        notice="",
+        sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
+        results={"alarms": [scores.to_dict()]},
+        verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",
+        certainty=(f"The detector states a false-alarm rate of {percent(scores.error_rate)}.",),
+        actions=(
+            *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
+            "Use it: swashtwin diagnose MODEL FILE --report page.html.",
+        ),
+    )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from swashtwin.recordings import RecordingFacts
 from swashtwin.report.page import Cell, Table
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -122,3 +123,27 @@ def _plain(value: object) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(_plain(entry) for entry in value) or "none"
     return str(value)
+
+
+def fact_entries(facts: RecordingFacts) -> tuple[tuple[str, str], ...]:
+    """(name, value) of each fact that is stated."""
+    entries = (
+        _counted("Machine", facts.machine),
+        ("Recorded", facts.date),
+        ("Condition", facts.condition),
+        _counted("File", facts.file),
+    )
+    return tuple((name, value) for name, value in entries if value)
+
+
+def _counted(name: str, value: str) -> tuple[str, str]:
+    """(name, value), the name in the plural where the value lists several or is their number."""
+    count = value.removesuffix(f" {name.lower()}s")
+    return (f"{name}s", count) if count != value or ", " in value else (name, value)
+
+
+def rig_notice(facts: RecordingFacts) -> str:
+    """That recordings are of no real pump; empty unless they state that they are of the virtual rig."""
+    if "virtual rig" not in facts.origin:
+        return ""
+    return f"Recordings of the {facts.origin}: they stand in for a machine and say nothing about any real one."

@@ -16,25 +16,19 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from swashtwin.calibration import Calibration, IdentifiabilityReport
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
-from swashtwin.learning import DataCheck, FittedClassifier, Scores
+from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
-from swashtwin.report.alarms_part import alarms_part
 from swashtwin.report.anomaly_part import anomaly_part
 from swashtwin.report.calibration_part import calibration_part
-from swashtwin.report.cards import Card, cards_of, folded_section, overview_of
-from swashtwin.report.check_part import check_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
 from swashtwin.report.identifiability_part import identifiability_part
-from swashtwin.report.indicators_part import indicators_part
-from swashtwin.report.origin import fact_entries, rig_notice
-from swashtwin.report.page import Group, Part, Section, Table, drawings
-from swashtwin.report.scores_part import scores_part
+from swashtwin.report.page import Card, Group, Part, Section, Table, cards_of, drawings, folded_section, overview_of
+from swashtwin.report.scores_part import alarms_part, scores_part
 from swashtwin.report.training_part import detector_part, training_part
-from swashtwin.report.trend_part import trend_part
-from swashtwin.signals import IndicatorTable, Trend
+from swashtwin.report.wording import fact_entries, rig_notice
 
 FORMAT = "swashtwin report 1"
 
@@ -46,12 +40,9 @@ Item = (
     | AnomalyDetector
     | AlarmScores
     | Scores
-    | DataCheck
     | Diagnosis
     | AnomalyVerdict
     | Evidence
-    | IndicatorTable
-    | Trend
     | Part
 )
 """What a report can be made of."""
@@ -134,12 +125,9 @@ part_of.register(Part)(lambda part, key: part)
 part_of.register(Calibration)(calibration_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
-part_of.register(DataCheck)(check_part)
 part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(AnomalyVerdict)(anomaly_part)
 part_of.register(Evidence)(evidence_part)
-part_of.register(Trend)(trend_part)
-part_of.register(IndicatorTable)(indicators_part)
 part_of.register(FittedClassifier)(training_part)
 part_of.register(AnomalyDetector)(detector_part)
 part_of.register(AlarmScores)(alarms_part)

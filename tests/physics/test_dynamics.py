@@ -173,16 +173,6 @@ def test_a_structure_moves_to_another_device_and_precision(pump: Pump) -> None:
     assert structure.to("meta", torch.float64).damping(values.to("meta")).device.type == "meta"
 
 
-def test_matrices_of_a_batch_have_the_bits_of_each_by_itself(pump: Pump) -> None:
-    structure = assemble(pump)
-    spread = torch.rand(37, 6, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) + 0.5
-    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * spread
-    stiffness, damping = structure.stiffness(values, spread[:, 0], 0.9), structure.damping(values)
-    for row, value in enumerate(values):
-        assert torch.equal(structure.stiffness(value, spread[row, 0], 0.9), stiffness[row])
-        assert torch.equal(structure.damping(value), damping[row])
-
-
 def test_a_factor_on_one_direction_or_bearing_is_that_of_the_pump_file(pump: Pump) -> None:
     values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
     factors = torch.tensor([1.2, 0.8, 1.1, 0.9, 1.3, 0.7, 1.0], dtype=torch.float64)

@@ -68,8 +68,3 @@ def test_prewhitening_leaves_impulses_and_levels_tones() -> None:
 def test_a_bearing_that_cannot_be_is_refused(bodies: int, ratio: float) -> None:
     with pytest.raises(InputError, match="bearing"):
         defect_orders(bodies, ratio)
-
-
-def test_a_signal_too_short_for_the_cage_is_refused() -> None:
-    with pytest.raises(InputError, match="turns"):
-        defect_prominences(np.random.default_rng(0).normal(size=2048), RATE, 29.5, BEARINGS["SKF 6205"], BANDS)

@@ -26,7 +26,7 @@ from swashtwin.signals import (
     stated_angle,
     tachometer_speed,
 )
-from swashtwin.signals.envelope import envelope_spectrum, kurtogram
+from swashtwin.signals.envelope import Kurtogram, envelope_spectrum, kurtograms
 from swashtwin.signals.levels import (
     TIME_STATISTICS,
     band_rms,
@@ -36,6 +36,11 @@ from swashtwin.signals.levels import (
     velocity_rms,
 )
 from swashtwin.signals.synchronous import synchronous_lines
+
+
+def kurtogram(signal: np.ndarray, **options: float) -> Kurtogram:
+    """That of one channel."""
+    return kurtograms(signal[None], RATE, **options)[0]
 
 
 def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0) -> np.ndarray:
@@ -139,7 +144,7 @@ def test_too_few_turns_for_lines_are_refused() -> None:
 def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
     scores = []
     for seed in range(4):
-        result = kurtogram(np.random.default_rng(seed).standard_normal(40000), RATE)
+        result = kurtogram(np.random.default_rng(seed).standard_normal(40000))
         inner = (result.low > 0) & (result.high < RATE / 2)
         scores.append((result.kurtosis / result.deviation)[inner])
     scores = np.concatenate(scores)
@@ -149,28 +154,28 @@ def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
 
 def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_analytic_signal() -> None:
     sine = np.sin(2 * np.pi * 1100 * TIME)
-    assert kurtogram(sine, RATE).kurtosis[0] == pytest.approx(-1, abs=0.01)
+    assert kurtogram(sine).kurtosis[0] == pytest.approx(-1, abs=0.01)
     signal = bursts()
     power = np.abs(scipy.signal.hilbert(signal - signal.mean()))[40:-40] ** 2
     wanted = (power**2).mean() / power.mean() ** 2 - 2
-    assert kurtogram(signal, RATE).kurtosis[0] == pytest.approx(wanted, rel=0.02)
+    assert kurtogram(signal).kurtosis[0] == pytest.approx(wanted, rel=0.02)
 
 
 @pytest.mark.parametrize("ring", [1200.0, 3000.0, 4300.0])
 def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
-    result = kurtogram(bursts(ring=ring), RATE)
+    result = kurtogram(bursts(ring=ring))
     low, high = result.band
     assert low - 200 < ring < high + 200
     assert high - low < 2000
     assert result.impulsive
-    assert not kurtogram(np.random.default_rng(3).standard_normal(40000), RATE).impulsive
+    assert not kurtogram(np.random.default_rng(3).standard_normal(40000)).impulsive
 
 
 def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
-    result = kurtogram(bursts(), RATE, least_bandwidth=600.0)
+    result = kurtogram(bursts(), least_bandwidth=600.0)
     assert (result.high - result.low).min() == pytest.approx(625)
     with pytest.raises(InputError, match="kurtogram"):
-        kurtogram(np.ones(1000), RATE)
+        kurtogram(np.ones(1000))
 
 
 def test_statistics_from_sums_of_powers_are_the_time_statistics() -> None:

@@ -76,12 +76,6 @@ def test_lines_are_spaced_as_asked_but_no_finer_than_the_signal_allows(resolutio
     assert spectrum.shape == (1, len(frequency))
 
 
-@pytest.mark.parametrize("resolution", [0.0, -1.0, 501.0, 1e9, np.nan, np.inf])
-def test_a_spacing_of_lines_that_cannot_be_is_refused(resolution: float) -> None:
-    with pytest.raises(InputError, match="half the sample rate"):
-        amplitude_spectrum(np.ones((1, 1000)), 1000.0, resolution)
-
-
 def test_averaging_over_segments_keeps_the_amplitude_and_calms_the_noise() -> None:
     time = np.arange(64000) / 1000
     signal = (3 * np.sin(2 * np.pi * 100 * time) + np.random.default_rng(0).standard_normal(64000))[None]
@@ -232,11 +226,6 @@ def test_a_known_shift_is_found(shift: int, seed: int) -> None:
     simulated = np.tile(turn, 4)
     measured = 3 * simulated[:, shift : shift + 150]
     np.testing.assert_array_equal(3 * aligned(measured, simulated), measured)
-
-
-def test_a_simulation_shorter_than_the_measurement_is_refused() -> None:
-    with pytest.raises(InputError, match="9 simulated samples are fewer than the 10 measured ones"):
-        aligned(np.ones((1, 10)), np.ones((1, 9)))
 
 
 @given(scale=st.floats(0.1, 10), seed=st.integers(0, 2**32))

@@ -66,8 +66,10 @@ class Kurtogram:
         return bool(self.kurtosis[self.best] > _CLEAR * self.deviation[self.best])
 
 
-def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_bandwidth: float = 0.0) -> Kurtogram:
-    """Spectral kurtosis on the grid of Antoni's fast kurtogram (2007, DOI 10.1016/j.ymssp.2005.12.002).
+def kurtograms(
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, *, least_bandwidth: float = 0.0
+) -> list[Kurtogram]:
+    """Spectral kurtosis of each channel on the grid of Antoni's fast kurtogram (DOI 10.1016/j.ymssp.2005.12.002).
 
     Bands are 1, 1/2, 1/3, 1/4, 1/6, 1/8, 1/12 ... of half the sample rate; of those that begin at 0 Hz only the whole
     one is there, as an envelope is one of something faster. Each band's complex envelope comes from the inverse
@@ -83,20 +85,7 @@ def kurtogram(signal: Float[np.ndarray, " time"], sample_rate: float, *, least_b
     Raises
     ------
     InputError
-        The signal has fewer than 400 samples, or is constant.
-    """
-    return kurtograms(signal[None], sample_rate, least_bandwidth=least_bandwidth)[0]
-
-
-def kurtograms(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, *, least_bandwidth: float = 0.0
-) -> list[Kurtogram]:
-    """`kurtogram` of each channel; their bands are transformed together.
-
-    Raises
-    ------
-    InputError
-        As `kurtogram`, for any of the channels.
+        The signal has fewer than 400 samples, or a channel is constant.
     """
     n_samples = signal.shape[-1]
     if n_samples < 2 * _LEAST_VALUES or (np.ptp(signal, axis=-1) == 0).any():
@@ -145,25 +134,15 @@ def _kurtosis(spectra: Complex[np.ndarray, "channel line"], count: int) -> Float
 @lru_cache(maxsize=2 * _LEVELS + 1)
 def _filters(last: int, count: int) -> tuple[Int[np.ndarray, " band"], Float32[np.ndarray, "band part"]]:
     """First lines of the filters of `_kurtosis`, and the weights of real and imaginary parts."""
-    edges = np.arange(count > 1, count + 1) / count
+    edges = last * np.arange(count > 1, count + 1) / count
     slope = _SLOPE * last / count
-    first = np.maximum(1, np.floor(edges[:-1] * last - slope)).astype(int)
-    end = np.minimum(last, np.ceil(edges[1:] * last + slope)).astype(int)
-    weights = np.zeros((len(first), int((end - first).max()) + 1), np.float32)
-    for band in range(len(first)):
-        _, weight = _filter(last, edges[band], edges[band + 1])
-        weights[band, : len(weight)] = weight
-    return first, np.repeat(weights, 2, axis=1)
-
-
-def _filter(last: int, low: float, high: float) -> tuple[int, Float[np.ndarray, " line"]]:
-    """First line and weights of the filter of a band of a spectrum of `last` + 1 lines."""
-    slope = _SLOPE * (high - low) * last
-    first, end = max(1, math.floor(low * last - slope)), min(last, math.ceil(high * last + slope))
-    line = np.arange(first, end + 1)
-    rise = np.clip((line - low * last) / (2 * slope) + 0.5, 0, 1) if low > 0 else 1.0
-    fall = np.clip((high * last - line) / (2 * slope) + 0.5, 0, 1) if high < 1 else 1.0
-    return first, np.sin(np.pi / 2 * np.minimum(rise, fall)) * np.ones(len(line))
+    first = np.maximum(1, np.floor(edges[:-1] - slope)).astype(int)
+    end = np.minimum(last, np.ceil(edges[1:] + slope)).astype(int)
+    line = first[:, None] + np.arange(int((end - first).max()) + 1)
+    rise = np.clip((line - edges[:-1, None]) / (2 * slope) + 0.5, 0, 1) if count > 1 else 1.0
+    fall = np.where(edges[1:, None] < last, np.clip((edges[1:, None] - line) / (2 * slope) + 0.5, 0, 1), 1.0)
+    weights = np.where(line <= end[:, None], np.sin(np.pi / 2 * np.minimum(rise, fall)), 0.0)
+    return first, np.repeat(weights.astype(np.float32), 2, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,13 +168,6 @@ def envelopes(
         for row, (low, high) in zip(signal, bands, strict=True)
     ]
     return signal_envelope(np.concatenate(limited))
-
-
-def automatic_bands(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, *, least_bandwidth: float = 0.0
-) -> Float[np.ndarray, "channel 2"]:
-    """Edges [Hz] of each channel's most impulsive band (`kurtogram`)."""
-    return np.array([gram.band for gram in kurtograms(signal, sample_rate, least_bandwidth=least_bandwidth)])
 
 
 def envelope_spectrum(
@@ -230,7 +202,8 @@ def envelope_spectrum(
             f"a band of {band[0]:g}...{band[1]:g} Hz is none at {sample_rate:g} Hz; "
             f"it lies between 0 and half the sample rate ({sample_rate / 2:g} Hz)."
         )
-    bands = automatic_bands(signal, sample_rate) if band is None else np.array([band] * len(signal), dtype=float)
+    chosen = [gram.band for gram in kurtograms(signal, sample_rate)] if band is None else [band] * len(signal)
+    bands = np.array(chosen, dtype=float)
     envelope = envelopes(signal, sample_rate, bands)
     frequency, amplitude = amplitude_spectrum(envelope, sample_rate, resolution)
     return EnvelopeSpectrum(frequency, amplitude, bands[:, 0], bands[:, 1])

@@ -38,6 +38,18 @@ class Row:
     """Absolute discharge pressure [Pa]; NaN where nobody knows."""
 
     @property
+    def facts(self) -> dict[str, Any]:
+        """What the row is about, but for its channel, as JSON has it."""
+        return {
+            "recording": self.recording_id,
+            "class": self.label,
+            "specimen": self.specimen,
+            "date": self.date,
+            "speed_rad_s": self.speed,
+            "pressure_pa": self.pressure,
+        }
+
+    @property
     def point(self) -> tuple[float, float]:
         """Speed [rev/min] and pressure [MPa], as tables for people state them."""
         return float(f"{self.speed * 30 / math.pi:.12g}"), float(f"{self.pressure * 1e-6:.12g}")
@@ -85,16 +97,7 @@ class IndicatorTable:
         columns = [{"name": column.name, "unit": column.unit, "meaning": column.meaning} for column in self.columns]
         names = [column.name for column in self.columns]
         rows = [
-            {
-                "recording": row.recording_id,
-                "channel": row.channel,
-                "class": row.label,
-                "specimen": row.specimen,
-                "date": row.date,
-                "speed_rad_s": row.speed,
-                "pressure_pa": row.pressure,
-                "values": dict(zip(names, values, strict=True)),
-            }
+            {**row.facts, "channel": row.channel, "values": dict(zip(names, values, strict=True))}
             for row, values in zip(self.rows, self.values.tolist(), strict=True)
         ]
         return {"columns": columns, "rows": rows}

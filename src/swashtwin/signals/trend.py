@@ -72,12 +72,7 @@ class Trend:
         """The trend as JSON can hold it."""
         points = [
             {
-                "recording": point.row.recording_id,
-                "class": point.row.label,
-                "specimen": point.row.specimen,
-                "date": point.row.date,
-                "speed_rad_s": point.row.speed,
-                "pressure_pa": point.row.pressure,
+                **point.row.facts,
                 "value": point.value,
                 "healthy": point.healthy,
                 "baseline_median": point.median,
@@ -137,17 +132,16 @@ def trend_of(
     if not picked:
         names = ", ".join(dict.fromkeys(row.channel for row in table.rows))
         raise InputError(f"no channel {channel!r}; there are {names}.")
-    good = [_stated_healthy(row, healthy) for row, _ in picked]
+    good = [
+        any(is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern) for pattern in healthy)
+        for row, _ in picked
+    ]
     if not any(good):
         raise DataError(
             f"no recording is stated to be healthy (class or id like {', '.join(healthy)}); name some with --healthy."
         )
     points = [_point(index, picked, good, k, column.unit == "rad") for index in range(len(picked))]
     return Trend(column, channel, k, by, tuple(sorted(points, key=lambda point: _order(point.row, by))))
-
-
-def _stated_healthy(row: Row, patterns: Sequence[str]) -> bool:
-    return any(is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern) for pattern in patterns)
 
 
 def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:

@@ -53,7 +53,7 @@ synthetic
 # With and without
 # ----------------
 # How many recordings of the gap each classifier names right. One small rig proves nothing:
-# :doc:`/bench/results` has ten fleets, with intervals.
+# :doc:`/bench/evidence` has ten fleets, with intervals.
 
 without = st.FaultClassifier(seed=0).fit(measured)
 with_twin = st.FaultClassifier(seed=0).fit(measured, synthetic=synthetic)

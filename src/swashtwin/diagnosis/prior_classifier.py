@@ -3,7 +3,7 @@
 It was trained once, on virtual pumps of a design (`synthesis.simulate_changes`). What it looks at are changes: levels
 at and between the piston passes, less those of the same machine's healthy recordings at the same operating point.
 Housing, sensors and mounting are in both and cancel. docs/how-to/zero-shot.md says how it is used, and
-docs/bench/unmeasured-faults.md how far it can be trusted.
+docs/bench/evidence.md how far it can be trusted.
 """
 
 import math

@@ -42,7 +42,7 @@ _NOTES = (
     "Settings are chosen by inner folds of whole groups within each training side; details.folds lists each choice.",
     "A seed draws four fifths of the training units, the inner folds, the random split and the trees.",
     "The folds are kept clean; the ideas are not blind: what to look at was found with labels in view, on the same "
-    "public sets, and docs/bench/public.md logs everything that was tried with its test score.",
+    "public sets, and docs/bench/evidence.md logs everything that was tried with its test score.",
     "pump_cavitation is told by the motor's slip, which is the pump's load: what the labels grade is the flow taken "
     "away, and no ear for cavitation is shown by it.",
     "motor_pump_industrial has one block of each class on a training side, so training cannot tell class from machine; "

@@ -221,11 +221,11 @@ def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pis
     assert max(figure["data"][2]["y"][line - 1 : line + 2]) > 2 * max(figure["data"][1]["y"][line - 1 : line + 2])
 
 
-def test_plotly_comes_out_of_its_wheel(reader: TestClient) -> None:
-    answer = reader.get("/static/plotly.min.js")
-    assert answer.status_code == 200
+def test_plotly_comes_out_of_its_wheel_and_is_kept_by_the_browser(reader: TestClient) -> None:
+    answer = reader.get("/static/plotly/plotly.min.js")
     assert len(answer.content) > 1_000_000
-    assert reader.get("/static/plotly.min.js", headers={"accept-encoding": "identity"}).content == answer.content
+    assert "max-age" in answer.headers["cache-control"]
+    assert "no-store" in reader.get("/").headers["cache-control"]
 
 
 @pytest.mark.parametrize("name", ["..%2fpage.py", "page.py", "%2e%2e/users.py", "nothing"])

@@ -5,7 +5,7 @@ import logging
 import os
 import stat
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,6 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.config import PageSettings
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.routes import live
 from swashtwin.monitoring.page.security import access as access_module
 from swashtwin.monitoring.page.security.access import COOKIE, FREE_ATTEMPTS, Access, Throttle
 from swashtwin.monitoring.page.security.users import UserFile, add_token, add_user, remove_entry
@@ -26,7 +25,7 @@ from swashtwin.monitoring.page.site import local_path
 PASSWORD = "correct horse battery"
 HOST = "http://127.0.0.1:8642"
 PAGES = ("/", "/machines/pump-1", "/recordings/1", "/alarms", "/alarms/1", "/log")
-PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics", "/charts/recordings/1", "/live")
+PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics", "/charts/recordings/1")
 
 
 @pytest.fixture
@@ -209,18 +208,6 @@ def test_a_changed_password_ends_the_sessions_of_the_one_before(guarded: TestCli
     assert guarded.get("/log").status_code == 200
     add_user(users, "ada", PASSWORD)
     assert guarded.get("/log").status_code == 303
-
-
-def test_a_changed_password_ends_the_open_page_of_the_one_before(
-    guarded: TestClient, users: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(live, "_BEAT_SECONDS", 0.05)
-    log_in(guarded)
-    with ThreadPoolExecutor(1) as pool:
-        page = pool.submit(guarded.get, "/live")
-        assert wait([page], 0.5).not_done
-        add_user(users, "ada", PASSWORD)
-        assert "event: change" in page.result(20).text
 
 
 @pytest.mark.skipif(not hasattr(os, "chown"), reason="files have no owner here")

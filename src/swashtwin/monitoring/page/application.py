@@ -8,16 +8,15 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.responses import JSONResponse, Response
+from starlette.staticfiles import StaticFiles
 
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History, HistoryError
 from swashtwin.monitoring.page.routes.actions import action_routes, visit_routes
 from swashtwin.monitoring.page.routes.api import change_routes, machine_answers, record_answers
-from swashtwin.monitoring.page.routes.live import live_routes
 from swashtwin.monitoring.page.routes.metrics import metric_routes
 from swashtwin.monitoring.page.routes.pages import page_routes
-from swashtwin.monitoring.page.routes.static_files import static_routes
 from swashtwin.monitoring.page.routes.uploads import upload_routes
 from swashtwin.monitoring.page.security.access import Access
 from swashtwin.monitoring.page.security.guard import Guard
@@ -65,8 +64,6 @@ def build_app(
         page_routes(site),
         action_routes(site),
         visit_routes(site),
-        live_routes(site, access),
-        static_routes(),
         metric_routes(site),
         upload_routes(site),
         machine_answers(site),
@@ -74,6 +71,8 @@ def build_app(
         change_routes(site),
     ):
         application.include_router(routes)
+    for path, package, folder in (("/static/plotly", "plotly", "package_data"), ("/static", __package__, "static")):
+        application.mount(path, StaticFiles(packages=[(package, folder)]))
     _answer_errors(application, site)
     return application
 

@@ -33,13 +33,9 @@ _SCHEMA = {
                     },
                 }
             },
-            "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
         },
     },
-    "parameters": [
-        {"name": "x-file-name", "in": "header", "schema": {"type": "string"}, "description": "of a body without form"},
-        *({"name": name, "in": "query", "schema": {"type": "string"}} for name in ("machine", *FACTS)),
-    ],
+    "parameters": [{"name": name, "in": "query", "schema": {"type": "string"}} for name in ("machine", *FACTS)],
 }
 
 
@@ -51,7 +47,7 @@ def upload_routes(site: Site) -> APIRouter:
 
     @routes.post(UPLOAD_PATH, status_code=202, openapi_extra=_SCHEMA)
     async def upload_recording(request: Request) -> dict[str, str]:
-        """Take a recording: a form with `file`, or the file as the body with its name in `X-File-Name`.
+        """Take a recording: a form with `file`, and what is known of it.
 
         It is answered once the recording cannot be lost any more; the verdict follows in the history.
         """
@@ -70,10 +66,7 @@ async def _take(site: Site, request: Request) -> str:
     path = _folder(site) / secrets.token_hex(16)
     try:
         await asyncio.to_thread(path.parent.mkdir, parents=True, exist_ok=True)
-        if request.headers.get("content-type", "").startswith("multipart/form-data"):
-            name, stated = await _write_form(request, path)
-        else:
-            name, stated = await _write_body(request, path)
+        name, stated = await _write_form(request, path)
         stated = [*request.query_params.multi_items(), *stated]
         facts = dict(stated)
         if len(facts) < len(stated):
@@ -94,17 +87,6 @@ async def _take(site: Site, request: Request) -> str:
 
 def _folder(site: Site) -> Path:
     return site.config.folder / "uploads"
-
-
-async def _write_body(request: Request, path: Path) -> tuple[str, list[tuple[str, str]]]:
-    size = 0
-    with path.open("xb") as file:
-        async for piece in request.stream():
-            size += len(piece)
-            await asyncio.to_thread(file.write, piece)
-    if size == 0:
-        raise HTTPException(422, "The body is empty.")
-    return request.headers.get("x-file-name", ""), []
 
 
 async def _write_form(request: Request, path: Path) -> tuple[str, list[tuple[str, str]]]:

@@ -68,6 +68,7 @@ class Guard:
                 await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
+        path: str = scope["path"]
         has_answer = False
 
         async def send_with_headers(message: Message) -> None:
@@ -77,10 +78,10 @@ class Guard:
                 sent = MutableHeaders(scope=message)
                 for name, value in _HEADERS.items():
                     sent[name] = value
-                sent.setdefault("cache-control", "no-store")
+                sent["cache-control"] = "public, max-age=3600" if path.startswith("/static/") else "no-store"
             await send(message)
 
-        limit = MOST_UPLOAD_BYTES if scope["path"] == UPLOAD_PATH else MOST_FORM_BYTES
+        limit = MOST_UPLOAD_BYTES if path == UPLOAD_PATH else MOST_FORM_BYTES
         answer = self._refusal(scope, headers, limit)
         if answer is None:
             try:
@@ -118,7 +119,7 @@ class Guard:
         path: str = scope["path"]
         if visitor is not None or path in ("/login", "/health") or path.startswith("/static/"):
             return None
-        if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics", "/live", "/charts/")):
+        if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics", "/charts/")):
             query = scope["query_string"].decode("latin-1")
             return RedirectResponse(f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303)
         return _refused(401, "Log in, or send a token: Authorization: Bearer TOKEN.", {"www-authenticate": "Bearer"})

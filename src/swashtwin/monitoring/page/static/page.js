@@ -117,49 +117,28 @@ async function refresh() {
   drawAll();
 }
 
-let isRefreshing = false;
-let isOutdated = false;
-
 async function follow() {
-  isOutdated = true;
-  if (isRefreshing) return;
-  isRefreshing = true;
-  while (isOutdated) {
-    isOutdated = false;
-    await refresh().catch(() => {});
-    await new Promise((done) => setTimeout(done, 1000)); // at most once a second
-  }
-  isRefreshing = false;
-}
-
-function listen() {
+  // asks for the history's number, and loads the regions anew when it has changed
   const light = document.getElementById("live");
   if (!light) return;
-  const show = (isOn) => {
-    light.className = `live ${isOn ? "on" : "off"}`;
-    const text = isOn ? document.body.dataset.connected : document.body.dataset.lost;
+  let last = null;
+  while (true) {
+    const answer = await fetch("/api/sequence").catch(() => null);
+    if (answer?.status === 401) return location.reload(); // the login ended
+    light.className = `live ${answer?.ok ? "on" : "off"}`;
+    const text = answer?.ok ? document.body.dataset.connected : document.body.dataset.lost;
     if (light.textContent !== text) light.textContent = text;
-  };
-  let isFirst = true;
-  const source = new EventSource("/live");
-  source.addEventListener("change", () => {
-    show(true);
-    if (!isFirst) follow();
-    isFirst = false;
-  });
-  source.addEventListener("error", () => {
-    show(false);
-    if (source.readyState === EventSource.CLOSED) setTimeout(listen, 5000);
-  });
-  addEventListener("pagehide", () => source.close(), { once: true });
+    if (answer?.ok) {
+      const number = await answer.text();
+      const isShown = last === null || number === last || (await refresh().then(() => true, () => false));
+      if (isShown) last = number;
+    }
+    await new Promise((done) => setTimeout(done, document.hidden ? 10000 : 1000));
+  }
 }
-
-addEventListener("pageshow", (event) => {
-  if (event.persisted) listen(); // back from the browser's memory
-});
 
 for (const region of document.querySelectorAll("[data-region]")) region.dataset.source = region.innerHTML;
 showTimes(document);
 drawAll();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
-listen();
+follow();

@@ -1,0 +1,194 @@
+"""A model of the watch: deliveries, acknowledgments, silences, maintenance and restarts in any order.
+
+The model knows what must hold of alarms and messages. The rule of alarms itself is replaced by one that says what the
+recording says, so that an alarm takes no forty recordings.
+"""
+
+import shutil
+import tempfile
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings, strategies
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+from watched_pumps import watch_config
+
+from swashtwin.foundation import InputError
+from swashtwin.monitoring import History, record_event
+from swashtwin.monitoring.alarms import Condition, PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.service import judging
+from swashtwin.monitoring.sources import Contents, Delivery, Spool
+from swashtwin.recordings import Recording
+
+START = datetime.now(UTC) - timedelta(days=30)
+
+
+def judge(monitor: PointMonitor, recording: Recording, state: PointState | None, *, point: str) -> PointJudgment:
+    """An alarm whose only evidence is the first sample: large or not."""
+    condition = Condition(**state.test) if state is not None else Condition()
+    is_large = bool(recording.signal[0, 0] > 0)
+    after, change = condition.after(is_large)
+    test = {"is_active": after.is_active, "recent": list(after.recent), "quiet": after.quiet}
+    return PointJudgment(
+        "watching", 1, PointState({}, test), is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0
+    )
+
+
+class WatchModel(RuleBasedStateMachine):
+    """The watch of one machine, and what it must have done."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = Path(tempfile.mkdtemp())
+        self.config = watch_config(self.folder, '[[channel]]\nkind = "log"')
+        self.patches = [
+            patch.object(PointMonitor, "judge", judge),
+            patch.object(judging, "read_contents", self._read),
+        ]
+        for item in self.patches:
+            item.start()
+        self.count = 0
+        self.filed: list[str] = []
+        self.rejected: set[str] = set()
+        self.condition = Condition()
+        self.alarm: str | None = None  # open, acknowledged, or None
+        self.is_cleared = False
+        self.opened = 0
+        self.is_silenced = False
+
+    @initialize()
+    def start(self) -> None:
+        """Start the watch."""
+        self.history = History.open("", self.config.folder, self.config.retention)
+        self.spool = Spool(self.config.folder / "spool")
+        self.pipeline = judging.Pipeline(self.config, self.history)
+
+    def _read(self, file: object, machine: object, tags: object) -> Contents:
+        number, value = file.path.read_text().split()
+        recording = Recording(np.full((1, 8), float(value)), 100.0, number, channels=("x",))
+        return Contents(recording, START + timedelta(hours=int(number)), number, ())
+
+    def _deliver(self, text: str) -> None:
+        self.spool.add(Delivery("inbox", "a.wav", datetime.now(UTC), "pump-1"), text.encode())
+
+    @rule(is_large=strategies.booleans(), is_killed=strategies.booleans())
+    def judge_next(self, is_large: bool, is_killed: bool) -> None:
+        """A recording comes and is judged; a kill may come before it leaves the spool."""
+        self.count += 1
+        self._deliver(f"{self.count} {int(is_large)}")
+        file = self.spool.next(0)
+        self.pipeline.judge(file)
+        self.filed.append(str(self.count))
+        self.condition, change = self.condition.after(is_large)
+        if change == "raised":
+            self.opened += self.alarm is None
+            self.alarm, self.is_cleared = self.alarm or "open", False
+        elif change == "cleared":
+            self.is_cleared = self.alarm == "open"
+            self.alarm = "open" if self.is_cleared else None
+        if is_killed:
+            self.restart()
+            assert self.pipeline.judge(self.spool.next(0)).sentence == "was judged before the restart"
+        self.spool.remove(file)
+
+    @precondition(lambda self: self.count)
+    @rule()
+    def deliver_again(self) -> None:
+        """The newest recording comes a second time."""
+        self._deliver(f"{self.count} 1")
+        file = self.spool.next(0)
+        assert self.pipeline.judge(file).state == "rejected"
+        self.spool.remove(file)
+        self.rejected.add("double")
+
+    @rule()
+    def restart(self) -> None:
+        """The watch ends and starts."""
+        self.history.close()
+        self.start()
+
+    @rule()
+    def acknowledge(self) -> None:
+        """Somebody acknowledges the alarm, if there is an open one."""
+        alarms = self.history.read.alarms(state="open")
+        assert len(alarms) == (self.alarm == "open")
+        for alarm in alarms:
+            with self.history.machine("pump-1") as machine:
+                machine.acknowledge(alarm.id, "Ada", "seen")
+            self.alarm = None if self.is_cleared else "acknowledged"
+            self.is_cleared = False
+            try:
+                with self.history.machine("pump-1") as machine:
+                    machine.acknowledge(alarm.id, "Bob")
+            except InputError:
+                continue
+            raise AssertionError("an alarm was acknowledged twice")
+
+    @rule(is_on=strategies.booleans())
+    def silence(self, is_on: bool) -> None:
+        """A silence begins or ends."""
+        with self.history.machine("pump-1") as machine:
+            machine.end_silence()
+            if is_on:
+                machine.silence(datetime.now(UTC) + timedelta(hours=1), "Ada")
+        self.is_silenced = is_on
+
+    @rule()
+    def maintain(self) -> None:
+        """After maintenance everything begins anew."""
+        record_event(self.config, self.history, "pump-1", who="Ada", note="", maintenance=True)
+        self.condition, self.alarm, self.is_cleared = Condition(), None, False
+
+    @invariant()
+    def holds(self) -> None:
+        """Nothing is lost or there twice, and alarms and messages are those of the model."""
+        if not hasattr(self, "history"):
+            return
+        read = self.history.read
+        assert sorted(item.content for item in read.recordings(limit=1000)) == sorted(self.filed)
+        assert {item.reason for item in read.rejections()} == self.rejected
+        alarms = read.alarms(limit=1000)
+        assert len(alarms) == self.opened
+        assert [item.state for item in alarms if item.state != "closed"] == ([self.alarm] if self.alarm else [])
+        assert all(item.who == "Ada" for item in alarms if item.state != "open")
+        with self.history.machine("pump-1") as machine:
+            untold = [item for item in machine.untold_alarms() if item.cleared is None]
+        assert not untold or self.is_silenced or self.count == 0 or not self.told_since_silence()
+        assert len(self.spool) == 0
+
+    def told_since_silence(self) -> bool:
+        """Whether a recording was judged after the last silence, which posts what was raised in it."""
+        newest = self.history.read.recordings(limit=1)
+        with self.history.machine("pump-1") as machine:
+            return not newest or not machine.silenced(newest[0].received)
+
+    def teardown(self) -> None:
+        """Remove the folder."""
+        for item in self.patches:
+            item.stop()
+        if hasattr(self, "history"):
+            self.history.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+_CHECKS = list(HealthCheck)
+WatchModel.TestCase.settings = settings(
+    max_examples=3, stateful_step_count=12, deadline=None, suppress_health_check=_CHECKS
+)
+TestWatch = WatchModel.TestCase
+
+
+@pytest.mark.nightly
+def test_long_courses() -> None:
+    course = settings(max_examples=30, stateful_step_count=40, deadline=None, suppress_health_check=_CHECKS)
+    run_state_machine_as_test(WatchModel, settings=course)

@@ -10,9 +10,7 @@ from .paper.page import write_paper_page as write_paper_page
 from .paper.running import EXPERIMENTS as EXPERIMENTS
 from .paper.running import run_paper as run_paper
 from .public.bearing_life import run_bearing_life as run_bearing_life
-from .public.default_training import run_public_default as run_public_default
 from .public.readers.registry import read_public_set as read_public_set
-from .public.scarce import run_scarce as run_scarce
 from .public.study import run_public as run_public
 from .questions.alarms import AlarmStudySettings as AlarmStudySettings
 from .questions.alarms import run_alarms as run_alarms
@@ -80,8 +78,6 @@ __all__ = [
     "run_paper",
     "run_plan",
     "run_public",
-    "run_public_default",
-    "run_scarce",
     "run_severity",
     "run_study",
     "run_wrong_twins",

@@ -16,8 +16,6 @@ BENCH: Mapping[str, Callable[..., None]] = {
     "confidence": questions.confidence,
     "public": questions.public,
     "run-to-failure": questions.run_to_failure,
-    "public-default": questions.public_default,
-    "scarce": questions.scarce,
     "severity": questions.severity,
     "wrong-twins": calibrating.wrong_twins,
     "zero-shot": questions.zero_shot,

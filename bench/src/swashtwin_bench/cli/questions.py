@@ -182,32 +182,6 @@ def zero_shot(
 
 def public(
     data: PublicData,
-    seeds: Seeds = "0,1,2,3,4",
-    public_sets: Annotated[
-        str | None, typer.Option(help='Names of the sets: "cwru,pump_cavitation"; all that are there by default.')
-    ] = None,
-    out: ReportFolder = None,
-    jobs: Jobs = 2,
-    as_json: Json = False,
-) -> None:
-    """Public sets of real recordings: the score on an honest split beside the one on a random split."""
-    from swashtwin_bench import run_public
-
-    numbers = read_seeds(seeds)
-    with progress("public sets") as bar:
-        study = run_public(
-            data,
-            seeds=numbers,
-            jobs=jobs,
-            sets=read_words(public_sets),
-            progress=lambda step, count, total: bar(count, total, step),
-            command=typed_command(),
-        )
-    tell_study(study, out, as_json)
-
-
-def public_default(
-    data: PublicData,
     seeds: Seeds = "0",
     classifiers: Annotated[
         str,
@@ -221,12 +195,12 @@ def public_default(
     as_json: Json = False,
 ) -> None:
     """Public sets on honest splits by the ordinary training: nothing is set but the recordings and the seed."""
-    from swashtwin_bench import run_public_default
+    from swashtwin_bench import run_public
 
     numbers = read_seeds(seeds)
     hint = "finished trainings are kept; the same command resumes" if out else "with --out, they would be kept"
     with resumable(hint), progress("training on public sets") as bar:
-        study = run_public_default(
+        study = run_public(
             data,
             seeds=numbers,
             classifiers=read_words(classifiers),
@@ -236,22 +210,4 @@ def public_default(
             progress=lambda step, count, total: bar(count, total, step),
             command=typed_command(),
         )
-    tell_study(study, None if out is None else out / "public-default", as_json)
-
-
-def scarce(
-    data: PublicData, seeds: Seeds = "0,1,2,3,4", out: ReportFolder = None, jobs: Jobs = 2, as_json: Json = False
-) -> None:
-    """A scarce cell of a real pump's recordings: filled from data alone, and left as it is."""
-    from swashtwin_bench import run_scarce
-
-    numbers = read_seeds(seeds)
-    with progress("scarce cells") as bar:
-        study = run_scarce(
-            data,
-            seeds=numbers,
-            jobs=jobs,
-            progress=lambda step, count, total: bar(count, total, step),
-            command=typed_command(),
-        )
-    tell_study(study, out, as_json)
+    tell_study(study, None if out is None else out / "public", as_json)

@@ -64,10 +64,6 @@ def test_the_file_says_where_recordings_of_no_machine_come_from(
     calibration = calibrate(twin, [rig], method=GaussNewton(starts=1), **SIX_VALUES)
     path = calibration.save(tmp_path / "calibration.json")
     assert load_calibration(path).origin == "swashtwin virtual rig, version 1"
-    table = json.loads(path.read_text())
-    del table["origin"]
-    path.write_text(json.dumps(table))
-    assert load_calibration(path).origin == ""
 
 
 def test_calibrating_raises_the_correlation_of_the_levels(calibration: Calibration) -> None:
@@ -90,7 +86,7 @@ def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> 
 def test_a_file_of_an_earlier_format_is_refused_with_both_formats(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "old.json"
     path.write_text(json.dumps({**calibration.to_dict(), "format": "swashtwin calibration 2"}))
-    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 6'"):
+    with pytest.raises(ArtifactError, match=r"format is 'swashtwin calibration 2'.* reads 'swashtwin calibration 7'"):
         load_calibration(path)
 
 

@@ -27,6 +27,8 @@ from .procedure import build_objective as build_objective
 from .procedure import calibrate as calibrate
 from .result import Calibration as Calibration
 from .result import load_calibration as load_calibration
+from .result import twin_from_dict as twin_from_dict
+from .result import twin_to_dict as twin_to_dict
 from .severity.dimensions import Dimension as Dimension
 from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
@@ -35,8 +37,6 @@ from .severity.severity import Severity as Severity
 from .severity.severity import SeveritySettings as SeveritySettings
 from .severity.severity import SeverityTrend as SeverityTrend
 from .severity.severity_search import estimate_severity as estimate_severity
-from .twin_table import twin_from_dict as twin_from_dict
-from .twin_table import twin_to_dict as twin_to_dict
 from .uncertainty.identifiability_report import IdentifiabilityReport as IdentifiabilityReport
 from .uncertainty.identifiability_report import identifiability as identifiability
 from .uncertainty.posterior import QUANTILE as QUANTILE

@@ -13,10 +13,9 @@ intervals, the sum of ln(greatest / least), because narrow intervals of single v
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import torch
@@ -53,12 +52,12 @@ class CandidateRecording:
     discharge_pressure: float
     """Absolute discharge pressure [Pa]."""
     duration: float
-    """Length [s]; NaN where it is that of a recording of the calibration, whose file does not state it."""
+    """Length [s]."""
     channels: tuple[str, ...]
     """Sensors."""
     total_width: float
     """Expected sum over the six values of ln(greatest / least) of the 90 % interval."""
-    narrower: tuple[tuple[str, float], ...]
+    narrower: Mapping[str, float]
     """By what factor each value's ln interval is expected to shrink, by letter."""
 
 
@@ -70,19 +69,6 @@ class RecordingPlan:
     """Present sum over the six values of ln(greatest / least) of the 90 % interval."""
     candidates: tuple[CandidateRecording, ...]
     """Candidates, the one with the least expected width first."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it."""
-        rows = [
-            {
-                **asdict(item),
-                "duration": None if math.isnan(item.duration) else item.duration,
-                "channels": list(item.channels),
-                "narrower": dict(item.narrower),
-            }
-            for item in self.candidates
-        ]
-        return {"total_width": self.total_width, "candidates": rows}
 
 
 def total_width(estimates: Sequence[Estimate]) -> float:
@@ -114,8 +100,8 @@ def plan_recording(
     Raises
     ------
     InputError
-        A sensor that the pump does not have, no candidate or none of 16 revolutions, a speed at which no line lies in
-        the band, or durations for a calibration whose file states none.
+        A sensor that the pump does not have, no candidate or none of 16 revolutions, or a speed at which no line lies
+        in the band.
     """
     sets = _sensor_sets(calibration, sensors)
     forecast = _Forecast(calibration, sets)
@@ -132,15 +118,10 @@ def plan_recording(
         raise InputError(
             f"lengths of recordings ({', '.join(f'{length:g} s' for length in lengths)}) must be positive."
         )
-    if durations is not None and not forecast.has_durations:
-        raise InputError(
-            "the calibration's file does not state how long its recordings were, as it is of an older version: "
-            "calibrate again, or name no lengths."
-        )
     choices = [
         choice
         for choice in product(conditions, lengths, sets)
-        if choice[1] * choice[0].shaft_frequency >= LEAST_REVOLUTIONS or not forecast.has_durations
+        if choice[1] * choice[0].shaft_frequency >= LEAST_REVOLUTIONS
     ]
     if not choices:
         raise InputError(f"each of these recordings is shorter than {LEAST_REVOLUTIONS} revolutions: record longer.")
@@ -181,10 +162,10 @@ def _candidate(
     return CandidateRecording(
         speed=condition.speed,
         discharge_pressure=condition.discharge_pressure,
-        duration=duration if forecast.has_durations else math.nan,
+        duration=duration,
         channels=channels,
         total_width=total_width(estimates),
-        narrower=tuple((old.letter, total_width([old]) / total_width([new])) for old, new in pairs),
+        narrower={old.letter: total_width([old]) / total_width([new]) for old, new in pairs},
     )
 
 
@@ -220,7 +201,6 @@ class _Forecast:
         nominal = np.array([estimate.nominal for estimate in calibration.estimates])
         self.calibration, self.space = calibration, SearchSpace(nominal, *bounds.T)
         self.unknowns, self.point, self.channels = posterior.unknowns, posterior.point, posterior.channels
-        self.has_durations = all(fit.duration is not None for fit in fits)
         self.present = [
             _Part(
                 fit.condition, fit.spectra.channels, fit.spectra.orders, fit.spectra.deviation, len(fit.recording_ids)
@@ -229,7 +209,7 @@ class _Forecast:
         ]
         self._twins: dict[OperatingCondition, Twin] = {}
         self._linear: dict[tuple[OperatingCondition, tuple[str, ...]], Linearization] = {}
-        seconds = [float(len(fit.recording_ids)) if fit.duration is None else fit.duration for fit in fits]
+        seconds = [fit.duration for fit in fits]
         self.mean_duration = sum(seconds) / len(calibration.recording_ids)
         self._density = {name: self._noise_density(name, seconds) for name in posterior.channels}
         measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]

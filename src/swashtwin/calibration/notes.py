@@ -15,6 +15,8 @@ from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, misfit
 
 FAR = 2.0
 """A constant that ends so many deviations of its prior from what was stated is named beside a misfit."""
+LARGE = 1.0
+"""Misfit, in what noise and model error make expected, above which simple mistakes are sought that would explain it."""
 _UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
 
 
@@ -23,7 +25,8 @@ def notes_of(
 ) -> tuple[str, ...]:
     """Notes of a search and what came of it; with `explain_misfit` also mistakes that would explain its misfit."""
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
-    doubts = [*_units(objective), *_bounds(objective, search, estimates), *_misfit(objective, search, explain_misfit)]
+    doubts = [*_units(objective), *_bounds(objective, search, estimates)]
+    doubts += _misfit(objective, search, explain_misfit, is_strained=bool(doubts))
     if doubts:
         notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
@@ -61,10 +64,10 @@ def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...
         yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"
 
 
-def _misfit(objective: Objective, search: Search, explain: bool) -> Iterator[str]:
-    """The misfit, and its likelier causes by evidence."""
+def _misfit(objective: Objective, search: Search, explain: bool, is_strained: bool) -> Iterator[str]:
+    """The misfit, and where it is large or the fit is strained its likelier causes by evidence."""
     misfit = misfit_of(objective, search.point)
-    hypotheses = misfit_hypotheses(objective, misfit) if explain else ()
+    hypotheses = misfit_hypotheses(objective, misfit) if explain and (misfit > LARGE or is_strained) else ()
     if misfit > MISFIT:
         lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
         yield (

@@ -66,9 +66,9 @@ def calibrate(
         excitation, sensors with cross-talk, and two modes of the housing. ``Nuisances()`` is none, as in the paper.
     phases : compare the lines' phases too, which makes the values more certain (docs/explanation/calibration.md). The
         shaft's angle is then followed on the recording itself. The paper compares amplitudes only.
-    explain_misfit : where the calibrated lines miss the measured ones, calibrate again as if each of a few simple
-        mistakes (two channels swapped, another unit) had been made, and note those that explain it. These notes take
-        about two thirds of the time with `GaussNewton` and one start; values and intervals do not depend on them.
+    explain_misfit : where the calibrated lines miss the measured ones by more than expected, or a bound or a prior
+        strains the fit, calibrate again as if each of a few simple mistakes (two channels swapped, another unit) had
+        been made, and note those that explain it. Values and intervals do not depend on these notes.
     progress : called with (steps done, steps in all, loss).
 
     Raises

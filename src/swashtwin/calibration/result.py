@@ -7,18 +7,24 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from swashtwin.calibration.methods.search import History
-from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, Spectra, Waveforms, mean_agreement
-from swashtwin.calibration.twin_table import twin_from_dict, twin_to_dict
+from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
-from swashtwin.foundation import ArtifactError, MissingFileError, parse_json, plural, read_text, write_text
+from swashtwin.foundation import (
+    ArtifactError,
+    MissingFileError,
+    from_table,
+    parse_json,
+    plural,
+    read_text,
+    to_table,
+    write_text,
+)
 from swashtwin.physics import Twin
-from swashtwin.pump import PARAMETERS, OperatingCondition
-from swashtwin.recordings import Manifest, join_manifests
+from swashtwin.pump import PARAMETERS, fault_type
+from swashtwin.recordings import Manifest
 
-FORMAT = "swashtwin calibration 6"
+FORMAT = "swashtwin calibration 7"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,27 +95,9 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it; `load_calibration` reads it back."""
-        return {
-            "format": FORMAT,
-            "version": self.version,
-            "method": self.method,
-            "settings": dict(self.settings),
-            "twin": twin_to_dict(self.twin),
-            "nominal": twin_to_dict(self.nominal),
-            "estimates": [asdict(estimate) for estimate in self.estimates],
-            "posterior": self.posterior.to_dict(),
-            "fit_before": asdict(self.fit_before),
-            "fit_after": asdict(self.fit_after),
-            "fits": [_fit(fit) for fit in self.fits],
-            "history": _arrays(self.history),
-            "recording_ids": list(self.recording_ids),
-            "recording_hashes": dict(self.recording_hashes),
-            "origin": self.origin,
-            "left_out": [list(pair) for pair in self.left_out],
-            "notes": list(self.notes),
-            "simulations": self.simulations,
-            "wall_s": self.wall_s,
-        }
+        twins = {"twin": twin_to_dict(self.twin), "nominal": twin_to_dict(self.nominal)}
+        means = {"fit_before": asdict(self.fit_before), "fit_after": asdict(self.fit_after)}
+        return {"format": FORMAT, **to_table(self), **twins, **means}
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the calibration was written to it as JSON."""
@@ -139,22 +127,6 @@ class Calibration:
         return write_text(Path(path), self.interfaces_toml())
 
 
-def _fit(fit: Fit) -> dict[str, Any]:
-    figures = {name: asdict(getattr(fit, name)) for name in ("condition", "before", "after")}
-    return {
-        "recording_ids": list(fit.recording_ids),
-        **figures,
-        "spectra": _arrays(fit.spectra),
-        "waveforms": _arrays(fit.waveforms),
-        "duration": fit.duration,
-    }
-
-
-def _arrays(record: Any) -> dict[str, Any]:
-    items = vars(record).items()
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in items}
-
-
 def load_calibration(path: Path | str) -> Calibration:
     """Calibration that `Calibration.save` wrote.
 
@@ -170,53 +142,31 @@ def load_calibration(path: Path | str) -> Calibration:
         raise MissingFileError(f"{path}: no such calibration.")
     try:
         table = parse_json(read_text(path))
-        if (saved := table["format"]) == FORMAT:
-            return _calibration_from(table)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, RecursionError) as cause:
+        saved = table["format"] if isinstance(table, dict) else None
+        if saved == FORMAT:
+            twins = {name: twin_from_dict(table.pop(name)) for name in ("twin", "nominal")}
+            return from_table({**table, **twins}, Calibration)
+    except (KeyError, TypeError, ValueError, RecursionError) as cause:
         raise ArtifactError(f"{path}: not a calibration, or a damaged one: {str(cause)[:300]}.") from cause
     raise ArtifactError(f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again.")
 
 
-def _calibration_from(table: dict[str, Any]) -> Calibration:
-    history = {**table["history"]}
-    best = int(history.pop("best"))
-    return Calibration(
-        twin=twin_from_dict(table["twin"]),
-        nominal=twin_from_dict(table["nominal"]),
-        estimates=tuple(_estimate_from(entry) for entry in table["estimates"]),
-        posterior=Posterior.from_dict(table["posterior"]),
-        fits=tuple(_fit_from(entry) for entry in table["fits"]),
-        history=History(best=best, **{name: np.array(value, dtype=float) for name, value in history.items()}),
-        recording_ids=tuple(table["recording_ids"]),
-        recording_hashes=join_manifests([table["recording_hashes"]]),
-        left_out=tuple((name, reason) for name, reason in table["left_out"]),
-        notes=tuple(table["notes"]),
-        method=table["method"],
-        settings=table["settings"],
-        simulations=table["simulations"],
-        wall_s=table["wall_s"],
-        version=table["version"],
-        origin=str(table.get("origin", "")),  # calibrations saved before they kept it have none
-    )
+def twin_to_dict(twin: Twin) -> dict[str, Any]:
+    """Everything that makes the twin, the pump included, as JSON can hold it; its fault with its kind."""
+    table: dict[str, Any] = to_table(twin)
+    if twin.fault is not None:
+        table["fault"] = {"kind": type(twin.fault).__name__, **table["fault"]}
+    return table
 
 
-def _fit_from(table: dict[str, Any]) -> Fit:
-    spectra = table["spectra"]
-    return Fit(
-        condition=OperatingCondition(**table["condition"]),
-        recording_ids=tuple(table["recording_ids"]),
-        before=Agreement(**table["before"]),
-        after=Agreement(**table["after"]),
-        spectra=Spectra(
-            channels=tuple(spectra["channels"]),
-            orders=np.array(spectra["orders"], dtype=int),
-            **{n: np.array(v, dtype=float) for n, v in spectra.items() if n not in ("channels", "orders")},
-        ),
-        waveforms=Waveforms(**{name: np.array(value, dtype=float) for name, value in table["waveforms"].items()}),
-        duration=table.get("duration"),  # calibrations saved before recordings were planned have none
-    )
+def twin_from_dict(table: dict[str, Any]) -> Twin:
+    """Twin that `twin_to_dict` wrote.
 
-
-def _estimate_from(table: dict[str, Any]) -> Estimate:
-    pairs = {name: tuple(table[name]) for name in ("interval", "bounds")}
-    return Estimate(**{**table, **pairs})
+    Raises
+    ------
+    InputError
+        Something is missing or of another form.
+    """
+    fault = table["fault"]
+    twin = from_table({**table, "fault": None}, Twin)
+    return twin if fault is None else twin.with_fault(from_table(fault, fault_type(fault["kind"])))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,7 +63,7 @@ def plan_next(
     calibrated = load_calibration(calibration)
     with progress("expected widths"):
         plan = plan_recording(calibrated, speeds=speed, pressures=pressure, durations=length, sensors=sets)
-    tell({"calibration": calibration, **plan.to_dict()}, as_json, lambda: _show_plan(plan))
+    tell({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
 
 
 def _quantities(text: str | None, unit: str, option: str) -> list[float] | None:
@@ -77,12 +78,12 @@ _SHOWN = 10
 def _show_plan(plan: "RecordingPlan") -> None:
     rows = []
     for item in plan.candidates[:_SHOWN]:
-        letter, factor = max(item.narrower, key=lambda pair: pair[1])
+        letter, factor = max(item.narrower.items(), key=lambda pair: pair[1])
         rows.append(
             (
                 f"{item.speed * 30 / math.pi:.0f} rpm",
                 f"{item.discharge_pressure / 1e6:.3g} MPa",
-                "as before" if math.isnan(item.duration) else f"{item.duration:.3g} s",
+                f"{item.duration:.3g} s",
                 ", ".join(item.channels),
                 f"{item.total_width:.2f}",
                 f"{1 - item.total_width / plan.total_width:.1%}",

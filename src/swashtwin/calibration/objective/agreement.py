@@ -109,8 +109,8 @@ class Fit:
     """Lines before and after."""
     waveforms: Waveforms
     """One revolution before and after."""
-    duration: float | None
-    """Length of the recordings together [s]; None in files that do not state it."""
+    duration: float
+    """Length of the recordings together [s]."""
 
 
 def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:

@@ -3,8 +3,7 @@
 Tried are two channels with each other's name, the other topology, other pressures, one channel read in another unit,
 each direction of the mounting, each bearing, and each constant, searched from several places. A mistake is suspected
 where the misfit then falls to `EXPLAINED` of what it was, which a number more does not do where it explains nothing,
-and where the fall is beyond chance (`BEYOND_CHANCE`): so a misfit within the model error that is allowed to every twin
-is explained too, if a single mistake explains it. Only mistakes of this list can be named; a twin that is wrong in
+and where the fall is beyond chance (`BEYOND_CHANCE`). Only mistakes of this list can be named; a twin that is wrong in
 another way (the timing of the ports, the place of a defect) shows in the misfit only, or not at all.
 """
 

@@ -1,9 +1,8 @@
 """What is known after a calibration: the posterior, and an estimate of each value with interval and verdict."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import scipy.optimize
@@ -232,30 +231,3 @@ class Posterior:
     def twins(self, twin: Twin, count: int, seed: int) -> list[Twin]:
         """`twin` with the coordinates of each of `count` draws."""
         return [self.twin_at(twin, point) for point in self.draws(count, seed)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it."""
-        unknowns = {name: _plain(value) for name, value in vars(self.unknowns).items()}
-        table = {name: _plain(getattr(self, name)) for name in ("channels", "point", "covariance")}
-        return {"unknowns": unknowns, **table}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> "Posterior":
-        """What `to_dict` wrote."""
-        unknowns = {item.name: _back(table["unknowns"][item.name]) for item in fields(Unknowns)}
-        return cls(
-            unknowns=Unknowns(**unknowns),
-            channels=tuple(table["channels"]),
-            point=np.array(table["point"], dtype=float),
-            covariance=np.array(table["covariance"], dtype=float),
-        )
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else list(value) if isinstance(value, tuple) else value
-
-
-def _back(value: Any) -> Any:
-    if not isinstance(value, list):
-        return value
-    return tuple(value) if all(isinstance(item, str) for item in value) else np.array(value, dtype=float)

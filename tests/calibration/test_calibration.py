@@ -209,20 +209,6 @@ def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, tmp_pa
     assert [file.name for file in tmp_path.iterdir()] == ["calibration.json"]
 
 
-def test_a_calibration_saved_before_priors_and_gradients_were_kept_is_read(
-    calibration: Calibration, tmp_path: Path
-) -> None:
-    assert len(calibration.history.gradient_norm) == len(calibration.history.loss)
-    table = calibration.to_dict()
-    for name in ("prior_loss", "gradient_norm"):
-        del table["history"][name]
-    path = tmp_path / "old.json"
-    path.write_text(json.dumps(table))
-    history = load_calibration(path).history
-    np.testing.assert_array_equal(history.loss, history.spectrum_loss)
-    assert load_calibration(replace(calibration, history=history).save(path)).history.gradient_norm.size == 0
-
-
 def test_a_damaged_calibration_is_refused(calibration: Calibration, tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="no such calibration"):
         load_calibration(tmp_path / "none.json")

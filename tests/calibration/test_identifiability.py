@@ -15,6 +15,7 @@ from swashtwin.calibration import (
     Objective,
     calibrate,
     identifiability,
+    load_calibration,
     measure,
     objective_of,
     profile,
@@ -25,9 +26,10 @@ from swashtwin.calibration.uncertainty.discrepancy import (
     linearize,
     noise_covariance,
 )
+from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import InputError, mm, stream
+from swashtwin.foundation import DataError, InputError, mm, stream
 from swashtwin.physics import Scales, SensorPath, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.report import write_report
@@ -107,9 +109,9 @@ def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
     objective: Objective, point: np.ndarray, thick: Twin
 ) -> None:
     assert thick.values[0] <= 1e5
-    thin = identifiability(objective, point)
+    thin = identifiability_at(objective, point)
     other = objective_for(thick, thick)
-    wide = identifiability(other, solution(other))
+    wide = identifiability_at(other, solution(other))
     assert thin.estimates[1].verdict == "not identified"
     assert thin.standing[1] in ("dead", "flat")
     assert wide.estimates[1].verdict == wide.standing[1] == "identified"
@@ -129,7 +131,7 @@ def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
 
 
 def test_a_wrong_mounting_is_named_with_its_size(off_mount: Objective) -> None:
-    report = identifiability(off_mount, solution(off_mount))
+    report = identifiability_at(off_mount, solution(off_mount))
     assert dict(report.discrepancy.constants)["mount"] == pytest.approx(0.18, abs=0.08)
     assert any("the mount may be off by" in sentence for sentence in report.words)
 
@@ -243,7 +245,7 @@ def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.nd
 
 
 def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:
-    report = identifiability(objective, point)
+    report = identifiability_at(objective, point)
     assert report.directions[-1].words == "not determined: K_sw"
     assert [direction.share for direction in report.directions] == sorted(
         direction.share for direction in report.directions
@@ -257,14 +259,14 @@ def test_a_constant_without_effect_is_dead(twin: Twin) -> None:
     """A healthy pump has no excitation by a fault."""
     healthy = twin.with_fault(None)
     objective = objective_for(healthy, healthy, Nuisances.usual())
-    report = identifiability(objective, objective.unknowns.start)
+    report = identifiability_at(objective, objective.unknowns.start)
     assert dict(zip(report.names, report.standing, strict=True))["excitation"] == "dead"
 
 
 def test_what_was_learned_is_reported_with_figures_and_as_json(
     objective: Objective, point: np.ndarray, tmp_path: Path
 ) -> None:
-    report = identifiability(objective, point, with_profiles=True)
+    report = identifiability_at(objective, point, with_profiles=True)
     page = write_report(report, folder=tmp_path).read_text(encoding="utf-8")
     assert "not determined: K_sw" in page
     assert "K_sw: not identified, open on both sides" in page
@@ -285,3 +287,13 @@ def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that
     for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
         if estimate.verdict == "identified":
             assert estimate.interval[0] <= value <= estimate.interval[1]
+
+
+def test_a_saved_calibration_and_its_recordings_are_enough(twin: Twin, tmp_path: Path) -> None:
+    recordings = [twin.simulate(1.3, 6400.0, recording_id=name) for name in ("a", "b")]
+    calibration = calibrate(twin, recordings[:1], method=GaussNewton(starts=1), **SIX_VALUES)
+    again = load_calibration(calibration.save(tmp_path / "calibration.json"))
+    report = identifiability(again, recordings)
+    np.testing.assert_allclose(report.std, np.sqrt(np.diag(calibration.posterior.covariance)))
+    with pytest.raises(DataError, match="a is missing, on which the twin was calibrated"):
+        identifiability(again, recordings[1:])

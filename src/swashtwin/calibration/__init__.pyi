@@ -23,7 +23,6 @@ from .objective.spectrum_objective import objective_of as objective_of
 from .objective.unknowns import VALUES as VALUES
 from .objective.unknowns import Nuisances as Nuisances
 from .procedure import PAPER_CALIBRATION as PAPER_CALIBRATION
-from .procedure import build_objective as build_objective
 from .procedure import calibrate as calibrate
 from .result import Calibration as Calibration
 from .result import load_calibration as load_calibration
@@ -75,7 +74,6 @@ __all__ = [
     "Spectra",
     "agreement",
     "agreement_of_lines",
-    "build_objective",
     "calibrate",
     "estimate_severity",
     "identifiability",

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, SearchSpace, with_channel
+from swashtwin.calibration.objective.unknowns import VALUES, with_channel
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.discrepancy import (
     Linearization,
@@ -197,9 +197,7 @@ class _Forecast:
 
     def __init__(self, calibration: Calibration, sets: Sequence[tuple[str, ...]]) -> None:
         posterior, fits = calibration.posterior, calibration.fits
-        bounds = np.array([estimate.bounds for estimate in calibration.estimates])
-        nominal = np.array([estimate.nominal for estimate in calibration.estimates])
-        self.calibration, self.space = calibration, SearchSpace(nominal, *bounds.T)
+        self.calibration, self.space = calibration, calibration.space
         self.unknowns, self.point, self.channels = posterior.unknowns, posterior.point, posterior.channels
         self.present = [
             _Part(

@@ -84,15 +84,11 @@ def calibrate(
     method = GaussNewton() if method is None else method
     recordings = list(recordings)
     twins = starting_twins(pump, recordings, fault)
-    objective = build_objective(
-        twins,
-        recordings,
-        bounds=bounds,
-        band=band,
-        nuisances=nuisances,
-        lines=lines,
-        phases=phases,
-    )
+    search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
+    groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
+    band = DEFAULT_BAND if band is None else band
+    measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
+    objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
     objective, search = widening_search(objective, method, unstated(bounds), seed=seed, progress=progress)
     covariance = posterior_covariance(objective, search.point)
     estimates = estimates_of(objective, search.point, covariance)
@@ -119,27 +115,6 @@ def calibrate(
         version=VERSION,
         origin=facts_of(used).origin,
     )
-
-
-def build_objective(
-    pump: str | Pump | Twin | Sequence[Twin],
-    recordings: Iterable[Recording],
-    *,
-    fault: Fault | None = None,
-    bounds: Mapping[str, tuple[float, float]] | float | None = None,
-    band: tuple[float, float] | None = None,
-    nuisances: Nuisances = RECOMMENDED_NUISANCES,
-    lines: Lines = "piston",
-    phases: bool = True,
-) -> Objective:
-    """What `calibrate` minimizes, from the same arguments."""
-    recordings = list(recordings)
-    twins = starting_twins(pump, recordings, fault)
-    search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
-    band = DEFAULT_BAND if band is None else band
-    groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
-    measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
-    return objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
 
 
 def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recording]]:

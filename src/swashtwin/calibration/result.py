@@ -7,8 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
+from swashtwin.calibration.objective.unknowns import SearchSpace
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
 from swashtwin.foundation import (
     ArtifactError,
@@ -76,6 +79,12 @@ class Calibration:
     def estimate(self, name: str) -> Estimate:
         """Estimate of the parameter with that name or letter."""
         return next(estimate for estimate in self.estimates if name in (estimate.name, estimate.letter))
+
+    @property
+    def space(self) -> SearchSpace:
+        """Where the six values were searched."""
+        lower, upper = np.array([estimate.bounds for estimate in self.estimates]).T
+        return SearchSpace(np.array([estimate.nominal for estimate in self.estimates]), lower, upper)
 
     @property
     def fit_before(self) -> Agreement:

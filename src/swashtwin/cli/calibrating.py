@@ -49,7 +49,6 @@ if TYPE_CHECKING:
         Calibrator,
         Estimate,
         Nuisances,
-        Objective,
     )
     from swashtwin.physics import SteadySolver, Twin
     from swashtwin.pump import Pump
@@ -215,13 +214,6 @@ class _Job:
     seed: int
     out: Path
 
-    def objective(self, result: "Calibration | None" = None) -> "Objective":
-        """The objective of the search, within the bounds that it ended with where there is a `result`."""
-        from swashtwin.calibration import build_objective
-
-        bounds = {} if result is None else {"bounds": {each.letter: each.bounds for each in result.estimates}}
-        return build_objective(self.start, self.recordings, **{**self.options, **bounds})
-
     def search(self, method: "Calibrator") -> "Calibration":
         """Calibration by `method`."""
         from swashtwin.calibration import calibrate
@@ -240,7 +232,7 @@ class _Job:
         """Page of the calibration and of what the recordings can determine."""
         from swashtwin.calibration import identifiability
 
-        limits = identifiability(self.objective(result), result.posterior.point)
+        limits = identifiability(result, self.recordings)
         return write_page(target, result, limits, recordings=self.recordings, about={"Calibration": self.out})
 
 

@@ -7,8 +7,10 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.calibration.objective.measurement import measure
+from swashtwin.calibration.objective.spectrum_objective import Objective, comparison_of
 from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES, touched
+from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.discrepancy import (
     Discrepancy,
     Linearization,
@@ -24,7 +26,9 @@ from swashtwin.calibration.uncertainty.posterior import (
     sandwich,
 )
 from swashtwin.calibration.uncertainty.profiles import Profile, profiles
+from swashtwin.foundation import DataError
 from swashtwin.pump import PARAMETERS
+from swashtwin.recordings import Recording
 
 Standing = Literal["identified", "weak", "traded off", "flat", "dead", "at bound"]
 
@@ -125,6 +129,35 @@ class IdentifiabilityReport:
 
 
 def identifiability(
+    calibration: Calibration, recordings: Iterable[Recording], *, with_profiles: bool = False
+) -> IdentifiabilityReport:
+    """What the recordings of a calibration determine, alone or in combination.
+
+    Parameters
+    ----------
+    recordings : those that it was calibrated on, by id; others among them are not looked at.
+    with_profiles : walk the profile likelihoods of the six values too (about a hundred simulations).
+
+    Raises
+    ------
+    DataError
+        A recording that was calibrated on is missing.
+    """
+    wanted = set(calibration.recording_ids)
+    used = {recording.recording_id: recording for recording in recordings if recording.recording_id in wanted}
+    if missing := [name for name in calibration.recording_ids if name not in used]:
+        raise DataError(f"{missing[0]} is missing, on which the twin was calibrated; give its recordings.")
+    settings, comparisons = calibration.settings, []
+    for fit in calibration.fits:
+        twin = calibration.nominal.at(fit.condition)
+        of_fit = [used[name] for name in fit.recording_ids]
+        measurement = measure(twin, of_fit, tuple(settings["band"]), settings["lines"], phases=settings["phases"])
+        comparisons.append(comparison_of(twin, measurement, calibration.posterior.channels))
+    objective = Objective(tuple(comparisons), calibration.space, calibration.posterior.unknowns)
+    return identifiability_at(objective, calibration.posterior.point, with_profiles=with_profiles)
+
+
+def identifiability_at(
     objective: Objective,
     point: Float[np.ndarray, " unknown"],
     *,

@@ -67,12 +67,12 @@ def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path
         [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings],
         tmp_path,
     )
-    output = run("signal", "trend", tmp_path, "--tachometer", "tacho").stdout
-    assert re.search(r"normal +899.9 rev/min, 15 MPa +12 .* 12 +0 +0 +0", output)
-    assert re.search(r"piston +899.9 rev/min, 15 MPa +2 .* 1 +1 +0 +0", output)
+    output = run("signal", "trend", tmp_path).stdout
+    assert re.search(r"normal +[89][09.]+ rev/min, 15 MPa +12 .* 12 +0 +0 +0", output)
+    assert re.search(r"piston +[89][09.]+ rev/min, 15 MPa +2 .* 1 +1 +0 +0", output)
     assert "Furthest off: loud (" in output
     assert "healthy7" not in output
-    assert "healthy7" in run("signal", "trend", tmp_path, "--tachometer", "tacho", "--all").stdout
+    assert "healthy7" in run("signal", "trend", tmp_path, "--all").stdout
     medians = run("signal", "features", tmp_path, "--tachometer", "tacho").stdout
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
     assert "healthy7" not in medians
@@ -212,7 +212,6 @@ def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> N
     [
         ("signal features", ("--channels", "cover"), "--channels"),
         ("signal features", ("--sample-rate", "1 kHz"), "--sample-rate"),
-        ("signal trend", ("--speed", "900 rpm"), "--speed"),
         ("inspect", ("--unit", "g"), "--unit"),
         ("signal features", ("--pulses", 2, "--track", "7"), "--pulses"),
         ("data split", ("--folds", 2, "--test-fraction", 0.3), "--test-fraction"),

@@ -48,9 +48,6 @@ COMMANDS: dict[str, Command] = {
     "split": Command("data split pair.toml --out split --test-fraction 0.5"),
     "split_folds": Command("data split plant.toml --out folds --folds 2 --group specimen"),
     "convert": Command("data convert pair.toml --out store.h5"),
-    "convert_by_angle": Command(
-        f"data convert {WORN} --out angle.h5 --samples-per-turn 512 --playback-speed '860 rpm'"
-    ),
     "features": Command(f"signal features {WORN} --pistons 7 --out features.csv", atol=1e-12),
     "spectrum": Command(f"signal spectrum {WORN} --pistons 7 --out amplitude.svg"),
     "spectrum_envelope": Command(f"signal spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),

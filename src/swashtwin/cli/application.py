@@ -43,7 +43,7 @@ FIRST: Mapping[str, Callable[..., None]] = {
 
 GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
     "data": (
-        "Convert, split and check recordings.",
+        "Convert and split recordings.",
         {"convert": data.convert, "split": data.split},
     ),
     "signal": (
@@ -75,7 +75,7 @@ WATCH: Mapping[str, Callable[..., None]] = {
 }
 """Commands of ``swashtwin watch``."""
 
-PUMPS: Mapping[str, Callable[..., None]] = {"list": twin.list_pumps, "show": twin.show_pump, "new": twin.new_pump}
+PUMPS: Mapping[str, Callable[..., None]] = {"show": twin.show_pump, "new": twin.new_pump}
 """Commands of ``swashtwin twin pump``."""
 
 app = typer.Typer(
@@ -109,7 +109,7 @@ app.add_typer(_watch, name="watch", rich_help_panel="Commands")
 for _name, (_words, _commands) in GROUPS.items():
     _members = _group(_words, _commands)
     if _name == "twin":
-        _members.add_typer(_group("List, show and write the parameter files of pumps.", PUMPS), name="pump")
+        _members.add_typer(_group("Show and write the parameter files of pumps.", PUMPS), name="pump")
     app.add_typer(_members, name=_name, rich_help_panel="More commands")
 
 

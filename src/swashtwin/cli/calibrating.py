@@ -16,11 +16,9 @@ from swashtwin.cli.options import (
     Channels,
     FaultText,
     Json,
-    Names,
     Preset,
     PresetName,
     PumpName,
-    Resample,
     SampleRate,
     Seed,
     Settings,
@@ -28,7 +26,6 @@ from swashtwin.cli.options import (
     SolverName,
     Source,
     Specimen,
-    Step,
     Unit,
     band_from,
     defaults_of,
@@ -108,8 +105,6 @@ def calibrate(
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
-    names: Names = None,
-    resample: Resample = None,
     method: Annotated[
         Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
     ] = None,
@@ -125,7 +120,6 @@ def calibrate(
     ] = None,
     nuisances: FreedName = None,
     solver: SolverName = Solver.harmonic_balance,
-    step: Step = None,
     bounds: Bounds = None,
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
@@ -147,7 +141,7 @@ def calibrate(
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
     usual = recipe.pop("method", GaussNewton())
     method = method or next(name for name, kind in _kinds().items() if kind() == usual)
-    searcher = _method(method, settings, solver_from(solver, step))
+    searcher = _method(method, settings, solver_from(solver))
     edges = None if band is None else band_from(band)
     points = OperatingPoints(speed, pressure or [], temperature)
     drawing, defect = load_pump(pump), fault_from(fault)
@@ -156,8 +150,6 @@ def calibrate(
         unit=unit,
         calibration_factor=calibration_factor,
         channels=channels,
-        names=names,
-        resample=resample,
     )
     label = "normal" if defect is None else defect.label
     recordings = points.select(_recordings(source, facts, points, label).where(specimen=specimen))

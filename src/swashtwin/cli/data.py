@@ -1,4 +1,4 @@
-"""Commands of the group data: convert, split, guard, audit."""
+"""Commands of the group data: convert, split."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -24,7 +24,6 @@ from swashtwin.cli.options import (
     StatedSpeed,
     Unit,
 )
-from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
 from swashtwin.cli.sources import (
     file_facts,
     load_sources,
@@ -58,16 +57,6 @@ def convert(
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
     resample: Resample = None,
-    samples_per_turn: Annotated[
-        int | None,
-        typer.Option(help="Store even steps of the shaft angle instead of time: this many per turn, an even number."),
-    ] = None,
-    playback_speed: Annotated[
-        str | None, typer.Option(help='Speed that all turns are stored at: "860 rpm"; it sets the sample rate.')
-    ] = None,
-    tachometer: Tachometer = None,
-    pulses: Pulses = None,
-    track: Track = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -79,14 +68,6 @@ def convert(
     refuse_existing(out, overwrite)
     facts = file_facts(locals())
     recordings = load_sources(paths, **facts)
-    if samples_per_turn is None:
-        _refuse_without_turns(playback_speed=playback_speed, tachometer=tachometer, pulses=pulses, track=track)
-    else:
-        shaft = Shaft(tachometer, pulses, track)
-        if playback_speed is None:
-            reason = 'recordings of different speeds need one speed in common, such as "860 rpm".'
-            raise typer.BadParameter(reason, param_hint="--playback-speed")
-        recordings = _resample_by_angle(recordings, samples_per_turn, playback_speed, shaft)
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
     seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size
@@ -97,31 +78,6 @@ def convert(
         say(f"Next: swashtwin inspect {out}")
 
     tell(result, as_json, show)
-
-
-def _refuse_without_turns(**options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise typer.BadParameter("is for --samples-per-turn.", param_hint=f"--{name.replace('_', '-')}")
-
-
-def _resample_by_angle(
-    recordings: "list[Recording]", samples_per_turn: int, playback_speed: str, shaft: Shaft
-) -> "list[Recording]":
-    """The recordings at even steps of the shaft's angle, all at one speed."""
-    from swashtwin.foundation import parse
-    from swashtwin.signals import resampled_by_angle, stated_angle
-
-    speed = parse(playback_speed, "rad/s", name="--playback-speed")
-    return [
-        resampled_by_angle(
-            shaft.vibration_of(recording),
-            shaft.angle_of(recording) or stated_angle(recording),
-            samples_per_turn,
-            played_at=speed,
-        )
-        for recording in recordings
-    ]
 
 
 def split(

@@ -153,7 +153,6 @@ class Solver(StrEnum):
 
 
 SolverName = Annotated[Solver, typer.Option(help="Method that solves the equations; rk4 is the paper's.")]
-Step = Annotated[str | None, typer.Option(help='Step of rk4, such as "1 us"; 0.8 of its stability limit by default.')]
 
 SampleRate = Annotated[str | None, typer.Option(help='Sample rate where files do not state it: "25.6 kHz".')]
 
@@ -248,16 +247,11 @@ def fault_from(text: str) -> "Fault | None":
     return read_fault(kind, **dimensions)
 
 
-def solver_from(name: Solver, step: str | None) -> "SteadySolver":
-    """Solver that the options name; a step without rk4 is a wrong command line."""
-    from swashtwin.foundation import parse
+def solver_from(name: Solver) -> "SteadySolver":
+    """Solver that the option names."""
     from swashtwin.physics import RK4, HarmonicBalance
 
-    if name is Solver.rk4:
-        return RK4(step=None if step is None else parse(step, "s", name="--step"))
-    if step is not None:
-        raise typer.BadParameter("belongs to --solver rk4; harmonic balance has no step.", param_hint="--step")
-    return HarmonicBalance()
+    return RK4() if name is Solver.rk4 else HarmonicBalance()
 
 
 def band_from(text: str, option: str = "--band") -> tuple[float, float]:

@@ -121,7 +121,6 @@ def inspect(
     channels: Channels = None,
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
-    resample: Resample = None,
     window: Window = 2048,
     show_all: All = False,
     as_json: Json = False,

@@ -228,18 +228,6 @@ def trend(
         typer.Option(help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")] = None,
-    pistons: Pistons = None,
-    band: Bands = None,
-    tachometer: Tachometer = None,
-    pulses: Pulses = None,
-    track: Track = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
-    resample: Resample = None,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
     show_all: All = False,
     as_json: Json = False,
 ) -> None:
@@ -252,10 +240,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source)
-    facts = file_facts(locals())
-    shaft = Shaft(tachometer, pulses, track)
-    recordings = load_distinct(source, **facts)
-    indicators = _indicators_of(recordings, pistons, band, None, shaft)
+    indicators = _indicators_of(load_distinct(source), None, None, None, Shaft(None, None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

@@ -18,7 +18,6 @@ from swashtwin.cli.options import (
     Solver,
     SolverName,
     Speed,
-    Step,
     Temperature,
     condition_from,
     fault_from,
@@ -61,7 +60,6 @@ def simulate(
     ] = True,
     seed: Seed = 0,
     solver: SolverName = Solver.harmonic_balance,
-    step: Step = None,
     as_json: Json = False,
 ) -> None:
     """Write what the accelerometers of a twin measure, as synthetic recordings.
@@ -83,7 +81,7 @@ def simulate(
     notes = list(twin.notes())
     for text in notes:
         note(f"note: {text}")
-    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), solver_from(solver, step), seed, notes)
+    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), solver_from(solver), seed, notes)
     if count == 1:
         _write_one(plan, out, as_json)
     else:

@@ -97,14 +97,6 @@ def _show_plan(plan: "RecordingPlan") -> None:
         say(f"{more} more, which narrow less: --json")
 
 
-def list_pumps(as_json: Json = False) -> None:
-    """Names of the pumps that come with swashtwin."""
-    from swashtwin.pump import available_pumps
-
-    names = available_pumps()
-    tell({"pumps": names}, as_json, lambda: say("\n".join(names)))
-
-
 def new_pump(
     name: Annotated[str, typer.Argument(help="Name of the new pump.")],
     original: Annotated[str, typer.Option("--pump", help="Pump to copy or to scale, by name or .toml file.")] = (

@@ -10,8 +10,9 @@ from .calibration import load_calibration as load_calibration
 from .diagnosis import AnomalyDetector as AnomalyDetector
 from .diagnosis import Diagnosis as Diagnosis
 from .diagnosis import FaultClassifier as FaultClassifier
+from .diagnosis import PriorClassifier as PriorClassifier
 from .diagnosis import export_onnx as export_onnx
-from .diagnosis import fit_healthy as fit_healthy
+from .diagnosis import load_model as load_model
 from .foundation import LeakError as LeakError
 from .foundation import MPa as MPa
 from .foundation import SwashTwinError as SwashTwinError
@@ -63,6 +64,7 @@ __all__ = [
     "MPa",
     "OperatingCondition",
     "PistonWear",
+    "PriorClassifier",
     "Pump",
     "Recording",
     "Recordings",
@@ -82,10 +84,10 @@ __all__ = [
     "deg",
     "estimate_severity",
     "export_onnx",
-    "fit_healthy",
     "identifiability",
     "inspect_recordings",
     "load_calibration",
+    "load_model",
     "load_pump",
     "load_recording",
     "load_recordings",

@@ -88,14 +88,14 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 
 
 def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
-    card, tensors = read_artifact(saved, "classifier", 4, advice="")
+    card, tensors = read_artifact(saved, "classifier", 5, advice="")
     for name in card:
-        write_artifact(saved, "classifier", 4, {key: value for key, value in card.items() if key != name}, tensors)
+        write_artifact(saved, "classifier", 5, {key: value for key, value in card.items() if key != name}, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
-    del tensors["network.head.weight"]
-    write_artifact(saved, "classifier", 4, card, tensors)
+    del tensors["network.weights.head.weight"]
+    write_artifact(saved, "classifier", 5, card, tensors)
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)
 
@@ -104,14 +104,14 @@ def test_other_files_are_refused(tmp_path):
     path = save_windows(windows(), tmp_path / "windows.safetensors")
     with pytest.raises(ArtifactError, match="holds a 'window set', not a classifier"):
         load_classifier(path)
-    with pytest.raises(MissingFileError, match=r"gone.* a classifier is saved with save_classifier"):
+    with pytest.raises(MissingFileError, match=r"gone.* a classifier is saved with classifier.save"):
         load_classifier(tmp_path / "gone.safetensors")
 
 
 def test_weights_that_are_not_finite_are_not_saved(classifier, tmp_path):
     network = copy.deepcopy(classifier.network)
     network.head.bias.data[0] = np.nan
-    with pytest.raises(ArtifactError, match=r"network\.head\.bias holds NaN or infinity"):
+    with pytest.raises(ArtifactError, match=r"network\.weights\.head\.bias holds NaN or infinity"):
         save_classifier(replace(classifier, network=network), tmp_path / "x.safetensors")
 
 

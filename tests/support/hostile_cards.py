@@ -10,7 +10,7 @@ import numpy as np
 from swashtwin.learning import FittedClassifier, cross_fitted_confidence
 
 Change = Callable[[dict[str, Any]], object]
-VERSION = 4
+VERSION = 5
 """Of the files of saved models."""
 
 _PATHS: tuple[tuple[str, ...], ...] = (
@@ -79,10 +79,9 @@ CONTRADICTIONS: dict[str, Change] = {
     "epochs none": lambda card: card["settings"].update(epochs=0),
     "epochs text": lambda card: card["settings"].update(epochs="many"),
     "rate of learning negative": lambda card: card["settings"].update(learning_rate=-1.0),
-    "training foreign": lambda card: card["settings"].update(foreign=1),
     "history foreign": lambda card: card["history"].append({"foreign": 1}),
     "history text": lambda card: card["history"][0].update(loss="low"),
-    "normalization unknown": lambda card: card.update(normalization="sideways"),
+    "normalization unknown": lambda card: card["normalization"].update(kind="sideways"),
     "manifest numbers": lambda card: card.update(manifest={"a": [1]}),
     "pressures text": lambda card: card.update(pressures=["high"]),
     "speeds NaN": lambda card: card.update(speeds=[float("nan")]),
@@ -98,7 +97,6 @@ CONTRADICTIONS: dict[str, Change] = {
     "dependence above one": lambda card: card["confidence"].update(dependence=1.5),
     "temperature zero": lambda card: card["confidence"].update(temperature=0.0),
     "fewer classes than the confidence": lambda card: card.update(classes=card["classes"][:1]),
-    "foreign entry": lambda card: card.update(foreign=1),
 }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ _ADVICE: tuple[tuple[str, str], ...] = (
     (r"recording\.picked\(\[?\.\.\.\]?\)", 'channels = ["..."] in the index'),
     (r"; one file alone is loaded by load_recording", "; swashtwin index FOLDER writes one"),
     (r"; load it with load_recordings", "; name a file of one recording"),
-    (r"fit_healthy\(recordings\) makes", "swashtwin train makes"),
+    (r"AnomalyDetector.fit\(recordings\) makes", "swashtwin train makes"),
     (r"; use register_network first", "; install the package that registers it"),
     (r"Register your own with register_fault before loading what names it", "Install the package that registers it"),
     (r"\(synthesize, TwinFiller\)", "(swashtwin synthesize)"),

@@ -38,7 +38,7 @@ def train_detector(
     ----------
     others : options of train that belong to a classifier, by name; a wrong command line where one was given.
     """
-    from swashtwin.diagnosis import fit_healthy
+    from swashtwin.diagnosis import AnomalyDetector
 
     for name, value in others.items():
         if value:
@@ -48,7 +48,7 @@ def train_detector(
                 param_hint=f"--{name.replace('_', '-')}",
             )
     with progress("measuring levels") as bar:
-        detector = fit_healthy(recordings, error_rate=error_rate, progress=bar)
+        detector = AnomalyDetector.fit(recordings, error_rate=error_rate, progress=bar)
     detector.save(out)
     healthy = detector.healthy
     result = {

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -62,21 +62,18 @@ def diagnose(
     The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
     """
     import swashtwin.diagnosis as diagnosis
-    from swashtwin.foundation import artifact_kind
 
     facts = file_facts(locals())
-    if artifact_kind(model) == diagnosis.PriorClassifier.KIND:
-        adapted = diagnosis.PriorClassifier.load(model)
-        diagnose_with_prior(adapted, model, load_distinct(paths, **facts), report, as_json)
-        return
     classifier = diagnosis.load_model(model)
     recordings = load_distinct(paths, **facts)
+    if isinstance(classifier, diagnosis.PriorClassifier):
+        diagnose_with_prior(classifier, model, recordings, report, as_json)
+        return
     if isinstance(classifier, diagnosis.AnomalyDetector):
         diagnose_anomalies(classifier, model, recordings, error_rate, report, as_json)
         return
     verdicts = [
-        diagnosis.diagnose(classifier, recording, error_rate=error_rate)
-        for recording in with_bar(recordings, "diagnosing")
+        classifier.diagnose(recording, error_rate=error_rate) for recording in with_bar(recordings, "diagnosing")
     ]
     if pistons is not None:
         verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
@@ -84,7 +81,7 @@ def diagnose(
     if report is not None:
         pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
         evidence = [
-            diagnosis.explain(classifier, recording, verdict, pistons=pistons)
+            diagnosis.explain(classifier.fitted_, recording, verdict, pistons=pistons)
             for recording, verdict in with_bar(pairs, "collecting evidence")
         ]
         by_id = {item.recording_id: item for item in evidence}
@@ -92,7 +89,7 @@ def diagnose(
         page = write_page(report, *(item for item in items if item is not None), about={"Model": model})
 
     def show() -> None:
-        _show_verdicts(verdicts, len(classifier.manifest))
+        _show_verdicts(verdicts, len(classifier.fitted_.manifest))
         _note_reasons(verdicts)
         if report is not None and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
@@ -144,6 +141,8 @@ def report(
     from swashtwin.report import write_report
 
     require_files(sources)
-    items = [load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources]
+    items: list[Any] = [
+        load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources
+    ]
     page = write_report(*items, folder=out, about={"File": ", ".join(path.name for path in sources)})
     tell({"report": page, "sources": sources}, as_json, lambda: say(f"Report: {page}"))

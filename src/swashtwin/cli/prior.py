@@ -83,14 +83,14 @@ def adapt(
     as_json: Json = False,
 ) -> None:
     """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index teach it further."""
-    from swashtwin.diagnosis import load_prior
+    from swashtwin.diagnosis import PriorClassifier
     from swashtwin.recordings import load_recordings
 
     require_target(out, ".safetensors")
-    shipped, recordings = load_prior(design), load_recordings(source)
+    shipped, recordings = PriorClassifier.load(design), load_recordings(source)
     unlabeled = sum(recording.label is None for recording in recordings)
     with progress("measuring levels"):
-        model = shipped.adapt(recordings)
+        model = shipped.fit(recordings)
     model.save(out)
     result = {
         "model": out, "kind": "prior classifier", "prior": design, "pump": model.pump, "classes": model.classes,

@@ -29,16 +29,19 @@ def evaluate(
 ) -> None:
     """Score a model on the recordings of an index that had no part in it."""
     import swashtwin.learning as learning
-    from swashtwin.diagnosis import AnomalyDetector, load_model
+    from swashtwin.diagnosis import AnomalyDetector, PriorClassifier, load_model
     from swashtwin.recordings import load_recordings
 
     if level is not None and level not in learning.LEVELS:
         raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
-    classifier = load_model(model)
+    trained = load_model(model)
     recordings = load_recordings(source)
-    if isinstance(classifier, AnomalyDetector):
-        evaluate_detector(classifier, model, recordings, ids, report, as_json)
+    if isinstance(trained, AnomalyDetector):
+        evaluate_detector(trained, model, recordings, ids, report, as_json)
         return
+    if isinstance(trained, PriorClassifier):
+        raise typer.BadParameter("is a pump prior, which diagnose asks; it has no evaluation.", param_hint="MODEL")
+    classifier = trained.fitted_
     with progress("evaluating"):
         chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
         test = learning.cut_windows(

@@ -24,22 +24,11 @@ from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.learning import (
-        Choice,
-        FittedClassifier,
-        TrainingSettings,
-        ValidationPlan,
-        WindowSet,
-    )
-    from swashtwin.recordings import Manifest
+    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.learning import Choice
 
-
-_ERROR_RATE = 0.1
-"""Error rate by default."""
 _TEST_FRACTION = 0.2
 """Share held out by default."""
-_NETWORK_WINDOW = 2048
-"""Samples per window of a named network by default."""
 
 
 def train(
@@ -106,43 +95,20 @@ def train(
     """
     is_chosen = network is None and preset is Preset.recommended
     _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
-    from swashtwin.diagnosis import save_classifier
-    from swashtwin.foundation import DataError, parse
-    from swashtwin.learning import (
-        BUDGET,
-        build_network,
-        check_disjoint,
-        cut_windows,
-        fit,
-        fit_chosen,
-        learn_confidence,
-        load_windows,
-        plan_validation,
-        require_enough,
-        require_shared_speed,
-        split_by_recording,
-        without_overlap,
-    )
-    from swashtwin.recordings import (
-        declared_classes,
-        join_manifests,
-        load_recordings,
-        recording_groups,
-        repeated_recordings,
-        seen_recordings,
-        usual_window,
-    )
+    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.foundation import parse
+    from swashtwin.learning import load_windows
+    from swashtwin.recordings import declared_classes, load_recordings
 
-    _require_checkpoint(checkpoint, resume)
+    if resume and checkpoint is None:
+        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
     require_target(out)
     require_files(add or [])
-    seconds = BUDGET if budget is None else parse(budget, "s", name="--budget")
-    recipe = None if is_chosen else _recipe(network, settings, preset, window or _NETWORK_WINDOW)
+    recipe = {} if is_chosen else _recipe(network, settings, preset, window)
+    if budget is not None:
+        recipe["budget"] = parse(budget, "s", name="--budget")
     added = [load_windows(path) for path in add or ()]
-    manifest = join_manifests([synthetic.manifest for synthetic in added])
     recordings = load_recordings(source)
-    length = window or (usual_window(recordings) if is_chosen else _NETWORK_WINDOW)
-    layout: dict[str, Any] = {"like": added[0]} if added else {"length": length}
     if not added and are_healthy(recordings):
         classifier_options = {
             "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
@@ -151,71 +117,34 @@ def train(
         }  # fmt: skip
         train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
         return
-    test_fraction = _or_default(test_fraction, _TEST_FRACTION)
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
-    groups = recording_groups(recordings, group)
-    windows = cut_windows(
-        recordings,
-        classes=None if added else declared_classes(source),
+    classifier = FaultClassifier(
+        **recipe,
+        window=window,
         stride=window_stride,
         allow_partial_revolution=allow_partial_revolution,
-        **layout,
+        test_fraction=_TEST_FRACTION if test_fraction is None else test_fraction,
+        validation_fraction=validation_fraction,
+        group=group,
+        error_rate=error_rate,
+        device=device,
+        seed=seed,
     )
-    training, held_out = windows, windows.subset(windows.target < -1)
-    if test_fraction:
-        training, held_out = split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)
-    validation = None
-    asked_rate = allowed_rate = _or_default(error_rate, _ERROR_RATE)
-    if validation_fraction:
-        n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
-        plan = plan_validation(n_left, asked_rate, validation_fraction)
-        try:
-            training, validation = split_by_recording(
-                training, test_fraction=plan.fraction, seed=seed, group=groups, keep_in_training=manifest
-            )
-        except DataError as cause:
-            raise DataError(_no_validation(str(cause), group, test_fraction)) from cause
-        validation = without_overlap(validation)
-        count = len(set(validation.recording_id.tolist()))
-        if error_rate is not None:
-            require_enough(count, error_rate)
-        allowed_rate = _told_error_rate(plan, validation_fraction, count, asked_rate)
-    _refuse_seen(held_out, manifest)
-    for name, first in repeated_recordings(windows.recordings).items():
-        note(f"note: {name} holds the same samples as {first}; keep one of them, or it counts twice.")
-    for synthetic in added:
-        require_shared_speed(windows, synthetic)
-        training = training + synthetic
-    check_disjoint(training, held_out)
     hint = f"{checkpoint} holds the last whole epoch: the same command with --resume continues" if checkpoint else ""
     with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
         with progress("training") as bar:
-            if recipe is None:
-                classifier = fit_chosen(
-                    training,
-                    budget=seconds,
-                    error_rate=None if validation_fraction else error_rate,
-                    seed=seed,
-                    device=device,
-                    progress=lambda activity, finished, total: bar(finished, total, activity),
-                )
-            else:
-                name, how, shape = recipe
-                classifier = fit(
-                    build_network(name, training.n_channels, len(training.classes), length=training.length, **shape),
-                    training,
-                    settings=how,
-                    seed=seed,
-                    validation=validation,
-                    checkpoint=checkpoint,
-                    resume=resume,
-                    progress=lambda epoch: bar(epoch.number, how.epochs, f"training, loss {epoch.loss:.4f}"),
-                    device=device,
-                )
-        if validation is not None:
-            classifier = learn_confidence(classifier, validation, error_rate=allowed_rate)
-        save_classifier(classifier, out)
-    _tell_training(classifier, training, validation, held_out, source, out, seed, as_json)
+            classifier.fit(
+                recordings,
+                synthetic=added,
+                classes=None if added else declared_classes(source),
+                checkpoint=checkpoint,
+                resume=resume,
+                progress=lambda activity, finished, total: bar(finished, total, activity),
+            )
+        classifier.save(out)
+    for text in classifier.notes_:
+        note(f"note: {text}")
+    _tell_training(classifier, source, out, seed, as_json)
 
 
 def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:
@@ -230,25 +159,10 @@ def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: d
             raise typer.BadParameter(advice, param_hint=name)
 
 
-def _or_default(value: float | None, default: float) -> float:
-    return default if value is None else value
-
-
-def _require_checkpoint(checkpoint: Path | None, resume: bool) -> None:
-    """Refuse to continue from nothing, and to replace a checkpoint."""
-    from swashtwin.foundation import InputError
-
-    if resume and checkpoint is None:
-        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
-    if checkpoint is not None and checkpoint.exists() and not resume:
-        raise InputError(f"{checkpoint} exists; continue it with --resume, or delete it to start again.")
-
-
-def _recipe(
-    network: str | None, texts: list[str] | None, preset: Preset, window: int
-) -> tuple[str, "TrainingSettings", dict[str, Any]]:
-    """Network, settings of the training and those of the network; an unknown name is a wrong command line."""
+def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window: int | None) -> dict[str, Any]:
+    """Arguments of `FaultClassifier`; an unknown name is a wrong command line."""
     from swashtwin import presets
+    from swashtwin.diagnosis import FaultClassifier
     from swashtwin.learning import NETWORKS, build_network, default_settings, has_network
 
     recipe = presets.paper if preset is Preset.paper else presets.recommended
@@ -258,8 +172,11 @@ def _recipe(
     shape_defaults = default_settings(NETWORKS[name])
     chosen = read_settings(texts, {**shape_defaults, **defaults_of(recipe.training)}, f"training a {name}")
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
-    build_network(name, 2, 2, length=window, **shape)
-    return name, replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}), shape
+    build_network(name, 2, 2, length=window or 2048, **shape)
+    training = replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults})
+    own = {key: getattr(training, key) for key in defaults_of(training) if key in FaultClassifier().get_params()}
+    other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in own}
+    return {"network": name, **own, "training_settings": other or None, "network_settings": shape or None}
 
 
 def _check_classes(labels: set[str | None], source: Path) -> None:
@@ -278,69 +195,25 @@ def _check_classes(labels: set[str | None], source: Path) -> None:
         )
 
 
-def _no_validation(cause: str, group: str, test_fraction: float) -> str:
-    """Message that the recordings left after the test cannot be split again."""
-    left = f"of what --test-fraction {test_fraction:g} left, by --group {group}, " if test_fraction else ""
-    other = "" if group == "recording" else "--group recording, "
-    advice = f"{other}--validation-fraction 0, or --test-fraction 0 trains without this split"
-    return f"no validation set can be held out {left}with every class on both sides: {cause} Otherwise {advice}."
-
-
-def _told_error_rate(plan: "ValidationPlan", fraction: float, count: int, error_rate: float) -> float:
-    """The error rate that `count` validation recordings allow, said where it or the share is not what was asked for."""
-    from swashtwin.learning import allowed_error_rate
-
-    allowed = allowed_error_rate(count, error_rate)
-    if allowed != error_rate or plan.fraction != fraction:
-        share = f"{count} of {plan.n_recordings} recordings (--validation-fraction {plan.fraction:g})"
-        rate = f"; they allow --error-rate {allowed:g}" if allowed != error_rate else ""
-        note(
-            f"note: --error-rate {error_rate:g} needs {plan.needed} validation recordings, and --validation-fraction "
-            f"{fraction:g} is about {round(fraction * plan.n_recordings)}; {share} are held out{rate}."
-        )
-    return allowed
-
-
-def _refuse_seen(held_out: "WindowSet", manifest: "Manifest") -> None:
-    from swashtwin.foundation import LeakError
-    from swashtwin.recordings import say_seen, seen_recordings
-
-    if seen := seen_recordings(manifest, held_out.recordings):
-        raise LeakError(
-            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
-            "split), then calibrate, synthesize and train with train.toml and --test-fraction 0."
-        )
-
-
-def _tell_training(
-    classifier: "FittedClassifier",
-    training: "WindowSet",
-    validation: "WindowSet | None",
-    held_out: "WindowSet",
-    source: Path,
-    out: Path,
-    seed: int,
-    as_json: bool,
-) -> None:
-    last, confidence = classifier.history[-1], classifier.confidence
-    test_ids = sorted(set(held_out.recording_id.tolist()))
+def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool) -> None:
+    fitted, test_ids = trained.fitted_, trained.held_out_
+    last, confidence = fitted.history[-1], fitted.confidence
     result = {
-        "model": out, "classes": classifier.classes, "windows": len(training),
-        "synthetic_windows": int(training.synthetic.sum()), "held_out": test_ids, "epochs": last.number,
-        "loss": last.loss, "accuracy": last.accuracy, "seed": seed,
-        "validation": [] if validation is None else sorted(set(validation.recording_id.tolist())),
+        "model": out, "classes": fitted.classes, "windows": trained.n_windows_,
+        "synthetic_windows": trained.n_synthetic_, "held_out": test_ids, "epochs": last.number,
+        "loss": last.loss, "accuracy": last.accuracy, "seed": seed, "validation": trained.validation_,
         "temperature": None if confidence is None else confidence.temperature,
         "dependence": None if confidence is None else confidence.dependence,
-        "choice": None if classifier.choice is None else classifier.choice.to_dict(),
+        "choice": None if fitted.choice is None else fitted.choice.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
-        say(f"{out}: {plural(len(training), 'window')} of {len(classifier.classes)} classes, loss {last.loss:.4f}")
-        if classifier.choice is not None:
-            _show_choice(classifier.choice)
+        say(f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}")
+        if fitted.choice is not None:
+            _show_choice(fitted.choice)
         if confidence is None:
-            no_trial = classifier.choice is not None and not classifier.choice.trials
-            advice = "that takes a trial" if no_trial else confidence_advice(len(classifier.manifest))
+            no_trial = fitted.choice is not None and not fitted.choice.trials
+            advice = "that takes a trial" if no_trial else confidence_advice(len(fitted.manifest))
             note(f"note: its confidence is not calibrated; {advice}.")
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"

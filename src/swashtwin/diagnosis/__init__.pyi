@@ -4,7 +4,6 @@ from .alarm_scores import AlarmScores as AlarmScores
 from .alarm_scores import score_alarms as score_alarms
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
 from .anomaly_detector import AnomalyVerdict as AnomalyVerdict
-from .anomaly_detector import fit_healthy as fit_healthy
 from .checklist import Check as Check
 from .checklist import next_checks as next_checks
 from .evidence import Evidence as Evidence
@@ -19,8 +18,7 @@ from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .persistence import persistent_alarms as persistent_alarms
 from .prior_classifier import PriorClassifier as PriorClassifier
-from .pump_priors import fit_prior as fit_prior
-from .pump_priors import load_prior as load_prior
+from .prior_classifier import fit_prior as fit_prior
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis
@@ -41,13 +39,11 @@ __all__ = [
     "diagnose",
     "explain",
     "export_onnx",
-    "fit_healthy",
     "fit_prior",
     "hertz",
     "level_changes",
     "load_classifier",
     "load_model",
-    "load_prior",
     "next_checks",
     "persistent_alarms",
     "save_classifier",

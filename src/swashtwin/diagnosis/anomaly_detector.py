@@ -4,13 +4,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from swashtwin.diagnosis.detector_file import read_detector, write_detector
 from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, detector_spectrum
 from swashtwin.diagnosis.layout import require_layout
 from swashtwin.diagnosis.level_change import LevelChange, level_changes
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, load_artifact, save_artifact
 from swashtwin.learning import (
     USUAL_ERROR_RATE,
     Deviation,
@@ -31,6 +30,9 @@ from swashtwin.recordings import (
     seen_recordings,
     stated_speed,
 )
+
+_VERSION = 2
+_MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +102,10 @@ class AnomalyVerdict:
 
 @dataclass(frozen=True, eq=False)
 class AnomalyDetector:
-    """Levels of healthy recordings, and the false-alarm rate; `fit_healthy` makes it."""
+    """Levels of healthy recordings, and the false-alarm rate; `fit` makes it."""
+
+    KIND: ClassVar[str] = "anomaly detector"
+    """Kind of its file."""
 
     healthy: HealthyLevels
     """What a recording is compared with."""
@@ -117,6 +122,50 @@ class AnomalyDetector:
             f"<AnomalyDetector: {self.healthy.n_recordings} healthy recordings at {len(self.healthy.points)} operating "
             f"point(s), false-alarm rate {self.error_rate:g}>"
         )
+
+    @classmethod
+    def fit(
+        cls,
+        recordings: Sequence[Recording],
+        *,
+        error_rate: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> "AnomalyDetector":
+        """Detector of deviations from healthy recordings, with a stated false-alarm rate.
+
+        Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
+        operating point; how much they scatter is learned from all points together (docs/explanation/diagnosis.md).
+
+        Parameters
+        ----------
+        recordings : healthy ones, labeled so or not at all; 20 allow a rate of 0.05, n of them 1 / (n + 1).
+        error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow.
+        progress : called with the number of recordings that are done, and of all.
+
+        Raises
+        ------
+        DataError
+            A recording has a label that is not healthy, or they are unfit, do not fit together, or are too few.
+        InputError
+            A false-alarm rate that the recordings are too few for.
+        """
+        for recording in recordings:
+            if recording.label is not None and not is_healthy(recording.label):
+                raise DataError(
+                    f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector learns from healthy "
+                    "recordings alone: leave the others out, or train a classifier on two classes or more."
+                )
+        if error_rate is not None:
+            require_allowed(len(recordings), error_rate)
+        healthy, notes = measure_healthy(recordings, progress=progress)
+        allowed = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE) if error_rate is None else error_rate
+        if error_rate is None and allowed > USUAL_ERROR_RATE:
+            few = (
+                f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {allowed:g}; "
+                f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
+            )
+            notes = (*notes, few)
+        return cls(healthy, allowed, notes)
 
     @property
     def layout(self) -> LevelLayout:
@@ -183,7 +232,7 @@ class AnomalyDetector:
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the detector was written to it whole."""
-        return write_detector(path, self.healthy, self.error_rate, self.notes)
+        return save_artifact(path, self.KIND, _VERSION, self, may_be_nan=_MAY_BE_NAN)
 
     @classmethod
     def load(cls, path: Path | str) -> "AnomalyDetector":
@@ -196,51 +245,8 @@ class AnomalyDetector:
         ArtifactError
             It is damaged, no detector, or of another version.
         """
-        return cls(*read_detector(path))
-
-
-def fit_healthy(
-    recordings: Sequence[Recording],
-    *,
-    error_rate: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> AnomalyDetector:
-    """Detector of deviations from healthy recordings, with a stated false-alarm rate.
-
-    Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
-    operating point; how much they scatter is learned from all points together. docs/explanation/diagnosis.md has the
-    method.
-
-    Parameters
-    ----------
-    recordings : healthy ones, labeled so or not at all; 20 allow a rate of 0.05, n of them 1 / (n + 1).
-    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow.
-    progress : called with the number of recordings that are done, and of all.
-
-    Raises
-    ------
-    DataError
-        A recording has a label that is not healthy, or they are unfit, do not fit together, or are too few.
-    InputError
-        A false-alarm rate that the recordings are too few for.
-    """
-    for recording in recordings:
-        if recording.label is not None and not is_healthy(recording.label):
-            raise DataError(
-                f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector learns from healthy "
-                "recordings alone: leave the others out, or train a classifier on two classes or more."
-            )
-    if error_rate is not None:
-        require_allowed(len(recordings), error_rate)
-    healthy, notes = measure_healthy(recordings, progress=progress)
-    allowed = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE) if error_rate is None else error_rate
-    if error_rate is None and allowed > USUAL_ERROR_RATE:
-        few = (
-            f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {allowed:g}; "
-            f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
-        )
-        notes = (*notes, few)
-    return AnomalyDetector(healthy, allowed, notes)
+        advice = "a detector is saved with detector.save(path), or by swashtwin train"
+        return load_artifact(path, cls, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
 
 
 def require_allowed(n_healthy: int, error_rate: float) -> None:

@@ -1,15 +1,15 @@
 """`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import check_is_fitted, validate_data
 
+import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_input import (
     as_recordings,
     relabeled,
@@ -20,35 +20,27 @@ from swashtwin.diagnosis.classifier_input import (
 )
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis, diagnose, fit_to_recording
-from swashtwin.foundation import ArtifactError, InputError
+from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
-    BASELINES,
-    BUDGET,
-    NETWORKS,
     RECOMMENDED_TRAINING,
-    Epoch,
-    FittedBaseline,
     FittedClassifier,
-    Network,
-    Scores,
     TrainingSettings,
     WindowSet,
-    build_network,
-    cut_windows,
-    evaluate,
-    fit,
-    fit_baseline,
-    fit_chosen,
-    has_network,
-    learn_confidence,
     pooled_probabilities,
-    require_enough,
-    require_shared_speed,
     require_verdicts,
-    split_by_recording,
-    without_overlap,
 )
-from swashtwin.recordings import Recording, join_manifests, usual_window
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    join_manifests,
+    recording_groups,
+    repeated_recordings,
+    say_seen,
+    seen_recordings,
+    usual_window,
+)
+
+Progress = Callable[[str, int, int], None]
 
 _ERROR_RATE = 0.1
 _NETWORK_WINDOW = 2048
@@ -57,8 +49,8 @@ _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalizat
 """Settings of the training that the constructor names."""
 
 
-class FaultClassifier(ClassifierMixin, BaseEstimator):
-    """Classifier of pump faults from vibration, an estimator of scikit-learn.
+class FaultClassifier:
+    """Classifier of pump faults from vibration, an estimator of scikit-learn, which is imported where it is needed.
 
     `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array ``(window, channel,
     sample)`` or ``(window, sample)``. Each recording gets one answer, pooled over its windows; else each window does.
@@ -68,9 +60,8 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
 
     Parameters
     ----------
-    network : name of a network (`NETWORKS`; `register_network` adds one), or of a classifier on vibration features
-        (`BASELINES`, such as ``"extra_trees"``). By default the training chooses among `CANDIDATES` by trials on inner
-        folds, and learns its confidence from them (`fit_chosen`).
+    network : name of a network (`NETWORKS`; `register_network` adds one). By default the training chooses among
+        `CANDIDATES` by trials on inner folds, and learns its confidence from them (`fit_chosen`).
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own. By
         default `usual_window` of the recordings, or 2048 for a network that is named.
     stride : samples from one window of a training recording to the next; None lets none overlap.
@@ -79,8 +70,11 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
     budget : computing time [s] on one core that choosing may take.
-    validation_fraction : share of the recordings that calibrate its confidence (`learn_confidence`) instead; 0 for
-        none. A network that is named has no confidence without.
+    test_fraction : share of the windows whose recordings are held out (`held_out_`); 0 trains on all.
+    validation_fraction : share of the remaining recordings that calibrate its confidence (`learn_confidence`) instead;
+        0 for none. A network that is named has no confidence without.
+    group : what both splits keep whole, and confidence is calibrated for: ``"recording"``, ``"specimen"``,
+        ``"condition"``, an attribute of the recordings, or a group by recording id.
     error_rate : share of recordings whose prediction set may miss the true class; by default 0.1, or the least that the
         recordings allow.
     sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
@@ -90,7 +84,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     Attributes
     ----------
     classes_ : classes, in the order of the probabilities.
-    fitted_ : the `FittedClassifier`, or `FittedBaseline`, with its manifest and history.
+    fitted_ : the `FittedClassifier`, with its manifest, history, choice and confidence.
+    held_out_, validation_ : recordings that were held out to test it, and to calibrate its confidence.
+    n_windows_, n_synthetic_ : windows it was trained on, and how many of them were synthetic.
+    notes_ : what was otherwise than asked for, or should be known.
     n_features_in_ : second dimension of the array that it was fitted on; absent after other data.
 
     Examples
@@ -98,7 +95,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     >>> time = np.arange(64) / 1000
     >>> X = np.stack([np.sin(2 * np.pi * f * time) for f in (100, 101, 102, 200, 201, 202)])[:, None]
     >>> y = ["normal"] * 3 + ["piston"] * 3
-    >>> FaultClassifier("extra_trees", sample_rate=1000.0).fit(X, y).predict(X[:4:3]).tolist()
+    >>> FaultClassifier("levels", sample_rate=1000.0).fit(X, y).predict(X[:4:3]).tolist()
     ['normal', 'piston']
     """
 
@@ -116,8 +113,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         normalization: str = RECOMMENDED_TRAINING.normalization,
         training_settings: Mapping[str, Any] | None = None,
         network_settings: Mapping[str, Any] | None = None,
-        budget: float = BUDGET,
+        budget: float = 600.0,
+        test_fraction: float = 0.0,
         validation_fraction: float = 0.0,
+        group: str | Mapping[str, str] = "recording",
         error_rate: float | None = None,
         sample_rate: float = 1.0,
         device: str = "cpu",
@@ -135,6 +134,8 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         self.training_settings = training_settings
         self.network_settings = network_settings
         self.budget = budget
+        self.test_fraction = test_fraction
+        self.group = group
         self.validation_fraction = validation_fraction
         self.error_rate = error_rate
         self.sample_rate = sample_rate
@@ -148,7 +149,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         *,
         groups: Any = None,
         synthetic: WindowSet | Iterable[WindowSet] | None = None,
-        progress: Callable[[Epoch], None] | None = None,
+        classes: Sequence[str] | None = None,
+        checkpoint: Path | None = None,
+        resume: bool = False,
+        progress: Progress | None = None,
     ) -> "FaultClassifier":
         """The same classifier, trained.
 
@@ -159,7 +163,11 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             window set always has its own.
         groups : recording of each window of an array.
         synthetic : further training windows that nobody measured (`synthesize`), one set or several.
-        progress : called after each epoch.
+        classes : class names in the order wanted, of recordings; by default those of synthetic windows, or the labels
+            found, sorted.
+        checkpoint : file that the training of a named network is saved to after each epoch.
+        resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
+        progress : called with (activity, finished, in all).
 
         Raises
         ------
@@ -167,40 +175,85 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             A parameter, or data that do not fit together.
         DataError
             A recording is unfit or too short, a label is missing, or a class has no window.
+        LeakError
+            A recording that was held out had a part in synthetic windows.
         """
-        settings = self._settings()
+        settings, tell = self._settings(), progress or (lambda activity, finished, total: None)
+        if checkpoint is not None and checkpoint.exists() and not resume:
+            raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
         further = synthetic_sets(synthetic)
-        measured = self._training_windows(X, y, groups, further[0].length if further else None)
-        validation, rate = None, _ERROR_RATE if self.error_rate is None else self.error_rate
-        if self.validation_fraction:
-            measured, validation = split_by_recording(
-                measured,
-                test_fraction=self.validation_fraction,
-                seed=self.seed,
-                keep_in_training=join_manifests([windows.manifest for windows in further]),
+        manifest = join_manifests([windows.manifest for windows in further])
+        windows, group = self._training_windows(X, y, groups, further, classes)
+        training, held_out = windows, windows.subset(windows.target < -1)
+        if self.test_fraction:
+            training, held_out = learning.split_by_recording(
+                windows, test_fraction=self.test_fraction, seed=self.seed, group=group
             )
-            require_enough(np.unique(validation.recording_id).size, rate)
-        for windows in further:
-            require_shared_speed(measured, windows)
-        windows = with_synthetic(measured, further)
-        fitted: FittedClassifier | FittedBaseline
+        training, validation, rate, notes = self._validated(training, group, manifest)
+        _refuse_seen(held_out, manifest)
+        for made in further:
+            learning.require_shared_speed(windows, made)
+        training = with_synthetic(training, further)
+        learning.check_disjoint(training, held_out)
+        fitted: FittedClassifier
         if self.network is None:
             rate_of_folds = None if validation is not None else self.error_rate
-            fitted = fit_chosen(
-                windows, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, device=self.device
-            )
-        elif self.network in BASELINES:
-            fitted = fit_baseline(self.network, windows, seed=self.seed)
+            fitted = learning.fit_chosen(
+                training, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, device=self.device,
+                progress=tell,
+            )  # fmt: skip
         else:
-            network = self._network(self.network, windows)
-            fitted = fit(network, windows, settings=settings, seed=self.seed, device=self.device, progress=progress)
+            fitted = learning.fit(
+                self._network(self.network, training),
+                training,
+                settings=settings,
+                seed=self.seed,
+                device=self.device,
+                checkpoint=checkpoint,
+                resume=resume,
+                progress=lambda epoch: tell(f"training, loss {epoch.loss:.4f}", epoch.number, settings.epochs),
+            )
         if validation is not None:
-            validation = without_overlap(validation).with_classes(windows.classes)
-            fitted = learn_confidence(fitted, validation, error_rate=rate)
+            fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
         self.fitted_ = fitted
-        if windows.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
-            self.classes_ = np.array(windows.classes, dtype=np.str_)
+        self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
+        self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
+        self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
+        self.notes_ = (*notes, *_copy_notes(windows))
+        if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
+            self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
+
+    def _validated(
+        self, training: WindowSet, group: str | Mapping[str, str], manifest: Manifest
+    ) -> tuple[WindowSet, WindowSet | None, float, tuple[str, ...]]:
+        """(training windows, validation windows or None, error rate that these allow, notes)."""
+        asked = _ERROR_RATE if self.error_rate is None else self.error_rate
+        if not self.validation_fraction:
+            return training, None, asked, ()
+        n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
+        plan = learning.plan_validation(n_left, asked, self.validation_fraction)
+        try:
+            training, validation = learning.split_by_recording(
+                training, test_fraction=plan.fraction, seed=self.seed, group=group, keep_in_training=manifest
+            )
+        except DataError as cause:
+            raise DataError(
+                f"no validation set can be held out with every class on both sides: {cause} Otherwise "
+                "validation_fraction=0, or test_fraction=0, trains without this split."
+            ) from cause
+        count = np.unique(validation.recording_id).size
+        if self.error_rate is not None:
+            learning.require_enough(count, self.error_rate)
+        allowed, notes = learning.allowed_error_rate(count, asked), tuple[str, ...]()
+        if allowed != asked or plan.fraction != self.validation_fraction:
+            rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
+            notes = (
+                f"An error rate of {asked:g} needs {plan.needed} validation recordings, and a share of "
+                f"{self.validation_fraction:g} is about {round(self.validation_fraction * plan.n_recordings)}; {count} "
+                f"of {plan.n_recordings} recordings are held out for it{rate}.",
+            )
+        return training, learning.without_overlap(validation), allowed, notes
 
     def predict_proba(self, X: Any) -> np.ndarray:
         """Probability of each class, for each recording, or for each window of a window set or an array.
@@ -211,7 +264,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             A recording or a window has no verdict, since a number of its answer is not finite; `diagnose` gives the
             reason and leaves the others their verdict.
         """
-        check_is_fitted(self, "fitted_")
+        self._require_fitted()
         if (recordings := as_recordings(X)) is not None:
             return np.stack([self._recording_probability(recording) for recording in recordings])
         windows = X if isinstance(X, WindowSet) else self._array_windows(X)
@@ -237,9 +290,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             return self.evaluate(X).accuracy
         if as_recordings(X) is not None:
             return self.evaluate(X, y).recording_accuracy
-        return float(super().score(X, y, sample_weight))
+        return float(np.average(self.predict(X) == np.asarray(y), weights=sample_weight))
 
-    def evaluate(self, X: Any, y: Any = None, *, level: str | None = None, seed: int = 0) -> Scores:
+    def evaluate(self, X: Any, y: Any = None, *, level: str | None = None, seed: int = 0) -> "learning.Scores":
         """All scores on recordings, or on a window set, that had no part in the training.
 
         Parameters
@@ -256,23 +309,23 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         InputError
             An array, which does not say which recordings it is of; or a class that was not trained.
         """
-        check_is_fitted(self, "fitted_")
+        self._require_fitted()
         if isinstance(X, WindowSet):
-            return evaluate(self.fitted_, X, level=level, seed=seed)
+            return learning.evaluate(self.fitted_, X, level=level, seed=seed)
         recordings = as_recordings(X)
         if recordings is None:
             raise InputError("evaluate takes recordings or a window set; an array is scored with score(X, y).")
-        windows = cut_windows(
+        windows = learning.cut_windows(
             relabeled(recordings, y),
             length=self.fitted_.layout.length,
             classes=self.fitted_.classes,
             allow_partial_revolution=True,
         )
-        return evaluate(self.fitted_, windows, level=level, seed=seed)
+        return learning.evaluate(self.fitted_, windows, level=level, seed=seed)
 
     def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
         """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`."""
-        check_is_fitted(self, "fitted_")
+        self._require_fitted()
         return diagnose(self.fitted_, recording, error_rate=error_rate)
 
     def save(self, path: Path | str) -> Path:
@@ -281,13 +334,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         Raises
         ------
         ArtifactError
-            It is a classifier on features, which has no file format, or its network is not registered.
+            Its network is not registered.
         """
-        check_is_fitted(self, "fitted_")
-        if isinstance(self.fitted_, FittedBaseline):
-            raise ArtifactError(
-                f"a classifier {self.network!r} cannot be saved, only a network; train it again instead."
-            )
+        self._require_fitted()
         return save_classifier(self.fitted_, path)
 
     @classmethod
@@ -302,16 +351,14 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             It is damaged, no classifier, of another version, or its network is not registered here.
         """
         fitted = load_classifier(path)
-        training = asdict(fitted.settings)
-        usual = asdict(RECOMMENDED_TRAINING)
+        training, usual, shape = asdict(fitted.settings), asdict(RECOMMENDED_TRAINING), dict(fitted.network.settings)
         other = {
             name: training[name] for name in usual if name not in _OWN_PARAMETERS and training[name] != usual[name]
         }
-        settings = fitted.network.settings
-        plain = build_network(
-            fitted.network.name, settings["n_channels"], settings["n_classes"], length=fitted.length
+        plain = learning.build_network(
+            fitted.network.name, shape["n_channels"], shape["n_classes"], length=fitted.length
         ).settings
-        network = {name: value for name, value in settings.items() if name not in plain or value != plain[name]}
+        network = {name: value for name, value in shape.items() if name not in plain or value != plain[name]}
         named: dict[str, Any] = {
             "network": fitted.network.name,
             **{name: training[name] for name in _OWN_PARAMETERS},
@@ -328,18 +375,47 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
         return classifier
 
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Parameters of the constructor by name."""
+        return {name: getattr(self, name) for name in _parameters()}
+
+    def set_params(self, **parameters: Any) -> "FaultClassifier":
+        """The same classifier with other parameters."""
+        for name, value in parameters.items():
+            if name not in _parameters():
+                raise ValueError(f"FaultClassifier has no parameter {name!r}; it has {', '.join(_parameters())}.")
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        other = (f"{name}={value!r}" for name, value in self.get_params().items() if value != _parameters()[name])
+        return f"FaultClassifier({', '.join(other)})"
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "fitted_")
+
     def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.input_tags.three_d_array = True
-        tags.classifier_tags.poor_score = True  # a table of a few columns is no vibration
-        return tags
+        from sklearn.utils import ClassifierTags, InputTags, Tags, TargetTags
+
+        return Tags(
+            estimator_type="classifier",
+            target_tags=TargetTags(required=True),
+            classifier_tags=ClassifierTags(poor_score=True),  # a table of a few columns is no vibration
+            input_tags=InputTags(three_d_array=True),
+        )
+
+    def _require_fitted(self) -> None:
+        if not hasattr(self, "fitted_"):
+            from sklearn.exceptions import NotFittedError
+
+            raise NotFittedError("this FaultClassifier is not trained yet; call fit first.")
 
     def _settings(self) -> TrainingSettings:
         if self.network is None:
             usual = type(self)()
             for name in (*_OWN_PARAMETERS, "training_settings", "network_settings"):
                 if getattr(self, name) != getattr(usual, name):
-                    raise InputError(f"{name} belongs to a network; name it, such as network='spectral_bitcn'.")
+                    raise InputError(f"{name} belongs to a network; name it, such as network='bitcn'.")
         values = {name: getattr(self, name) for name in _OWN_PARAMETERS}
         other = dict(self.training_settings or {})
         unknown = [name for name in other if name not in asdict(RECOMMENDED_TRAINING) or name in values]
@@ -350,34 +426,48 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
             )
         return TrainingSettings(**values, **other)
 
-    def _network(self, name: str, windows: WindowSet) -> Network:
-        if not has_network(name):
+    def _network(self, name: str, windows: WindowSet) -> "learning.Network":
+        if not learning.has_network(name):
             raise InputError(
-                f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}, and on vibration features "
-                f"{', '.join(sorted(BASELINES))}. An own one is added with register_network."
+                f"unknown network {name!r}; there are {', '.join(sorted(learning.NETWORKS))}. An own one "
+                "is added with register_network."
             )
         settings = self.network_settings or {}
-        return build_network(name, windows.n_channels, len(windows.classes), length=windows.length, **settings)
+        return learning.build_network(name, windows.n_channels, len(windows.classes), length=windows.length, **settings)
 
-    def _training_windows(self, X: Any, y: Any, groups: Any, length: int | None) -> WindowSet:
-        """Labeled windows, with `classes_` set where `X` is an array; `length` is that of synthetic ones."""
+    def _training_windows(
+        self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None
+    ) -> tuple[WindowSet, str | Mapping[str, str]]:
+        """(labeled windows, what a split keeps whole), with `classes_` set where `X` is an array."""
         if isinstance(y, WindowSet):
             raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
         if isinstance(X, WindowSet):
             require_none(y, groups, "a window set has its own labels and recordings")
-            return X
+            return X, self.group
         recordings = as_recordings(X)
         if recordings is None:
-            return self._array_windows(X, y, groups, training=True)
+            return self._array_windows(X, y, groups, training=True), self.group
         require_none(None, groups, "each recording is a group")
-        return cut_windows(
-            relabeled(recordings, y),
-            length=self.window or length or (usual_window(recordings) if self.network is None else _NETWORK_WINDOW),
+        recordings = relabeled(recordings, y)
+        group = self.group if isinstance(self.group, Mapping) else recording_groups(recordings, self.group)
+        if further and classes is None:
+            labels = {str(item.label) for item in recordings if item.label}
+            made = further[0].classes
+            classes = made if labels <= set(made) else sorted(labels)
+        length = self.window or (further[0].length if further else None)
+        windows = learning.cut_windows(
+            recordings,
+            length=length or (usual_window(recordings) if self.network is None else _NETWORK_WINDOW),
             stride=self.stride,
+            classes=classes,
             allow_partial_revolution=self.allow_partial_revolution,
         )
+        return windows, group
 
     def _array_windows(self, X: Any, y: Any = None, groups: Any = None, *, training: bool = False) -> WindowSet:
+        from sklearn.utils.multiclass import check_classification_targets
+        from sklearn.utils.validation import validate_data
+
         if training:
             X, y = validate_data(self, X, y, dtype=[np.float32, np.float64], allow_nd=True, ensure_min_samples=2)
             check_classification_targets(y)
@@ -394,3 +484,26 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         pooled = pooled_probabilities(probability, classifier.confidence)
         require_verdicts(pooled[None], np.array([recording.recording_id]))
         return pooled
+
+
+def _refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
+    if seen := seen_recordings(manifest, held_out.recordings):
+        raise LeakError(
+            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
+            "split), then calibrate, synthesize and train on the training side with test_fraction=0."
+        )
+
+
+def _copy_notes(windows: WindowSet) -> list[str]:
+    copies = repeated_recordings(windows.recordings)
+    return [
+        f"{name} holds the same samples as {first}; keep one of them, or it counts twice."
+        for name, first in copies.items()
+    ]
+
+
+@cache
+def _parameters() -> Mapping[str, Any]:
+    """Default of each parameter of the constructor."""
+    items = inspect.signature(FaultClassifier.__init__).parameters.values()
+    return {item.name: item.default for item in items if item.name != "self"}

@@ -1,22 +1,28 @@
-"""A saved model of either kind: a classifier, or a detector that learned from healthy recordings alone."""
+"""Saved models of every kind."""
 
 from pathlib import Path
 
 from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-from swashtwin.diagnosis.detector_file import KIND
-from swashtwin.diagnosis.saving import load_classifier
+from swashtwin.diagnosis.fault_classifier import FaultClassifier
+from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.foundation import artifact_kind
-from swashtwin.learning import FittedClassifier
 
 
-def load_model(path: Path | str) -> FittedClassifier | AnomalyDetector:
-    """The classifier or the detector in a file.
+def load_model(path: Path | str) -> FaultClassifier | AnomalyDetector | PriorClassifier:
+    """The model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
 
     Raises
     ------
     MissingFileError
         There is no such file.
+    InputError
+        No prior of this design is shipped.
     ArtifactError
-        The file is damaged, edited, neither, of another version, or its network is not registered.
+        The file is damaged, edited, no model, of another version, or its network is not registered.
     """
-    return AnomalyDetector.load(path) if artifact_kind(path) == KIND else load_classifier(path)
+    kind = artifact_kind(path)
+    if kind == AnomalyDetector.KIND:
+        return AnomalyDetector.load(path)
+    if kind == PriorClassifier.KIND or not Path(path).suffix:
+        return PriorClassifier.load(path)
+    return FaultClassifier.load(path)

@@ -7,26 +7,28 @@ docs/bench/evidence.md how far it can be trusted.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64, Shaped
+from jaxtyping import Bool, Float, Float64, Int64, Shaped
 from torch import from_numpy
 
 from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,
+    InputError,
+    from_table,
     plural,
     read_artifact,
     refuse_misfits,
-    require_form,
+    to_table,
     write_artifact,
 )
-from swashtwin.learning import Forest
+from swashtwin.learning import Forest, fit_forest
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, Pump, is_healthy, values_match
 from swashtwin.recordings import (
     Manifest,
@@ -48,27 +50,16 @@ HEALTHY_WEIGHT = 0.3
 there together; chosen on fleets 100-102 of both versions. Machines whose healthy recordings differ more than the
 prior's then give fewer false alarms."""
 
-_FACTS = ("speed", "pressure")
-_FORM: dict[str, Any] = {
-    "pump": str,
-    "bands": {"piston_count": int, "passes": int, "wide": int, "highest": float},
-    "channels": [str],
-    "classes": [str],
-    "speed": [float],
-    "pressure": [float],
-    "n_pumps": int,
-    "unit": str,
-    "specimen": [str],
-    "taught": {str: int},
-    "manifest": {str: [str]},
-}
+_MAY_BE_NAN = ("speed", "pressure")
+SHIPPED = Path(__file__).parent / "priors"
+"""Folder of the shipped priors, one for each design."""
 
 
 @dataclass(frozen=True, eq=False)
 class PriorClassifier:
-    """Classes of recordings from their changes against healthy ones; `fit_prior` or `load_prior` makes it.
+    """Classes of recordings from their changes against healthy ones; `fit_prior` or `load_model` makes it.
 
-    `adapt` gives it the healthy recordings of machines; without these it has no verdict.
+    `fit` gives it the healthy recordings of machines; without these it has no verdict.
     """
 
     KIND: ClassVar[str] = "prior classifier"
@@ -100,19 +91,32 @@ class PriorClassifier:
     """Discharge pressure of each [Pa], NaN where none is stated."""
     unit: str = ""
     """Unit of the healthy recordings."""
-    taught: tuple[tuple[str, int], ...] = ()
+    taught: Mapping[str, int] = field(default_factory=dict)
     """Measured faults that it learned from: how many of each class."""
     manifest: Manifest = field(default_factory=dict)
     """Recordings that had a part in it, by id and content."""
 
+    def __post_init__(self) -> None:
+        bands, count = len(self.bands.edges), len(self.specimen)
+        if self.forest.probability.shape[1] != len(self.classes) or self.forest.column.max(initial=-1) >= (
+            len(self.channels) * bands
+        ):
+            raise InputError("the trees do not fit the classes and bands.")
+        if self.levels.shape != (count, len(self.channels), bands) or not (
+            self.point_speed.shape == self.point_pressure.shape == (count,)
+        ):
+            raise InputError(f"{count} healthy recordings need as many levels, speeds and pressures.")
+        if not is_healthy(self.classes[0]):
+            raise InputError("the first class is not the healthy one.")
+
     def __repr__(self) -> str:
-        few = "".join(f", {count} of {label}" for label, count in self.taught)
+        few = "".join(f", {count} of {label}" for label, count in self.taught.items())
         return (
             f"<PriorClassifier: {self.n_pumps} virtual pumps of {self.pump}, "
             f"{plural(len(self.specimen), 'healthy recording')}{few}>"
         )
 
-    def adapt(self, recordings: Sequence[Recording], *, pump: Pump | None = None) -> "PriorClassifier":
+    def fit(self, recordings: Sequence[Recording], *, pump: Pump | None = None) -> "PriorClassifier":
         """The classifier of these machines.
 
         Other recordings are compared with the healthy ones. The changes of these among each other teach it how far the
@@ -175,9 +179,9 @@ class PriorClassifier:
         labels : class of each.
         """
         target = np.array([self.classes.index(label) for label in labels], dtype=np.int64)
-        counts = tuple((name, int((target == index).sum())) for index, name in enumerate(self.classes))
+        counts = {name: int((target == index).sum()) for index, name in enumerate(self.classes)}
         forest = self.forest.taught(changes, target, FEW_SHOT_WEIGHT)
-        return replace(self, forest=forest, taught=tuple(pair for pair in counts if pair[1]))
+        return replace(self, forest=forest, taught={name: count for name, count in counts.items() if count})
 
     def change(self, recording: Recording) -> tuple[Float64[np.ndarray, "channel band"], tuple[str, ...]]:
         """Change of a recording's levels [log10] against its machine's healthy ones, and notes on what was compared.
@@ -292,65 +296,90 @@ class PriorClassifier:
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the classifier was written to it whole."""
-        card = {
-            "pump": self.pump,
-            "bands": asdict(self.bands),
-            "channels": self.channels,
-            "classes": self.classes,
-            "speed": self.speed,
-            "pressure": self.pressure,
-            "n_pumps": self.n_pumps,
-            "unit": self.unit,
-            "specimen": self.specimen,
-            "taught": dict(self.taught),
-            "manifest": join_manifests([self.manifest]),
-        }
-        points = {"levels": self.levels, "speed": self.point_speed, "pressure": self.point_pressure}
-        tensors = {**self.forest.tensors(), **{name: from_numpy(array) for name, array in points.items()}}
-        return write_artifact(path, self.KIND, VERSION, card, tensors, may_be_nan=_FACTS)
+        arrays = {"levels": self.levels, "speed": self.point_speed, "pressure": self.point_pressure}
+        names = {item.name for item in fields(self)} - {"forest", "levels", "point_speed", "point_pressure"}
+        card = to_table({name: getattr(self, name) for name in sorted(names)})
+        tensors = {**self.forest.tensors(), **{name: from_numpy(array) for name, array in arrays.items()}}
+        return write_artifact(path, self.KIND, VERSION, card, tensors, may_be_nan=_MAY_BE_NAN)
 
     @classmethod
     def load(cls, path: Path | str) -> "PriorClassifier":
-        """The classifier that `save` wrote.
+        """The classifier that `save` wrote, or the shipped prior of a design, such as ``"25scy14-1b"``.
 
         Raises
         ------
         MissingFileError
             There is no such file.
+        InputError
+            No prior of this design is shipped.
         ArtifactError
-            It is damaged, edited, something else, or of another version.
+            The file is damaged, edited, something else, or of another version.
         """
+        if not Path(path).suffix:
+            path = _shipped(str(path))
         advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
-        card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_FACTS)
+        card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
         with refuse_misfits(path, cls.KIND):
-            require_form(card, _FORM, "card")
-            bands, channels, classes = OrderBands(**card["bands"]), tuple(card["channels"]), tuple(card["classes"])
-            forest = Forest.of_tensors(tensors)
-            n_columns, n_healthy = len(channels) * len(bands.edges), len(card["specimen"])
-            if forest.probability.shape[1] != len(classes) or forest.column.max(initial=-1) >= n_columns:
-                raise ValueError("its trees do not fit its classes and bands")
-            shapes = {name: tuple(tensors[name].shape) for name in ("levels", *_FACTS)}
-            points = (n_healthy,)
-            if shapes != {"levels": (n_healthy, len(channels), len(bands.edges)), "speed": points, "pressure": points}:
-                raise ValueError(f"its healthy recordings have the shapes {shapes}")
-            if not is_healthy(classes[0]):
-                raise ValueError("its first class is not the healthy one")
-            if len(card["speed"]) != 2 or len(card["pressure"]) != 2:
-                raise ValueError("its ranges have not two ends")
-            return cls(
-                pump=card["pump"],
-                bands=bands,
-                channels=channels,
-                classes=classes,
-                speed=(card["speed"][0], card["speed"][1]),
-                pressure=(card["pressure"][0], card["pressure"][1]),
-                n_pumps=card["n_pumps"],
-                forest=forest,
-                levels=tensors["levels"].double().numpy(),
-                specimen=tuple(card["specimen"]),
-                point_speed=tensors["speed"].double().numpy(),
-                point_pressure=tensors["pressure"].double().numpy(),
-                unit=card["unit"],
-                taught=tuple(card["taught"].items()),
-                manifest=join_manifests([card["manifest"]]),
-            )
+            names = {"levels": "levels", "point_speed": "speed", "point_pressure": "pressure"}
+            arrays = {name: tensors[key].numpy() for name, key in names.items()}
+            return from_table({**card, **arrays, "forest": vars(Forest.of_tensors(tensors))}, cls)
+
+
+def _shipped(design: str) -> Path:
+    """File of the prior of a design."""
+    shipped = {path.stem: path for path in sorted(SHIPPED.glob("*.safetensors"))}
+    if design not in shipped:
+        raise InputError(
+            f"no prior of the design {design} is shipped (there is {', '.join(shipped)}); make one with swashtwin twin "
+            "prior --pump FILE, and give its file."
+        )
+    return shipped[design]
+
+
+def fit_prior(
+    bands: OrderBands,
+    change: Float[np.ndarray, "recording channel band"],
+    label: Shaped[np.ndarray, " recording"],
+    *,
+    pump: Pump,
+    speed: tuple[float, float],
+    pressure: tuple[float, float],
+    n_pumps: int,
+    manifest: Manifest | None = None,
+    seed: int = 0,
+) -> PriorClassifier:
+    """Prior trained on the changes of virtual pumps (`synthesis.simulate_changes`).
+
+    Parameters
+    ----------
+    bands, change, label : as of `synthesis.OrderChanges`.
+    pump : the design.
+    speed, pressure : ranges that the pumps were drawn from [rad/s, Pa].
+    n_pumps : how many were drawn.
+    manifest : recordings of a population that the virtual pumps are like.
+
+    Raises
+    ------
+    InputError
+        There are fewer than two classes, or the first is not healthy.
+    """
+    classes = tuple(dict.fromkeys(label.tolist()))
+    if len(classes) < 2 or not is_healthy(classes[0]):
+        raise InputError(
+            "a prior needs two classes at least, the healthy one first; the virtual pumps show "
+            f"{', '.join(classes) or 'none'}."
+        )
+    target = np.array([classes.index(name) for name in label.tolist()], dtype=np.int64)
+    forest = fit_forest(np.asarray(change, dtype=np.float64).reshape(len(change), -1), target, len(classes), seed=seed)
+    return PriorClassifier(
+        pump=pump.name,
+        bands=bands,
+        channels=pump.channels,
+        classes=classes,
+        speed=speed,
+        pressure=pressure,
+        n_pumps=n_pumps,
+        forest=forest,
+        levels=np.empty((0, *change.shape[1:])),
+        manifest={} if manifest is None else manifest,
+    )

@@ -90,7 +90,7 @@ def _misfit(message: str, form: Any) -> str:
         near = difflib.get_close_matches(match[1], _names(form), 1)
         text = f"there is no entry {match[1]!r}{f'; did you mean {near[0]!r}?' if near else ''}"
     else:
-        text = text[:1].lower() + text[1:]
+        text = text[:1].lower() + text[1:].rstrip(".")
     return f"{path}: {text}" if path else text
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, IdentifiabilityReport
-from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence
+from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence, FaultClassifier
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
@@ -36,6 +36,7 @@ FORMAT = "swashtwin report 1"
 Item = (
     Calibration
     | IdentifiabilityReport
+    | FaultClassifier
     | FittedClassifier
     | AnomalyDetector
     | AlarmScores
@@ -129,6 +130,7 @@ part_of.register(Diagnosis)(diagnosis_part)
 part_of.register(AnomalyVerdict)(anomaly_part)
 part_of.register(Evidence)(evidence_part)
 part_of.register(FittedClassifier)(training_part)
+part_of.register(FaultClassifier)(lambda classifier, key: training_part(classifier.fitted_, key))
 part_of.register(AnomalyDetector)(detector_part)
 part_of.register(AlarmScores)(alarms_part)
 

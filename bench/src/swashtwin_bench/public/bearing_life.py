@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import AnomalyVerdict, fit_healthy, persistent_alarms
+from swashtwin.diagnosis import AnomalyDetector, AnomalyVerdict, persistent_alarms
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import level_layout
 from swashtwin.monitoring import PointMonitor
@@ -146,7 +146,7 @@ def _shares(life: Sequence[Recording]) -> Float64[np.ndarray, " recording"]:
 
 def life_values(life: Sequence[Recording]) -> dict[str, float]:
     """Figures of the detector on one bearing, its recordings in order of time to its end."""
-    detector = fit_healthy(life[:N_HEALTHY])
+    detector = AnomalyDetector.fit(life[:N_HEALTHY])
     verdicts: list[AnomalyVerdict] = [detector.diagnose(recording) for recording in life[N_HEALTHY:]]
     share = _shares(life)[N_HEALTHY:]
     standing = np.array(persistent_alarms(verdicts))

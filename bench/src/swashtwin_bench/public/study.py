@@ -14,7 +14,7 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import VERSION, DataError, InputError, parallel, plural
-from swashtwin.learning import BASELINES, NETWORKS, cut_windows, extract_features, unseen_recordings
+from swashtwin.learning import BASELINES, NETWORKS, cut_windows, extract_features, fit_baseline, unseen_recordings
 from swashtwin.recordings import Recording, usual_window
 from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.public.sets import SPLITS, Fold, Split
@@ -48,6 +48,17 @@ _NOTES = (
 )
 
 
+class _OnFeatures(FaultClassifier):
+    """A classifier on vibration features, with the interface of `FaultClassifier`."""
+
+    def fit(self, X: Any, y: Any = None, **others: Any) -> "_OnFeatures":
+        """The same, fitted on windows of recordings."""
+        windows = cut_windows(X, length=self.window)
+        self.fitted_: Any = fit_baseline(str(self.network), windows, seed=self.seed)
+        self.classes_ = np.array(windows.classes)
+        return self
+
+
 @dataclass(frozen=True, eq=False)
 class _Case:
     """One classifier trained on one side of a split and tested on the other."""
@@ -71,7 +82,8 @@ class _Case:
         if self.classifier == CHOSEN:
             return FaultClassifier(seed=self.seed)
         window = usual_window(train) if train else None
-        return FaultClassifier(self.classifier, window=window, seed=self.seed)
+        kind = _OnFeatures if self.classifier in BASELINES else FaultClassifier
+        return kind(self.classifier, window=window, seed=self.seed)
 
     def values(self) -> dict[str, Any]:
         """Scores on the test side, and what they cost."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swashtwin.diagnosis import PriorClassifier, load_prior
+from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import stream
 from swashtwin.learning import Forest, fit_forest
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
@@ -45,7 +45,7 @@ def prior_trials(
     prior : the shipped one by default.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    adapted = (prior or load_prior("25scy14-1b")).adapt([by_id[name] for name in sorted(split.healthy)])
+    adapted = (prior or PriorClassifier.load("25scy14-1b")).fit([by_id[name] for name in sorted(split.healthy)])
     rows = _Rows(
         changes={name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)},
         labels={name: str(recording.label) for name, recording in by_id.items()},

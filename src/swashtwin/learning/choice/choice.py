@@ -1,6 +1,5 @@
 """What was tried, how it fared, and what was chosen."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -56,8 +55,3 @@ class Choice:
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it."""
         return {**asdict(self), "trials": [asdict(trial) for trial in self.trials]}
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> "Choice":
-        """The choice that `to_dict` gave."""
-        return cls(**{**values, "trials": tuple(Trial(**trial) for trial in values["trials"])})

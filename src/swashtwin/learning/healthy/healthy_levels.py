@@ -73,6 +73,17 @@ class HealthyLevels:
     manifest: Manifest
     """The recordings, by id and content."""
 
+    def __post_init__(self) -> None:
+        count = len(self.specimen)
+        if self.layout.length > self.shortest or 2 * self.layout.n_orders > self.layout.sample_rate:
+            raise InputError("the segments are longer than the recordings, or shaft orders beyond the sample rate.")
+        if len(self.manifest) != count or not self.speed.shape == self.pressure.shape == (count,):
+            raise InputError(f"{count} healthy recordings need as many speeds, pressures and entries of the manifest.")
+        if self.levels.shape != (count, len(self.layout.levels)):
+            raise InputError(f"the levels have the shape {self.levels.shape} for {count} recordings.")
+        if count < 2 or np.bincount(self.point_index).min() < 2:
+            raise InputError("an operating point has a single healthy recording; two are needed at least.")
+
     @property
     def n_recordings(self) -> int:
         """Number of recordings."""

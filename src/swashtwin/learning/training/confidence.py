@@ -47,6 +47,15 @@ class Confidence:
         if not 0 <= self.dependence <= 1:
             raise InputError(f"dependence ({self.dependence:g}) must lie between 0 and 1.")
         require_enough(self.n_recordings, self.error_rate)
+        counts = self.listening_windows
+        if counts[:1] != (1,) or sorted(set(counts)) != list(counts):
+            raise InputError(f"listening_windows ({counts}) must ascend from 1.")
+        if self.nonconformity_score.shape != (len(counts), self.n_recordings) or (
+            self.ood_score.shape != self.target.shape
+        ):
+            raise InputError("a confidence needs the scores of each validation recording.")
+        if (np.diff(self.ood_score) < 0).any():
+            raise InputError("ood_score must ascend.")
 
     @property
     def n_recordings(self) -> int:

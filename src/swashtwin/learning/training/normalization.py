@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from swashtwin.foundation import InputError
+from swashtwin.learning.training.settings import NORMALIZATIONS
 from swashtwin.learning.windows.window_set import WindowSet
 
 
@@ -23,6 +25,12 @@ class Normalization:
     """Subtracted from each channel if `kind` is ``"set"``, in the windows' unit; else zeros."""
     deviation: Float64[np.ndarray, " channel"]
     """Each channel is divided by it if `kind` is ``"set"``, in the windows' unit; else ones."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in NORMALIZATIONS:
+            raise InputError(f"normalization {self.kind[:60]!r} is none of {', '.join(NORMALIZATIONS)}.")
+        if not (self.deviation > 0).all():
+            raise InputError("the deviation of a normalization must be positive.")
 
     @classmethod
     def fit(cls, kind: str, windows: WindowSet) -> "Normalization":

@@ -1,11 +1,13 @@
 """The training recordings by levels and plain facts of their vibration: what a new recording is compared with."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
+from swashtwin.foundation import InputError
 from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
 from swashtwin.learning.training.signal_facts import signal_facts
 from swashtwin.learning.windows.window_set import WindowSet
@@ -39,6 +41,14 @@ class TrainingReference:
     distance_scales: tuple[float, float] = (1.0, 1.0)
     """Distances from the rest that nine in ten of the training recordings do not exceed where they are left out: alone,
     and together with all of their machine."""
+
+    def __post_init__(self) -> None:
+        count = len(self.recording_id)
+        arrays = (self.features, self.facts, self.condition)
+        if not count or any(len(part) != count for part in (self.label, self.specimen, *arrays)):
+            raise InputError("a training reference needs a recording, and of each a label, a machine and a row.")
+        if self.condition.shape != (count, 2) or not all(0 < scale < math.inf for scale in self.distance_scales):
+            raise InputError("a training reference needs a speed and a pressure of each, and two positive scales.")
 
     def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " recording"]:
         """Distance of each training recording from one with these mean features, 0 where they are the same.

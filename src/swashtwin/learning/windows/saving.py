@@ -1,19 +1,33 @@
-"""A window set as an artifact: its arrays, and a card that holds everything else."""
+"""A window set as an artifact."""
 
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from torch import Tensor, from_numpy
+from torch import from_numpy
 
-from swashtwin.foundation import read_artifact, refuse_misfits, write_artifact
+from swashtwin.foundation import from_table, read_artifact, refuse_misfits, to_table, write_artifact
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.recordings import join_manifests
+from swashtwin.recordings import Manifest
 
 _KIND, _VERSION = "window set", 3
 _ARRAYS = ("signal", "target", "discharge_pressure", "speed", "start", "synthetic")
-_TEXTS = ("recording_id", "specimen")
 _MAY_BE_NAN = ("discharge_pressure", "speed")
+
+
+@dataclass(frozen=True)
+class _Card:
+    """What of a `WindowSet` is no tensor."""
+
+    classes: tuple[str, ...]
+    recording_id: list[str]
+    specimen: list[str]
+    sample_rate: float
+    channels: tuple[str, ...]
+    unit: str
+    manifest: Manifest
+    content: Manifest
 
 
 def save_windows(windows: WindowSet, path: Path | str) -> Path:
@@ -24,17 +38,9 @@ def save_windows(windows: WindowSet, path: Path | str) -> Path:
     ArtifactError
         A sample is NaN or infinite.
     """
-    card = {
-        "classes": windows.classes,
-        "sample_rate": windows.sample_rate,
-        "channels": windows.channels,
-        "unit": windows.unit,
-        "manifest": windows.manifest,
-        "content": windows.content,
-        **{name: getattr(windows, name).tolist() for name in _TEXTS},
-    }
+    card = {item.name: getattr(windows, item.name) for item in fields(_Card)}
     tensors = {name: from_numpy(np.ascontiguousarray(getattr(windows, name))) for name in _ARRAYS}
-    return write_artifact(path, _KIND, _VERSION, card, tensors, may_be_nan=_MAY_BE_NAN)
+    return write_artifact(path, _KIND, _VERSION, to_table(card), tensors, may_be_nan=_MAY_BE_NAN)
 
 
 def load_windows(path: Path | str) -> WindowSet:
@@ -50,19 +56,7 @@ def load_windows(path: Path | str) -> WindowSet:
     advice = "windows are saved with save_windows(windows, path), or by swashtwin synthesize"
     card, tensors = read_artifact(path, _KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with refuse_misfits(path, _KIND):
-        return _windows(card, tensors)
-
-
-def _windows(card: dict[str, Any], tensors: dict[str, Tensor]) -> WindowSet:
-    texts: dict[str, Any] = {name: np.array(card[name], dtype=np.str_) for name in _TEXTS}
-    arrays: dict[str, Any] = {name: tensors[name].numpy() for name in _ARRAYS}
-    return WindowSet(
-        **arrays,
-        **texts,
-        classes=tuple(card["classes"]),
-        sample_rate=float(card["sample_rate"]),
-        channels=tuple(card["channels"]),
-        unit=str(card["unit"]),
-        manifest=card["manifest"],
-        content=join_manifests([card["content"]]),
-    )
+        arrays: dict[str, Any] = {name: tensors[name].numpy() for name in _ARRAYS}
+        facts = vars(from_table(card, _Card))
+        texts = {name: np.array(facts[name], dtype=np.str_) for name in ("recording_id", "specimen")}
+        return WindowSet(**{**arrays, **facts, **texts})

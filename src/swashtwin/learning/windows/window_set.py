@@ -224,7 +224,7 @@ class WindowSet:
             raise DataError(
                 f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
                 "classes at least: record a fault, or add synthetic windows of one. Of healthy recordings alone, "
-                "fit_healthy(recordings) makes a detector of deviations."
+                "AnomalyDetector.fit(recordings) makes a detector of deviations."
             )
 
     def fingerprint(self) -> str:

@@ -25,8 +25,9 @@ from swashtwin.monitoring.sources import Contents, SpoolFile, Tags, UnfitError, 
 from swashtwin.recordings import Recording
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import AnomalyDetector
-    from swashtwin.learning import FittedClassifier
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier
+
+    Model = FaultClassifier | AnomalyDetector | PriorClassifier
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
@@ -279,7 +280,7 @@ class Models:
     """Models of machines by path, each loaded when it is first needed."""
 
     def __init__(self) -> None:
-        self._models: dict[Path, tuple[FittedClassifier | AnomalyDetector, str] | str] = {}
+        self._models: dict[Path, tuple[Model, str] | str] = {}
 
     def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
         """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
@@ -300,7 +301,7 @@ class Models:
         model = None if machine.model is None else self._model(machine.model)
         return f"model of {machine.name}: {model}" if isinstance(model, str) else None
 
-    def _model(self, path: Path) -> "tuple[FittedClassifier | AnomalyDetector, str] | str":
+    def _model(self, path: Path) -> "tuple[Model, str] | str":
         if path not in self._models:
             from swashtwin.diagnosis import load_model
 
@@ -311,26 +312,25 @@ class Models:
         return self._models[path]
 
 
-def _verdict(model: "FittedClassifier | AnomalyDetector", recording: Recording) -> dict[str, Any]:
-    from swashtwin.diagnosis import AnomalyDetector, diagnose
+def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
+    from swashtwin.diagnosis import AnomalyVerdict
 
-    if isinstance(model, AnomalyDetector):
-        verdict = model.diagnose(recording)
+    verdict = model.diagnose(recording)
+    if isinstance(verdict, AnomalyVerdict):
         if verdict.alarm is None:
             return {"answer": verdict.to_dict(), "no_verdict": verdict.no_verdict}
         label = "abnormal" if verdict.alarm else "normal"
         return {"answer": verdict.to_dict(), "label": label, "probability": verdict.p_value}
-    diagnosis = diagnose(model, recording)
-    answer = diagnosis.to_dict()
-    if diagnosis.label is None:
-        return {"answer": answer, "no_verdict": diagnosis.no_verdict}
+    answer = verdict.to_dict()
+    if verdict.label is None:
+        return {"answer": answer, "no_verdict": verdict.no_verdict}
     answer.pop("window_labels")
     return {
         "answer": answer,
-        "label": diagnosis.label,
-        "probability": diagnosis.probabilities[diagnosis.label],
-        "confidence": diagnosis.agreement,
-        "ood_p": None if diagnosis.trust is None else diagnosis.trust.ood_p_value,
+        "label": verdict.label,
+        "probability": verdict.probabilities[verdict.label],
+        "confidence": verdict.agreement,
+        "ood_p": None if verdict.trust is None else verdict.trust.ood_p_value,
     }
 
 

@@ -137,6 +137,13 @@ def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
             raise DataError(f"{where} has no channel {channel!r}; it has {listed}.")
         chosen |= {name: raw.columns[name] for name in names}
     rate_in_file(raw, list(chosen), where)
+    starts = {name: raw.starts[name] for name in chosen if name in raw.starts}
+    if len(set(starts.values())) > 1:
+        listed = ", ".join(f"{name}: {start}" for name, start in starts.items())
+        raise DataError(
+            f"{where} holds channels that start at different times ({listed}), which are no one recording; name those "
+            "that start together: channels = [...]."
+        )
     lengths = {name: len(column) for name, column in chosen.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())

@@ -198,8 +198,9 @@ def _foreign(path: Path, file: h5py.File) -> RawFile:
         if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or item.size < 2:
             return
         require_data_within(path, item)
-        vectors = _vectors_in(item)
-        unit = known_unit(_text(item.attrs.get("unit", file.attrs.get("unit"))))
+        vectors = [_obeyed(path, item, column) for column in _vectors_in(item)]
+        stated = (holder.attrs.get(key) for holder in (item, file) for key in ("unit", "units"))
+        unit = next((unit for text in stated if (unit := known_unit(_text(text)))), None)
         rate = next((rate for holder in _holders(item) if (rate := _rate(path, holder)) is not None), None)
         for number, column in enumerate(vectors):
             key = name if len(vectors) == 1 else f"{name}/{number}"
@@ -232,6 +233,50 @@ def _rate(path: Path, item: h5py.Group | h5py.Dataset) -> float | None:
         listed = ", ".join(f"{name} = {rate:g} Hz" for name, rate in rates.items())
         raise DataError(f"{path} states two sample rates for {item.name} ({listed}); remove the wrong one.")
     return next(iter(rates.values()), None)
+
+
+def _obeyed(path: Path, item: h5py.Dataset, column: Column) -> Column:
+    """A column with the scale, the offset and the missing values that the attributes of its data set state.
+
+    Raises
+    ------
+    DataError
+        A scale is stated in words that are not those of the CF conventions.
+    """
+    numbers = {name: _number(item.attrs[name]) for name in item.attrs}
+    for name in ("scale", "scaling", "slope", "gain", "offset", "bias"):
+        if numbers.get(name) not in (None, 0.0 if name in ("offset", "bias") else 1.0):
+            raise DataError(
+                f"{path}: {item.name} states {name} = {numbers[name]:g}, which is not known; apply it, or call it "
+                "scale_factor and add_offset."
+            )
+    factor, offset = numbers.get("scale_factor"), numbers.get("add_offset")
+    missing = [value for name in ("_FillValue", "missing_value") if (value := numbers.get(name)) is not None]
+    if factor is None and offset is None and not missing:
+        return column
+    return _Obeyed(column, 1.0 if factor is None else factor, offset or 0.0, missing)
+
+
+def _number(value: Any) -> float | None:
+    array = np.asarray(value)
+    return float(array.reshape(())) if array.size == 1 and array.dtype.kind in "fiu" else None
+
+
+class _Obeyed:
+    """Samples of a column, scaled, and NaN where the file says that they are missing."""
+
+    dtype = np.dtype(np.float64)
+
+    def __init__(self, column: Column, factor: float, offset: float, missing: list[float]) -> None:
+        self._column, self._factor, self._offset, self._missing = column, factor, offset, missing
+
+    def __len__(self) -> int:
+        return len(self._column)
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        values = np.asarray(self._column[span])
+        is_missing = np.isin(values, self._missing)
+        return np.where(is_missing, np.nan, values * self._factor + self._offset)
 
 
 def _vectors_in(item: h5py.Dataset) -> list[Column]:

@@ -4,10 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.foundation import require_memory
+from swashtwin.foundation import DataError, require_memory
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
 from swashtwin.recordings.formats.tables import read_time_column
 from swashtwin.recordings.recording import Recording
+
+_COUNTED = {2: "angle", 3: "distance", 4: "samples"}
+"""What a master channel that is no time counts, by its kind of synchronization."""
 
 
 def read(path: Path, options: Options) -> RawFile:
@@ -20,27 +23,40 @@ def read(path: Path, options: Options) -> RawFile:
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
     gaps: dict[str, str] = {}
+    starts: dict[str, str] = {}
+    starts_of: dict[int, str] = {}
     with path.open("rb") as stream, asammdf.MDF(stream) as file:
         names = [channel.name for group in file.groups for channel in group.channels]
         require_memory(path, sum(8 * group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
         for number, group in enumerate(file.groups):
             master = file.masters_db.get(number)
+            counted = None if master is None else _COUNTED.get(getattr(group.channels[master], "sync_type", 1))
+            if counted:
+                raise DataError(
+                    f"{path}: the master {group.channels[master].name!r} of group {number} counts {counted}, not time; "
+                    "export the group with its time."
+                )
             for position, channel in enumerate(group.channels):
                 if position == master:
                     continue
-                signal = file.get(group=number, index=position)
+                signal = file.get(group=number, index=position, ignore_invalidation_bits=False)
                 if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiu" or len(signal.samples) < 2:
                     continue
                 name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
                 columns[name] = signal.samples.astype(np.float64)
+                if (invalid := getattr(signal, "invalidation_bits", None)) is not None:
+                    columns[name][np.asarray(invalid, dtype=bool)] = np.nan
                 if unit := known_unit(signal.unit):
                     units[name] = unit
                 if master is not None:
+                    if number not in starts_of and len(signal.timestamps):
+                        starts_of[number] = f"{float(signal.timestamps[0]):.6g} s"
+                    starts[name] = starts_of.get(number, "")
                     rate, gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
                     rates |= {name: rate} if rate else {}
                     gaps |= {"time_gaps": gap} if gap else {}
         start = str(file.start_time)
-    return RawFile(columns, None, units, {"start_time": start, **gaps}, rates=rates)
+    return RawFile(columns, None, units, {"start_time": start, **gaps}, rates=rates, starts=starts)
 
 
 def write(recording: Recording, path: Path) -> None:

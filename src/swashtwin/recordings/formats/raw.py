@@ -58,6 +58,8 @@ class RawFile:
     """Whether samples are shares of an unknown full scale (integer WAV)."""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
+    starts: Mapping[str, str] = field(default_factory=dict)
+    """When each column starts, in words, where the file says it; columns that start apart are no one recording."""
 
     @property
     def condition(self) -> OperatingCondition | None:

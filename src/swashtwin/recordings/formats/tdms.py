@@ -2,6 +2,8 @@
 
 import logging
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +15,25 @@ from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_
 from swashtwin.recordings.recording import Recording
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
+_CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Channels of a TDMS file, called ``group/channel`` where it has several groups."""
+    """Channels of a TDMS file, called ``group/channel`` where it has several groups.
+
+    Scales are applied by npTDMS; one that it does not know is refused. Recordings that were appended to one channel,
+    with another start or rate, are columns of their own, called ``channel [1]``, ``channel [2]``, ...
+    """
     nptdms = load_extra("nptdms")
-    for name in ("reader", "types", "tdms_segment", "base_segment", "tdms"):
-        logging.getLogger(f"nptdms.{name}").setLevel(logging.CRITICAL)  # damage is refused below
     stream = path.open("rb")
     try:
-        file = nptdms.TdmsFile.open(stream)
-        if file.file_status.incomplete_final_segment:
-            raise DataError(f"{path} is cut off: its last segment is incomplete.")
-        raw = _columns(path, file)
+        with _logged("nptdms") as messages, _noted_properties(nptdms) as history:
+            file = nptdms.TdmsFile.open(stream)
+            if file.file_status.incomplete_final_segment:
+                raise DataError(f"{path} is cut off: its last segment is incomplete.")
+            raw = _columns(path, file, history)
+        if unknown := [text for text in messages if "scal" in text.lower()]:
+            raise DataError(f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples.")
     except BaseException:
         stream.close()
         raise
@@ -33,43 +41,122 @@ def read(path: Path, options: Options) -> RawFile:
     return raw
 
 
-def _columns(path: Path, file: Any) -> RawFile:
+@contextmanager
+def _logged(name: str) -> Iterator[list[str]]:
+    """Warnings that a library logs, such as that it leaves out a scale."""
+    messages: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
+    loggers = [logging.getLogger(each) for each in list(logging.root.manager.loggerDict) if each.startswith(name)]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.propagate = False
+    try:
+        yield messages
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+
+
+@contextmanager
+def _noted_properties(nptdms: Any) -> Iterator[dict[str, list[tuple[int, dict[str, Any]]]]]:
+    """Properties of each channel by the number of the sample from which they hold; npTDMS keeps the last only."""
+    reader, history = nptdms.reader.TdmsReader, {}  # type: ignore[var-annotated]
+    samples, properties = reader._update_object_metadata, reader._update_object_properties
+    before: dict[str, int] = {}
+
+    def note_samples(self: Any, segment: Any) -> None:
+        before.update({path: item.num_values for path, item in self.object_metadata.items()})
+        samples(self, segment)
+
+    def note_properties(self: Any, values: Any) -> None:
+        properties(self, values)
+        for path, pairs in (values or {}).items():
+            known = history.setdefault(path, [])
+            known.append((before.get(path, 0), (known[-1][1] if known else {}) | dict(pairs)))
+
+    reader._update_object_metadata, reader._update_object_properties = note_samples, note_properties
+    try:
+        yield history
+    finally:
+        reader._update_object_metadata, reader._update_object_properties = samples, properties
+
+
+def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str, Any]]]]) -> RawFile:
     groups = file.groups()
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
+    starts: dict[str, str] = {}
     size = 0
     for group in groups:
         for channel in group.channels():
             if len(channel) < 2 or channel.dtype.kind not in "fiu":
                 continue
-            size += len(channel) * channel.dtype.itemsize
+            size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
             name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
-            columns[name] = _Channel(file, channel)
             unit = next(filter(None, (known_unit(channel.properties.get(key, "")) for key in _UNIT_PROPERTIES)), None)
-            if unit:
-                units[name] = unit
-            if step := float(channel.properties.get("wf_increment", 0.0)):
-                rates[name] = snapped_rate(step, 1e-9)
+            parts = _parts(history.get(channel.path, []), channel)
+            for number, (start, stop, properties) in enumerate(parts, 1):
+                key = name if len(parts) == 1 else f"{name} [{number}]"
+                columns[key] = _Channel(file, channel, start, stop)
+                if unit:
+                    units[key] = unit
+                if step := float(properties.get("wf_increment", 0.0)):
+                    rates[key] = snapped_rate(step, 1e-9)
+                if moment := _moment(properties):
+                    starts[key] = str(moment)
     if size > path.stat().st_size:
         raise DataError(f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}.")
     facts = {name: str(value) for name, value in file.properties.items()}
-    return RawFile(columns, None, units, facts, rates=rates)
+    return RawFile(columns, None, units, facts, rates=rates, starts=starts)
+
+
+def _moment(properties: dict[str, Any]) -> np.datetime64 | None:
+    """When the first sample was taken, or None."""
+    start = properties.get("wf_start_time")
+    if start is None:
+        return None
+    start = start.as_datetime64() if hasattr(start, "as_datetime64") else start
+    return np.datetime64(start, "us") + np.timedelta64(round(1e6 * float(properties.get("wf_start_offset", 0.0))), "us")
+
+
+def _parts(history: list[tuple[int, dict[str, Any]]], channel: Any) -> list[tuple[int, int, dict[str, Any]]]:
+    """First sample, last sample and properties of each recording of a channel: a new one has another clock."""
+    parts: list[tuple[int, dict[str, Any]]] = []
+    for at, properties in history:
+        clock = {name: properties.get(name) for name in _CLOCK_PROPERTIES}
+        if not parts or at == parts[-1][0]:
+            parts = [(0 if not parts else at, properties)] if len(parts) < 2 else [*parts[:-1], (at, properties)]
+            continue
+        first, last = parts[-1]
+        if clock == {name: last.get(name) for name in _CLOCK_PROPERTIES}:
+            continue
+        begun, now, step = _moment(last), _moment(properties), float(last.get("wf_increment") or 0.0)
+        same_rate = step == float(properties.get("wf_increment") or 0.0)
+        if same_rate and begun is not None and now is not None:
+            late = (now - begun) / np.timedelta64(1, "s") - (at - first) * step
+            if abs(late) <= max(step, 1e-3):
+                continue  # it goes on without a gap
+        parts.append((at, properties))
+    parts = [(at, properties) for at, properties in parts if at < len(channel)] or [(0, dict(channel.properties))]
+    ends = [at for at, _ in parts[1:]] + [len(channel)]
+    return [(at, end, properties) for (at, properties), end in zip(parts, ends, strict=True)]
 
 
 class _Channel:
-    """Samples of one channel, which keep their file open."""
+    """Samples of a channel from `first` to before `last`, which keep their file open."""
 
-    def __init__(self, file: Any, channel: Any) -> None:
-        self._file = file
-        self._channel = channel
+    def __init__(self, file: Any, channel: Any, first: int, last: int) -> None:
+        self._file, self._channel = file, channel
+        self._first, self._last = first, last
 
     def __len__(self) -> int:
-        return len(self._channel)
+        return self._last - self._first
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
         start, stop, step = span.indices(len(self))
-        return np.asarray(self._channel[start:stop], dtype=np.float64)[::step]
+        return np.asarray(self._channel[self._first + start : self._first + stop], dtype=np.float64)[::step]
 
 
 def write(recording: Recording, path: Path) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.formats.raw import RATE_NAMES, RawFile, known_unit
 
+STEP_NAMES = ("dt", "delta_t", "deltat", "sampling_interval", "sample_interval", "x_values.increment")
+"""What files call the time between two samples [s], the last as Testlab does."""
 _UNIT_NAMES = ("unit", "units")
 _PARTS = re.compile(r"[./]")
 _INDEX = re.compile(r"\(.*\)$")
@@ -33,11 +35,12 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFil
     for name, value in variables:
         _sort_in(name, value, columns, facts)
     stated_rates = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
+    stated_rates |= {name: 1 / step for name, text in facts.items() if (step := _step(name, text)) is not None}
     stated_units = {name: unit for name, text in facts.items() if (unit := _unit(name, text)) is not None}
     rates: dict[str, float] = {}
     units: dict[str, str] = {}
     for name in columns:
-        if (rate := _stated_for(path, name, stated_rates, RATE_NAMES, "sample rates")) is not None:
+        if (rate := _stated_for(path, name, stated_rates, (*RATE_NAMES, *STEP_NAMES), "sample rates")) is not None:
             rates[name] = rate
         if (unit := _stated_for(path, name, stated_units, _UNIT_NAMES, "units")) is not None:
             units[name] = unit
@@ -58,6 +61,16 @@ def _rate(name: str, text: str) -> float | None:
     try:
         return parse(text, "Hz")
     except UnitError:
+        return None
+
+
+def _step(name: str, text: str) -> float | None:
+    """Time between two samples [s] that a variable states by its name."""
+    if _PARTS.split(name.lower())[-1] not in STEP_NAMES and not name.lower().endswith("x_values.increment"):
+        return None
+    try:
+        return float(text) if float(text) > 0 else None
+    except ValueError:
         return None
 
 

@@ -53,6 +53,8 @@ class Entry:
     calibration_factor: str | tuple[str, ...] | None = None
     """Quantity that one unit of integers without a scale stands for, such as ``"0.1 g"`` (full scale of an integer
     WAV), or one each channel. Other samples have their `unit`."""
+    sensitivity: str | tuple[str, ...] | None = None
+    """What an accelerometer gives for one unit, such as ``"99.7 mV/g"``, for channels in volts; or one each channel."""
     resample: str | None = None
     """Rate to resample to with `scipy.signal.resample_poly`, such as ``"12 kHz"``."""
     separator: str | None = None
@@ -62,7 +64,9 @@ class Entry:
     header_lines: int | None = None
     """Lines before the first sample of a text file."""
     time_column: str | int | None = None
-    """Column of a text file with the time [s]."""
+    """Column with the time."""
+    time_unit: str | None = None
+    """Unit of the time column, such as ``"us"``, where neither its heading nor its size says it."""
     sha256: str | None = None
     """Checksum the file must have."""
     synthetic: bool = False
@@ -117,10 +121,11 @@ def _all(value: object, *tests: Callable[[object], bool]) -> bool:
 
 _TEXT = (_is_text, 'text, such as "normal"')
 _RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
-    **dict.fromkeys(("file", "id", "label", "specimen", "unit", "sha256"), _TEXT),
+    **dict.fromkeys(("file", "id", "label", "specimen", "unit", "sha256", "time_unit"), _TEXT),
     "channels": (lambda value: _all(value, _is_text, _is_count), "a list of texts or whole numbers from 0, not empty"),
     "names": (lambda value: _all(value, _is_text), "a list of texts, not empty"),
     "calibration_factor": (lambda value: _is_text(value) or _all(value, _is_text), 'text such as "0.1 g", or a list'),
+    "sensitivity": (lambda value: _is_text(value) or _all(value, _is_text), 'text such as "99.7 mV/g", or a list'),
     "separator": (lambda value: isinstance(value, str) and len(value) == 1, "one character"),
     "decimal": (lambda value: value in (".", ","), '"." or ","'),
     "header_lines": (_is_count, "a whole number from 0"),

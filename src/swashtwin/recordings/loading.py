@@ -16,7 +16,7 @@ from swashtwin.foundation import DataError, InputError, UnitError, parse, requir
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.raw import RATES, Options, RawFile, acceleration_factor
+from swashtwin.recordings.formats.raw import RATES, Options, RawFile, acceleration_factor, plain_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples, hash_channels
@@ -115,7 +115,7 @@ def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
 
 
 def _options(entry: Entry) -> Options:
-    return Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column)
+    return Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column, entry.time_unit)
 
 
 def _require_checksum(path: Path, entry: Entry) -> None:
@@ -214,6 +214,8 @@ def scale(raw: RawFile, entry: Entry, chosen: Sequence[str], where: str) -> tupl
         if entry.unit is not None and entry.channels is None and len(chosen) > 1:
             _require_vibration(raw, entry.unit, chosen, where)
         pairs = [(1.0, _unit(raw.units.get(name), entry.unit, name, where)) for name in chosen]
+    if entry.sensitivity is not None:
+        pairs = _sensed(pairs, entry.sensitivity, where)
     factors: list[float] = []
     names: dict[str, list[str]] = {}
     for (number, unit), name in zip(pairs, chosen, strict=True):
@@ -276,6 +278,30 @@ def _require_no_scale(raw: RawFile, name: str, where: str) -> None:
             f"{where}: {name!r} holds fractions, and a calibration factor is for integers without a scale; state what "
             'its numbers are in with unit = "g", "m/s^2", "V" (or "1" where nobody knows) instead.'
         )
+
+
+def _sensed(
+    pairs: Sequence[tuple[float, str]], sensitivity: str | tuple[str, ...], where: str
+) -> list[tuple[float, str]]:
+    """Factor and unit of each channel, with those in volts as the accelerations that a sensor turned into them."""
+    texts = sensitivity if isinstance(sensitivity, tuple) else (sensitivity,) * len(pairs)
+    if len(texts) != len(pairs):
+        raise DataError(f"{where}: {len(texts)} sensitivities for {len(pairs)} channels.")
+    sensed = []
+    for (factor, unit), text in zip(pairs, texts, strict=True):
+        match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*([mµμu]?V)\s*/\s*\(?(.+?)\)?\s*", text)
+        acceleration = None if match is None else acceleration_factor(match[3])
+        if match is None or acceleration is None or float(match[1]) == 0:
+            raise UnitError(f'{where}: sensitivity = {text!r} must be volts for an acceleration, such as "99.7 mV/g".')
+        try:
+            volts = parse(f"1 {unit}", "V")
+        except UnitError:
+            sensed.append((factor, unit))
+            continue
+        sensed.append((factor * volts / parse(f"{match[1]} {plain_unit(match[2])}", "V"), plain_unit(match[3])))
+    if list(sensed) == list(pairs):
+        raise DataError(f'{where}: sensitivity is for channels in volts, and none is; state unit = "V" if they are.')
+    return sensed
 
 
 def _calibration(entry: Entry, count: int, where: str) -> list[tuple[float, str]]:

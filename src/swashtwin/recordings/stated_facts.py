@@ -13,6 +13,7 @@ import regex
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.preamble import header_pairs
 from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.formats.registry import stem_of
 from swashtwin.recordings.formats.tables import split_unit
@@ -43,6 +44,7 @@ _IN_HEADERS = {
     "sample_rate": r"abtast(?:rate|frequenz)|sampl\w*[ _-]?(?:rate|freq)",
 }
 _SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
+_CASES = {"mpa": "MPa", "kpa": "kPa"}
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
 _PATIENCE = 1.0
 """Seconds that a pattern may search in one path."""
@@ -147,13 +149,8 @@ def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dic
 
 def facts_of_header(raw: RawFile) -> dict[str, Any]:
     """Speed, pressure, oil temperature and rate that the header lines or the single numbers of a file state."""
-    pairs = [
-        parts
-        for line in raw.attributes.get("header", "").splitlines()
-        if len(parts := [part.strip() for part in re.split(r"[;\t]|:\s|\s*=\s*", line.strip("%#; \t"), maxsplit=1)])
-        == 2
-    ]
-    pairs += [[name.rpartition(".")[2], text] for name, text in raw.attributes.items() if name != "header"]
+    pairs: list[tuple[str, str]] = header_pairs(raw.attributes.get("header", ""))
+    pairs += [(name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"]
     texts: dict[str, str] = {}
     for name, text in pairs:
         heading, unit = split_unit(name)
@@ -161,7 +158,8 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
         for key, expression in _IN_HEADERS.items():
             if quantity is None or key in texts or not re.search(expression, heading, re.IGNORECASE):
                 continue
-            bare = "rpm" if key == "speed" and "rpm" in heading.lower() else ""
+            suffix = re.search(r"(rpm|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
+            bare = _CASES.get(suffix[1].lower(), suffix[1].lower()) if suffix else ""
             texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
     facts = facts_of_texts(texts)
     return {key: text for key, text in facts.items() if key in PRESSURES or _is_quantity(text, QUANTITIES[key])}

@@ -3,6 +3,7 @@
 import codecs
 import gzip
 import io
+import re
 import tempfile
 import weakref
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from jaxtyping import Float
 from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import SideBySide
 from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
+from swashtwin.recordings.formats.preamble import header_rate, header_units
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import time_name, timed_columns
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
@@ -26,6 +28,8 @@ _BYTES = 1 << 24
 """Bytes of text that are in memory together, and the longest line."""
 _EXPANSION = 300
 """Bytes of text per byte of a gzipped file beyond which it holds no measurement."""
+_FORTRAN = re.compile(rb"(?<=\d|\.)[dD](?=[+-]\d)")
+"""The mark of an exponent as Fortran writes it."""
 _LONGEST_TEXT = 1 << 28
 """Bytes of text that any gzipped file may hold."""
 
@@ -131,6 +135,8 @@ class _Table:
         """The fields of whole lines as a table of polars; a blank field is null."""
         polars = load_extra("polars")
         comma = self._dialect.decimal == ","
+        if _FORTRAN.search(body[:4096]):
+            body = _FORTRAN.sub(b"e", body)
         numbers = polars.String if comma and b"." in body else polars.Float64  # polars takes a point for a comma, too
         kinds = {Kind.number: numbers, Kind.blank: polars.Float64}
         try:
@@ -230,7 +236,7 @@ class _Table:
         stamps = {names[column]: reader for column, reader in self._stamps.items() if names[column] not in blank}
         words = [names[column] for column, kind in enumerate(self._kinds) if kind in (Kind.text, Kind.date)]
         columns = {name: values for name, values in columns.items() if name not in blank}
-        time = time_name(self._path, list(columns), options) or next(iter(stamps), None)
+        time = time_name(self._path, list(columns), options) or next(iter(stamps), options.time_column)
         left_out = {
             "text_columns": [*words, *(name for name in stamps if name != time)],
             "blank_columns": [name for name in blank if name not in words and not name.startswith("column_")],
@@ -240,7 +246,11 @@ class _Table:
             attributes["date"] = str(stamps[time].start)
         columns = {name: values for name, values in columns.items() if name == time or name not in stamps}
         units = {name: unit for name, unit in self._dialect.units.items() if name in columns and name not in stamps}
-        return timed_columns(self._path, columns, units, attributes, replace(options, time_column=time))
+        header = self._attributes.get("header", "")
+        raw = timed_columns(self._path, columns, units, attributes, replace(options, time_column=time))
+        stated = zip(raw.columns, header_units(header, len(raw.columns)), strict=True)
+        units = {name: unit for name, unit in stated if unit} | dict(raw.units)
+        return replace(raw, units=units, sample_rate=raw.sample_rate or header_rate(header))
 
 
 def _last_value(frame: Any) -> int:

@@ -6,18 +6,19 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.raw import Options, known_unit
+from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
 from swashtwin.recordings.formats.tables import TRADE_UNITS, split_unit
 from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
 
 _SEPARATORS = ("\t", ";", "|", ",", " ")
 """Separators, the least likely to stand within a text first."""
 NUMBER = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
-    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
 }
 """A number with each decimal mark."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
@@ -89,6 +90,9 @@ def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
         best.refuse_thousands(path)
         if options.separator is None:
             best.refuse_ambiguous(path, lines)
+    if options.header_lines is None:
+        best.refuse_short_heading(path, lines)
+    best.refuse_tagged(path)
     names, units = best.headings()
     return Dialect(best.separator, best.decimal, best.start, names, best.kinds, units)
 
@@ -106,12 +110,12 @@ class _Layout:
     rows: list[list[str]]
     """Fields of the rows that decided the kinds."""
 
-    def merit(self) -> tuple[bool, int, int, int]:
+    def merit(self) -> tuple[bool, int, int, bool, int]:
         """Layouts without text first, then most columns of numbers, most rows that fit, the earliest start."""
         counts = Counter(self.kinds)
         has_time = counts[Kind.stamp] + counts[Kind.date] > 0  # a blank may part a date from its time
         fitting = sum(_fits(row, self.kinds, self.decimal) for row in self.rows)
-        return not counts[Kind.text], counts[Kind.number] + has_time, fitting, -self.start
+        return not counts[Kind.text], counts[Kind.number] + has_time, fitting, self.separator != " ", -self.start
 
     def refuse_thousands(self, path: Path) -> None:
         """Refuse ``1.234,5``, and ``1,234``, which may be a number above one or above a thousand."""
@@ -141,6 +145,30 @@ class _Layout:
                 'comma; say separator = "," or decimal = ",".'
             )
 
+    def refuse_short_heading(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse fewer headings than columns: which column has none cannot be told."""
+        number = next((number for number in range(self.start - 1, -1, -1) if lines[number].strip()), None)
+        if number is None or self.header or self.separator == " ":
+            return
+        fields = split_line(lines[number].lstrip("%# "), self.separator)
+        if 1 < len(fields) < len(self.kinds) and all(any(map(str.isalpha, field)) for field in fields):
+            raise DataError(
+                f"{path}: line {number + 1} has {len(fields)} headings for {len(self.kinds)} columns; name each, "
+                f"or say header_lines = {self.start}."
+            )
+
+    def refuse_tagged(self, path: Path) -> None:
+        """Refuse rows of several sensors by turns, which begin with the name of theirs."""
+        if self.kinds[0] is not Kind.text:
+            return
+        tags = [row[0] for row in self.rows]
+        turns = sum(tag != other for tag, other in pairwise(tags))
+        if 1 < len(set(tags)) <= 8 and turns >= max(3, len(set(tags))):
+            raise DataError(
+                f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save the "
+                "rows of each in a file of its own."
+            )
+
     def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
         """Names and units of the columns."""
         header = self.header[0] if self.header else [""] * len(self.kinds)
@@ -157,8 +185,8 @@ class _Layout:
                 name = name[1:]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
             name = name if name and name not in names else f"column_{number}"
             names.append(name)
-            if unit and (known_unit(unit) or unit in TRADE_UNITS):
-                units[name] = unit
+            if unit and (known_unit(unit) or plain_unit(unit) in TRADE_UNITS):
+                units[name] = plain_unit(unit)
         return tuple(names), units
 
 
@@ -182,10 +210,11 @@ def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: in
         return None
     start = first
     if header_lines is None:
-        fitting = (number for number in fields if number < HEAD and _fits(fields[number], kinds, decimal))
-        start = next(fitting, -1)
-        if start < 0:
+        fitting = [number for number in fields if number < HEAD and _fits(fields[number], kinds, decimal)]
+        if not fitting:
             return None
+        follows = dict(pairwise(fields))  # a preamble may hold one line that is like a row, and not two
+        start = next((number for number in fitting if follows.get(number) in fitting), fitting[-1])
     header = _header(fields, start, kinds, decimal)
     if header_lines is None:
         start = header[0] + 1 if header[0] == start else _first_row(fields, header[0], start, kinds, decimal)
@@ -196,18 +225,19 @@ def _header(
     fields: dict[int, list[str]], start: int, kinds: Sequence[Kind], decimal: str
 ) -> tuple[int, tuple[list[str], ...]]:
     """Line with the headings, -1 where there is none, and its fields with those of the line above it."""
-    width = len(kinds)
+    width, ends_blank = len(kinds), kinds[-1] is Kind.blank
     if width > 2 and _is_counted(fields.get(start, []), width):
         return start, (fields[start],)
     for number in sorted((number for number in fields if number < start), reverse=True):
-        if (texts := _headings(fields[number], width, decimal)) is not None:
-            above = _headings(fields.get(number - 1, []), width, decimal)
+        if (texts := _headings(fields[number], width, decimal, ends_blank=ends_blank)) is not None:
+            above = _headings(fields.get(number - 1, []), width, decimal, ends_blank=ends_blank)
             return number, (texts,) if above is None else (texts, above)
     return -1, ()
 
 
-def _headings(fields: list[str], width: int, decimal: str) -> list[str] | None:
+def _headings(fields: list[str], width: int, decimal: str, *, ends_blank: bool = False) -> list[str] | None:
     """The fields where they can be headings of so many columns: words, or words before numbered columns."""
+    fields = [*fields, ""] if ends_blank and len(fields) == width - 1 else fields
     fields = fields[:-1] if len(fields) == width + 1 and not fields[-1] else fields
     numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
     wordy = any(character.isalpha() for field in fields for character in field)
@@ -275,5 +305,5 @@ def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) 
 def _are_units(fields: Sequence[str]) -> bool:
     """Whether a line of headings holds the units of the line above it."""
     texts = [field for field in fields if field.strip("-")]
-    clear = [text[0] in "[(" or text in TRADE_UNITS for text in texts]
-    return any(clear) and all(text[0] in "[(" or known_unit(text) or text in TRADE_UNITS for text in texts)
+    clear = [text[0] in "[(" or plain_unit(text) in TRADE_UNITS for text in texts]
+    return any(clear) and all(is_unit or known_unit(text) for text, is_unit in zip(texts, clear, strict=True))

@@ -26,6 +26,7 @@ from swashtwin.recordings.formats.raw import (
     known_unit,
     require_plausible_size,
 )
+from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.recording import Recording, require_same_facts
 
 KIND = "swashtwin recording "
@@ -53,7 +54,7 @@ def read(path: Path, options: Options) -> RawFile:
     if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
     if not name.startswith(KIND):
-        return _foreign(path, file)
+        return timed_variables(path, _foreign(path, file), options)
     _require_format(path, file, FORMAT)
     return _complete(path, file)
 

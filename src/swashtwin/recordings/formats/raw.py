@@ -34,7 +34,9 @@ class Options:
     header_lines: int | None = None
     """Lines before the first sample of a text file; detected where None."""
     time_column: str | int | None = None
-    """Name or number (from 0) of the column with the time in seconds; found by its name where None."""
+    """Name or number (from 0) of the column with the time; found by its name, or as it rises evenly, where None."""
+    time_unit: str | None = None
+    """Unit of that column, such as ``"us"``; its heading or its size say it where None."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ def acceleration_factor(unit: str) -> float | None:
     >>> acceleration_factor("g"), acceleration_factor("mm/s^2"), acceleration_factor("Pa")
     (9.80665, 0.001, None)
     """
+    unit = plain_unit(unit)
     if unit in _USUAL_FACTORS:
         return _USUAL_FACTORS[unit]
     if unit.strip() == "1":
@@ -109,6 +112,29 @@ def acceleration_factor(unit: str) -> float | None:
                 f'unit = "{unit}" is not known; write such as "g", "m/s^2", "Pa", or "1" for no scale.'
             ) from cause
         return None
+
+
+_SPELLINGS = {
+    "g's": "g", "gs": "g", "g_n": "g", "gn": "g", "volts": "V", "volt": "V", "amps": "A", "amp": "A", "ms-2": "m/s^2",
+    "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m*s^-2": "m/s^2", "m s-2": "m/s^2",
+    "m.s-2": "m/s^2", "ms^-2": "m/s^2", "mm/s2": "mm/s^2", "deg c": "degC", "°c": "degC", "celsius": "degC",
+    "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm", "sec": "s",
+    "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms", "usec": "us",
+    "micros": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns",
+}  # fmt: skip
+"""Units as people write them, in small letters, and as they are known here."""
+
+
+def plain_unit(text: str) -> str:
+    """A unit in the spelling that is known here.
+
+    Examples
+    --------
+    >>> plain_unit("g's"), plain_unit("ms-2"), plain_unit("\u03bcs"), plain_unit("m/s²"), plain_unit("bar")
+    ('g', 'm/s^2', 'us', 'm/s^2', 'bar')
+    """
+    unit = text.strip().replace("\u03bc", "u").replace("\u00b5", "u").replace("²", "^2").replace("⁻", "-")
+    return _SPELLINGS.get(unit.lower(), unit)
 
 
 SAMPLE_UNITS = (
@@ -126,14 +152,14 @@ def require_sample_unit(text: str) -> None:
     UnitError
         It is none of `SAMPLE_UNITS`, in any spelling of them.
     """
-    plain = text.strip().casefold().replace("²", "^2").replace("µ", "u").replace("s2", "s^2")
+    plain = plain_unit(text).casefold()
     if plain not in [name.casefold() for name in SAMPLE_UNITS]:
         raise UnitError(f"unit = {text!r} is none of {', '.join(SAMPLE_UNITS)} (a plain number).")
 
 
 def known_unit(text: object) -> str | None:
     """The unit that a file names, or None where the text is no unit."""
-    unit = str(text).strip()
+    unit = plain_unit(str(text))
     if not unit or unit.upper() in ("NONE", "N/A", "UNKNOWN"):
         return None
     try:

@@ -18,6 +18,7 @@ _FORMATS = {
     ".csv": "csv",
     ".txt": "csv",
     ".dat": "csv",
+    ".lvm": "csv",
     ".tsv": "csv",
     ".asc": "csv",
     ".csv.gz": "csv",

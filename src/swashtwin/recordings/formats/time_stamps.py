@@ -60,11 +60,21 @@ class StampReader:
             .cast(polars.Float64)
             .fill_null(0)
             .alias("second"),
+            stamp.str.extract(r":\d{2}(?:[.,]\d+)?([+-]\d{2}):?\d{2}$")
+            .cast(polars.Float64)
+            .fill_null(0)
+            .alias("offset_hour"),
+            stamp.str.extract(r":\d{2}(?:[.,]\d+)?[+-]\d{2}:?(\d{2})$")
+            .cast(polars.Float64)
+            .fill_null(0)
+            .alias("offset_minute"),
             stamp.str.extract(r"([AaPp])[Mm]").str.to_lowercase().alias("half"),
         )
         hour, half = parts["hour"].to_numpy(), parts["half"].to_numpy()
         hour = np.where((half == "a") | (half == "p"), hour % 12 + 12.0 * (half == "p"), hour)
         clock = 3600.0 * hour + 60.0 * parts["minute"].to_numpy() + parts["second"].fill_null(0.0).to_numpy()
+        offset = parts["offset_hour"].to_numpy()
+        clock -= 3600.0 * offset + np.copysign(60.0, offset) * parts["offset_minute"].to_numpy()
         dates = parts["date"]
         if dates.null_count() == len(dates):
             return self._since_first(self._across_midnight(clock))

@@ -354,8 +354,10 @@ class Deliveries:
     def _by_upload(self, name: str, content: bytes) -> None:
         url = f"{self._watch.address}/api/recordings?machine=by-upload"
         while True:
-            headers = {"X-File-Name": name, "Content-Type": "application/octet-stream"}
-            request = urllib.request.Request(url, content, headers)
+            head = f'--part-of-kills\r\nContent-Disposition: form-data; name="file"; filename="{name}"\r\n\r\n'
+            body = head.encode() + content + b"\r\n--part-of-kills--\r\n"
+            headers = {"Content-Type": "multipart/form-data; boundary=part-of-kills"}
+            request = urllib.request.Request(url, body, headers)
             try:
                 with urllib.request.urlopen(request, timeout=10) as answer:
                     if answer.status == 202:

@@ -166,6 +166,16 @@ def test_a_time_ahead_of_our_clock_is_replaced_by_that_of_arrival(deliver: Deliv
     assert "lies ahead" in contents.notes[0]
 
 
+def test_a_line_of_tags_that_is_half_written_is_not_used(tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text("time,speed\n2026-11-23T13:50:00Z,1200\n2026-11-23T13:55:00Z,149")
+    time = datetime(2026, 11, 23, 14, tzinfo=UTC)
+    assert Tags(path).at(time) == {"speed": "1200.0 rpm"}
+    with path.open("a") as file:
+        file.write("8\n")
+    assert Tags(path).at(time) == {"speed": "1498.0 rpm"}
+
+
 def test_tags_that_cannot_be_read_are_a_note_and_stop_nothing(deliver: Deliver, tmp_path: Path) -> None:
     contents = read_contents(deliver(recording()), PUMP, Tags(tmp_path / "missing.csv"))
     assert "cannot be read" in contents.notes[0]

@@ -151,7 +151,7 @@ def test_a_file_that_cannot_be_removed_is_taken_once_and_holds_nothing_up(
     watch = folder_watch(tmp_path, deliveries, remove=True)
     for name in ("a.wav", "b.wav"):
         (tmp_path / "inbox" / name).write_bytes(name.encode())
-    forbid(monkeypatch, "unlink", "a.wav")
+    forbid(monkeypatch, "rename", "a.wav")
     take(watch)
     take(watch)
     assert sorted(delivery.file for delivery, _ in deliveries.items) == ["a.wav", "b.wav"]
@@ -214,3 +214,65 @@ def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
     assert files.has("0.wav", stamp)
     files.keep({"7.wav": stamp})
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
+
+
+def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    path = tmp_path / "inbox" / "a.wav"
+    path.write_bytes(b"1")
+    os.utime(path, (300_000_000_000,) * 2)
+    take(watch)
+    ((delivery, _),) = deliveries.items
+    assert delivery.facts == {}
+
+
+def test_a_sub_folder_that_cannot_be_read_or_is_too_deep_is_said_and_stops_nothing(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watch = folder_watch(tmp_path, deliveries)
+    (tmp_path / "inbox" / "closed").mkdir()
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    scan = os.scandir
+
+    def refuse(path: Path):
+        if Path(path).name == "closed":
+            raise PermissionError(13, "Permission denied")
+        return scan(path)
+
+    monkeypatch.setattr(folder.os, "scandir", refuse)
+    take(watch)
+    assert len(deliveries.items) == 1
+    assert "closed cannot be read: Permission denied" in str(watch.standing.problem)
+    (tmp_path / "inbox" / "closed").rmdir()
+    (tmp_path / "inbox" / "/".join("abcdefghi")).mkdir(parents=True)
+    take(watch)
+    assert "deeper than 8 folders" in str(watch.standing.problem)
+
+
+@pytest.mark.parametrize("change", ["grows", "is replaced"])
+def test_what_changes_between_copy_and_removal_is_not_removed(tmp_path: Path, deliveries, change: str) -> None:
+    path = tmp_path / "inbox" / "a.wav"
+
+    def accept(delivery, content: bytes) -> str:
+        digest = deliveries.accept(delivery, content)
+        if content == b"first":
+            if change == "is replaced":
+                path.unlink()
+            path.write_bytes(b"first and more")
+        return digest
+
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    watch._accept = accept
+    path.write_bytes(b"first")
+    for _ in range(3):
+        take(watch)
+    assert [content for _, content in deliveries.items] == [b"first", b"first and more"]
+    assert list((tmp_path / "inbox").iterdir()) == []
+
+
+def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    (tmp_path / "inbox" / ".a.wav.taken").write_bytes(b"1")
+    take(watch)
+    take(watch)
+    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav"]

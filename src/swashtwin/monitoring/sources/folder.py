@@ -9,7 +9,8 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from fnmatch import fnmatch
 from pathlib import Path
@@ -22,6 +23,8 @@ from swashtwin.monitoring.sources.standing import Standing
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
 """Suffixes that programs give to files they are still writing."""
+_ASIDE = ".taken"
+"""Suffix of a file that is about to be removed."""
 _POLLS = 4
 """Looks at the folder in the time for which a file must stand still."""
 _LONGEST_PAUSE = 2.0
@@ -54,6 +57,8 @@ class FolderWatch:
         """Whether a file may be ready at a later look."""
         self._problems: dict[str, str] = {}
         """Files that cannot be read or removed, while they are there."""
+        self._left_out: list[str] = []
+        """Sub-folders that the last look left out, and why."""
 
     def run(self, stop: threading.Event) -> None:
         """Look into the folder until `stop` is set."""
@@ -73,7 +78,8 @@ class FolderWatch:
         """Files that were taken at this look."""
         self._is_settling = False
         try:
-            stamps = dict(self._files())
+            self._left_out.clear()
+            stamps = dict(self._walk(self._source.path, 0))
         except OSError as cause:
             self.standing.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
             return 0
@@ -90,13 +96,14 @@ class FolderWatch:
         count = 0
         problem: str | None = None
         try:
-            self._taken.keep(stamps)
+            if not self._left_out:
+                self._taken.keep(stamps)
             for path in sorted(ready, key=lambda name: (stamps[name].changed, name)):
                 count += self._take(Path(path), stamps[path])
         except OSError as cause:
             problem = cause.strerror or str(cause)
         self.standing.received += count
-        problem = problem or next(iter(self._problems.values()), None)
+        problem = problem or next(iter((*self._problems.values(), *self._left_out)), None)
         if problem is not None:
             self.standing.fail(problem)
         else:
@@ -119,22 +126,29 @@ class FolderWatch:
         except OSError as cause:  # removed again, or locked by the program that writes it
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
-        facts = {"time": datetime.fromtimestamp(stamp.changed / 1e9, UTC).isoformat()}
+        facts = {}
+        with suppress(ValueError, OverflowError, OSError):  # dated beyond the year 9999: the time of arrival counts
+            facts["time"] = datetime.fromtimestamp(stamp.changed / 1e9, UTC).isoformat()
         delivery = Delivery(self._source.name, path.name, datetime.now(UTC), self._machine(path), facts, problem)
         self._accept(delivery, content)
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
-        if problem is not None or not self._source.remove or not self._is_removed(path):
+        if problem is not None or not self._source.remove or not self._is_removed(path, stamp):
             self._taken.add(str(path), stamp)
         return True
 
-    def _is_removed(self, path: Path) -> bool:
+    def _is_removed(self, path: Path, stamp: Stamp) -> bool:
+        """Whether the file that was taken is gone; one that came in its place or grew meanwhile stays, to be taken."""
+        aside = path.with_name(f".{path.name}{_ASIDE}")
         try:
-            path.unlink(missing_ok=True)
+            path.rename(aside)  # at once, so that what is looked at is what is removed
+            if _stamp(aside.stat()) == stamp:
+                aside.unlink()
+                return True
+            _put_back(aside)
         except OSError as cause:
             self._problems[str(path)] = f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
-            return False
-        return True
+        return False
 
     def _machine(self, path: Path) -> str | None:
         """Machine of a file: the source's own, or the name of the first sub-folder."""
@@ -143,8 +157,27 @@ class FolderWatch:
         parts = path.relative_to(self._source.path).parts
         return parts[0] if len(parts) > 1 else None
 
-    def _files(self) -> Iterator[tuple[str, Stamp]]:
-        return _walk(self._source.path, self._matches, 0)
+    def _walk(self, folder: Path, depth: int) -> Iterator[tuple[str, Stamp]]:
+        """Files in a folder and its sub-folders; links, hidden and unfinished files are left out."""
+        try:
+            entries = list(os.scandir(folder))
+        except OSError as cause:
+            if not depth:
+                raise
+            self._left_out.append(f"{folder} cannot be read: {cause.strerror or cause}")
+            return
+        for entry in entries:
+            if entry.name.startswith(".") and entry.name.endswith(_ASIDE):  # a kill came before it was removed
+                _put_back(Path(entry.path))
+            if entry.name.startswith((".", "~")) or entry.is_symlink():
+                continue
+            if entry.is_dir(follow_symlinks=False):
+                if depth < _DEEPEST:
+                    yield from self._walk(Path(entry.path), depth + 1)
+                else:
+                    self._left_out.append(f"{entry.path} lies deeper than {_DEEPEST} folders and is not looked into")
+            elif entry.is_file(follow_symlinks=False) and self._matches(entry.name):
+                yield entry.path, _stamp(entry.stat(follow_symlinks=False))
 
     def _matches(self, name: str) -> bool:
         return fnmatch(name, self._source.pattern) and not name.lower().endswith(_UNFINISHED)
@@ -189,17 +222,11 @@ class TakenFiles:
         self._lines = len(self._stamps)
 
 
-def _walk(folder: Path, matches: Callable[[str], bool], depth: int) -> Iterator[tuple[str, Stamp]]:
-    """Files in a folder and its sub-folders; links, hidden and unfinished files are left out."""
-    with os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.name.startswith((".", "~")) or entry.is_symlink():
-                continue
-            if entry.is_dir(follow_symlinks=False):
-                if depth < _DEEPEST:
-                    yield from _walk(Path(entry.path), matches, depth + 1)
-            elif entry.is_file(follow_symlinks=False) and matches(entry.name):
-                yield entry.path, _stamp(entry.stat(follow_symlinks=False))
+def _put_back(aside: Path) -> None:
+    """Give a file that was set aside its name again, or a name beside it where another has come."""
+    path = aside.with_name(aside.name.removeprefix(".").removesuffix(_ASIDE))
+    with suppress(OSError):
+        aside.rename(path.with_stem(f"{path.stem}-{time.time_ns()}") if path.exists() else path)
 
 
 def _stamp(stat: os.stat_result) -> Stamp:

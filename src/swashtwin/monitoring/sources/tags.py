@@ -58,7 +58,9 @@ _USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
 
 def _read(path: Path) -> tuple[list[datetime], list[dict[str, str]]]:
     rows = []
-    reader = csv.DictReader(read_text(path).splitlines())
+    text = read_text(path)
+    whole = text[: text.rfind("\n") + 1]  # a line without its end may be half written
+    reader = csv.DictReader(whole.splitlines())
     names = [name.strip() for name in reader.fieldnames or ()]
     if "time" not in names or not set(_COLUMNS) & set(names):
         raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")

@@ -9,9 +9,9 @@ from .config import load_watch_config as load_watch_config
 from .config import write_example as write_example
 from .history import History as History
 from .history import HistoryError as HistoryError
-from .page.security.users import add_token as add_token
-from .page.security.users import add_user as add_user
-from .page.security.users import remove_entry as remove_entry
+from .page.users import add_token as add_token
+from .page.users import add_user as add_user
+from .page.users import remove_entry as remove_entry
 from .service import Outcome as Outcome
 from .service import WatchStatus as WatchStatus
 from .service import record_event as record_event

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from swashtwin.monitoring.alarms import Condition
-from swashtwin.monitoring.alarms.states import PERSISTENCE, QUIET, RECENT
+from swashtwin.monitoring.alarms.testing import PERSISTENCE, QUIET, RECENT
 
 Course = some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60)
 

@@ -8,7 +8,7 @@ from starlette.testclient import TestClient
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.security.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
 from swashtwin.monitoring.sources import check_facts
 
 HOST = "http://127.0.0.1:8642"

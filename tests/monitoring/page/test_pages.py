@@ -9,8 +9,8 @@ from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history import HistoryError
-from swashtwin.monitoring.page.content.charts import sparkline
-from swashtwin.monitoring.page.content.wording import number, percent, signed
+from swashtwin.monitoring.page.charts import sparkline
+from swashtwin.monitoring.page.wording import number, percent, signed
 
 
 def send(client: TestClient, address: str, **values: object):

@@ -216,11 +216,12 @@ def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
 
 
-def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(tmp_path: Path, deliveries) -> None:
+def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, 300_000_000_000 * 10**9))
     watch = folder_watch(tmp_path, deliveries)
-    path = tmp_path / "inbox" / "a.wav"
-    path.write_bytes(b"1")
-    os.utime(path, (300_000_000_000,) * 2)
+    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
     take(watch)
     ((delivery, _),) = deliveries.items
     assert delivery.facts == {}

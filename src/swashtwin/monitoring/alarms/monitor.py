@@ -12,8 +12,7 @@ from swashtwin.foundation import DataError, InputError, plural, stream
 from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names
 from swashtwin.monitoring.alarms.points import point_layout
 from swashtwin.monitoring.alarms.sensors import SensorFinding, sensor_findings, swapped_channels
-from swashtwin.monitoring.alarms.states import Change, Condition
-from swashtwin.monitoring.alarms.testing import ConformalTest
+from swashtwin.monitoring.alarms.testing import Change, Condition, ConformalTest
 from swashtwin.recordings import Recording, stated_speed
 
 LEAST_LEARNING = 5

@@ -1,19 +1,30 @@
-"""A sequential test of exchangeability that may be looked at after every recording: a conformal test martingale.
+"""When an alarm begins and ends: a sequential test that may be looked at after every recording, and persistence.
 
-Vovk and others, "Testing randomness online", Statistical Science 36(4), 2021, DOI 10.1214/20-STS817. A gambler starts
-with a capital of 1 and bets against the p-value of each recording. As long as recordings are exchangeable, smoothed
-p-values are independent and uniform, no bet gains on average, and the chance that the capital ever reaches 1/a is at
-most a (Ville's inequality).
+The test is one of exchangeability, a conformal test martingale. Vovk and others, "Testing randomness online",
+Statistical Science 36(4), 2021, DOI 10.1214/20-STS817. A gambler starts with a capital of 1 and bets against the
+p-value of each recording. As long as recordings are exchangeable, smoothed p-values are independent and uniform, no bet
+gains on average, and the chance that the capital ever reaches 1/a is at most a (Ville's inequality).
 """
 
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
+
+PERSISTENCE = 2
+"""Recordings that must speak for an alarm, of the last `RECENT`."""
+RECENT = 3
+"""Recordings that persistence looks at."""
+QUIET = 5
+"""Recordings in a row that do not speak for the alarm, until its condition is over."""
+
+Change = Literal["raised", "cleared"]
+"""What happened to an alarm condition at a recording."""
+
 
 POWERS = (0.1, 0.3, 0.5)
 """Exponents e of the bets e p^(e - 1)."""
@@ -137,3 +148,34 @@ def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
     power, stake = np.array(POWERS), np.array(STAKES)
     won = stake / large_share if p_value <= large_share else (1 - stake) / (1 - large_share)
     return np.concatenate([power * p_value ** (power - 1), np.where(stake > large_share, won, 1.0)])
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Whether an alarm condition holds, and what the last recordings said.
+
+    That a raised alarm stands until a person acknowledged it is kept in the history.
+    """
+
+    is_active: bool = False
+    """Whether it holds."""
+    recent: Sequence[bool] = ()
+    """Whether each of the last recordings spoke for it, the newest last, `RECENT` at most."""
+    quiet: int = 0
+    """Recordings in a row that did not speak for it, `QUIET` at most."""
+
+    def after(self, is_large: bool, *, is_proven: bool = True) -> tuple["Condition", Change | None]:
+        """(the condition after one more recording, what changed).
+
+        Parameters
+        ----------
+        is_large : whether the recording speaks for the alarm.
+        is_proven : whether the evidence of all recordings so far suffices to raise it.
+        """
+        recent = (*self.recent, is_large)[-RECENT:]
+        quiet = 0 if is_large else min(self.quiet + 1, QUIET)
+        if not self.is_active and is_proven and sum(recent) >= PERSISTENCE:
+            return Condition(True, recent, quiet), "raised"
+        if self.is_active and quiet == QUIET:
+            return Condition(False, recent, quiet), "cleared"
+        return Condition(self.is_active, recent, quiet), None

@@ -13,14 +13,14 @@ from starlette.staticfiles import StaticFiles
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History, HistoryError
-from swashtwin.monitoring.page.routes.actions import action_routes, visit_routes
-from swashtwin.monitoring.page.routes.api import change_routes, machine_answers, record_answers
-from swashtwin.monitoring.page.routes.metrics import metric_routes
-from swashtwin.monitoring.page.routes.pages import page_routes
-from swashtwin.monitoring.page.routes.uploads import upload_routes
-from swashtwin.monitoring.page.security.access import Access
-from swashtwin.monitoring.page.security.guard import Guard
+from swashtwin.monitoring.page.access import Access
+from swashtwin.monitoring.page.actions import action_routes, visit_routes
+from swashtwin.monitoring.page.api import change_routes, machine_answers, record_answers
+from swashtwin.monitoring.page.guard import Guard
+from swashtwin.monitoring.page.metrics import metric_routes
+from swashtwin.monitoring.page.pages import page_routes
 from swashtwin.monitoring.page.site import Site, Upload
+from swashtwin.monitoring.page.uploads import upload_routes
 from swashtwin.monitoring.service import WatchStatus
 
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")

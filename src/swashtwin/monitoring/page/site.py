@@ -16,8 +16,8 @@ from starlette.responses import HTMLResponse
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config import WatchConfig
 from swashtwin.monitoring.history import History
-from swashtwin.monitoring.page.content import wording
-from swashtwin.monitoring.page.security.access import COOKIE, Access, Visitor
+from swashtwin.monitoring.page import wording
+from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service import WatchStatus
 
 

@@ -5,6 +5,7 @@ from .contents import read_contents as read_contents
 from .delivery import FACTS as FACTS
 from .delivery import Accept as Accept
 from .delivery import Delivery as Delivery
+from .delivery import Standing as Standing
 from .delivery import UnfitError as UnfitError
 from .delivery import check_facts as check_facts
 from .delivery import safe_name as safe_name
@@ -14,7 +15,6 @@ from .spool import Spool as Spool
 from .spool import SpoolFile as SpoolFile
 from .spool import lock_file as lock_file
 from .spool import lock_folder as lock_folder
-from .standing import Standing as Standing
 from .tags import Tags as Tags
 
 __all__ = [

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 from swashtwin.foundation import file_name, replacing
 from swashtwin.monitoring.config import FolderSource
-from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery
-from swashtwin.monitoring.sources.standing import Standing
+from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery, Standing
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
 """Suffixes that programs give to files they are still writing."""

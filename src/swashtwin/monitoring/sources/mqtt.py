@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import MissingExtraError, file_name
 from swashtwin.monitoring.config import MqttSource
-from swashtwin.monitoring.sources.delivery import LARGEST, Accept
+from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Standing
 from swashtwin.monitoring.sources.message import read_message
-from swashtwin.monitoring.sources.standing import Standing
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, MQTTMessage

@@ -6,8 +6,8 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Form, HTTPException, Query, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from swashtwin.monitoring.page.routes.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
-from swashtwin.monitoring.page.security.access import COOKIE
+from swashtwin.monitoring.page.access import COOKIE
+from swashtwin.monitoring.page.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
 from swashtwin.monitoring.page.site import Site, local_path, visitor_name
 
 Text = Annotated[str, Form(max_length=500)]

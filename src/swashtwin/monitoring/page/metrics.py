@@ -11,8 +11,8 @@ from prometheus_client.registry import Collector
 from starlette.responses import JSONResponse, Response
 
 from swashtwin.foundation import VERSION, SwashTwinError
-from swashtwin.monitoring.page.content.machine_states import STATES, state_of
-from swashtwin.monitoring.page.routes.records import all_machines
+from swashtwin.monitoring.page.machine_states import STATES, state_of
+from swashtwin.monitoring.page.records import all_machines
 from swashtwin.monitoring.page.site import Site
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.page.security.access import Access
+from swashtwin.monitoring.page.access import Access
 
 MOST_FORM_BYTES = 64 * 1024
 """Largest body [byte] of anything but an upload."""

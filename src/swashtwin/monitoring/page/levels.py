@@ -7,8 +7,8 @@ from urllib.parse import quote, urlencode
 
 from swashtwin.monitoring.alarms import baseline_levels
 from swashtwin.monitoring.history import MachineOverview
-from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, grouped_levels, stored_name
 from swashtwin.monitoring.page.site import Site
+from swashtwin.monitoring.page.wording import VERDICT_NAMES, grouped_levels, stored_name
 
 
 @dataclass(frozen=True)

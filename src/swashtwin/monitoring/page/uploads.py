@@ -12,7 +12,7 @@ from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.page.security.guard import UPLOAD_PATH
+from swashtwin.monitoring.page.guard import UPLOAD_PATH
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.sources import FACTS, safe_name
 

@@ -11,13 +11,13 @@ from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.history import FACTS, Alarm, Judgment, MachineOverview
-from swashtwin.monitoring.page.content.charts import Figure, sparkline, spectrum_figure, trend_figure
-from swashtwin.monitoring.page.content.levels import baseline_band, chosen_level
-from swashtwin.monitoring.page.content.machine_states import STATES, alarm_state, by_urgency, state_of
-from swashtwin.monitoring.page.content.spectra import compared_spectrum
-from swashtwin.monitoring.page.content.wording import VERDICT_NAMES, moment_text, number
-from swashtwin.monitoring.page.routes.records import all_machines, find_alarm, find_machine, find_recording
+from swashtwin.monitoring.page.charts import Figure, sparkline, spectrum_figure, trend_figure
+from swashtwin.monitoring.page.levels import baseline_band, chosen_level
+from swashtwin.monitoring.page.machine_states import STATES, alarm_state, by_urgency, state_of
+from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
+from swashtwin.monitoring.page.spectra import compared_spectrum
+from swashtwin.monitoring.page.wording import VERDICT_NAMES, moment_text, number
 
 CARDS = 60
 """Machines on one page."""

@@ -16,7 +16,7 @@ from starlette.responses import Response
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.config import PageSettings
-from swashtwin.monitoring.page.security.users import UserFile
+from swashtwin.monitoring.page.users import UserFile
 
 COOKIE = "swashtwin_visit"
 SESSION_SECONDS = 12 * 3600.0

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.monitoring.history import Alarm, Trend
-from swashtwin.monitoring.page.content.spectra import SpectrumComparison
+from swashtwin.monitoring.page.spectra import SpectrumComparison
 
 BAND_SPREADS = 3.0
 """Half width of the baseline's band in spreads of the healthy recordings."""

@@ -8,8 +8,9 @@ from fastapi import APIRouter, Depends, HTTPException, Query, Request
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from swashtwin.monitoring.history import FACTS, Alarm, Event, Judgment, MachineOverview, Rejection
-from swashtwin.monitoring.page.content.machine_states import state_of
-from swashtwin.monitoring.page.routes.records import (
+from swashtwin.monitoring.page.access import Visitor
+from swashtwin.monitoring.page.machine_states import state_of
+from swashtwin.monitoring.page.records import (
     MOST_HOURS,
     acknowledge,
     add_event,
@@ -20,7 +21,6 @@ from swashtwin.monitoring.page.routes.records import (
     find_recording,
     silence,
 )
-from swashtwin.monitoring.page.security.access import Visitor
 from swashtwin.monitoring.page.site import Site, visitor_name
 
 Limit = Annotated[int, Query(ge=1, le=5000)]

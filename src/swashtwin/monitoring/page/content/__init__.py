@@ -1,1 +1,0 @@
-"""What the pages show: figures, levels, states and texts."""

@@ -1,1 +1,0 @@
-"""Who may use the page, and what is refused before it is asked."""

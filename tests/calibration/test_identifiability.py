@@ -29,7 +29,7 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import DataError, InputError, mm, stream
+from swashtwin.foundation import DataError, InputError, mm, stream, to_table
 from swashtwin.physics import Scales, SensorPath, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.report import write_report
@@ -222,7 +222,7 @@ def test_six_profiles_cost_few_simulations_and_leave_the_flat_value_open(
     assert curves["K_sw"].words == "K_sw: not identified, open on both sides"
     assert curves["C_sw"].words == "C_sw: only a lower limit"
     assert curves["K_v"].is_identified
-    assert profile(objective, point, "K_sw").to_dict() == curves["K_sw"].to_dict()
+    assert to_table(profile(objective, point, "K_sw")) == to_table(curves["K_sw"])
 
 
 def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:

@@ -1,7 +1,7 @@
 """The identifiability report: which coordinates a measurement determines, alone or in combination."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from swashtwin.calibration.uncertainty.posterior import (
     sandwich,
 )
 from swashtwin.calibration.uncertainty.profiles import Profile, profiles
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, to_table
 from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import Recording
 
@@ -113,19 +113,8 @@ class IdentifiabilityReport:
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it."""
-        return {
-            "names": list(self.names),
-            "estimates": [asdict(item) for item in self.estimates],
-            "std": self.std.tolist(),
-            "prior_std": self.prior_std.tolist(),
-            "correlation": self.correlation.tolist(),
-            "standing": list(self.standing),
-            "directions": [{"words": d.words, "share": d.share, "weights": dict(d.weights)} for d in self.directions],
-            "condition_number": self.condition_number if np.isfinite(self.condition_number) else None,
-            "discrepancy": {**asdict(self.discrepancy), "constants": dict(self.discrepancy.constants)},
-            "profiles": [item.to_dict() for item in self.profiles],
-            "words": list(self.words),
-        }
+        number = self.condition_number if np.isfinite(self.condition_number) else None
+        return {**to_table(self), "condition_number": number, "words": list(self.words)}
 
 
 def identifiability(

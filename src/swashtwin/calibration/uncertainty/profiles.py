@@ -6,7 +6,6 @@ where it never rises: there the value is not identified (Raue et al. 2009, doi:1
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -179,12 +178,6 @@ class Profile:
         if below is None and above is None:
             return f"{self.name}: not identified, open on both sides"
         return f"{self.name}: only {'an upper' if below is None else 'a lower'} limit"
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it."""
-        arrays = {"coordinate": self.coordinate.tolist(), "rise": self.rise.tolist()}
-        pairs = {"interval": list(self.interval), "bounds": list(self.bounds)}
-        return {"name": self.name, **arrays, "best": self.best, **pairs, "simulations": self.simulations}
 
 
 def profile(objective: Objective, point: Float[np.ndarray, " unknown"], name: str) -> Profile:

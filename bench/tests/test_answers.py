@@ -117,9 +117,8 @@ def test_the_best_row_has_all_seeds_and_the_answer_names_the_nearest_classifiers
         "bitcn": (0.3, 0.2),
         "wdcnn": (0.8, 0.5),
         "lstm": (0.2, 0.1),
-        "mlp": (0.4, 0.3),
     }
-    skills |= {"mlp": (0.4, 0.3), "tcn": (0.5, 0.4), "resnet1d": (0.95,)}
+    skills |= {"cnn_lstm": (0.4, 0.3), "tcn": (0.5, 0.4), "autoencoder": (0.95,)}
     runs = [
         run("calibrated", seed, skill, name, ("L2",))
         for name, values in skills.items()
@@ -129,6 +128,6 @@ def test_the_best_row_has_all_seeds_and_the_answer_names_the_nearest_classifiers
     (sentence,) = assemble_result(replace(plan, models=models_of("quick", skills)), runs).answer
     assert "highest accuracy of those of 2 seeds" in sentence
     assert "(BiTCN on levels (ours), with calibrated twin)" in sentence.split(". ")[0]
-    positions = [sentence.index(f"less {name}") for name in ("ResNet1d", "WDCNN", "TCN", "MLP")]
+    positions = [sentence.index(f"less {name}") for name in ("sparse autoencoder", "WDCNN", "TCN", "CNN-LSTM")]
     assert positions == sorted(positions)
     assert "less LSTM" not in sentence

@@ -31,7 +31,7 @@ def settings(*texts: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("network", "texts", "expected"),
-    [("bigru", ("patch=4", "hidden=8"), {"patch": 4, "hidden": 8}), ("mlp", ("hidden=32,16",), {"hidden": (32, 16)})],
+    [("levels", ("hidden=32",), {"hidden": 32}), ("bitcn", ("channels=8,8",), {"channels": (8, 8)})],
 )
 def test_train_takes_any_network_and_its_settings(
     folder: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]
@@ -60,7 +60,7 @@ def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(folder: 
 
 @pytest.mark.parametrize(
     "words",
-    [("--set", "epochs=3"), ("--checkpoint", "run.checkpoint"), ("--network", "mlp", "--budget", "1 min")],
+    [("--set", "epochs=3"), ("--checkpoint", "run.checkpoint"), ("--network", "bitcn", "--budget", "1 min")],
 )
 def test_options_of_a_network_and_of_the_choice_exclude_each_other(words: tuple[str, ...]) -> None:
     assert "--network" in run("train", "nowhere", *words, code=2).stderr
@@ -69,10 +69,10 @@ def test_options_of_a_network_and_of_the_choice_exclude_each_other(words: tuple[
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("stride=4", "training a lstm has no setting 'stride'."),
+        ("patch=4", "training a bitcn has no setting 'patch'."),
         ("epoch=4", "Did you mean epochs?"),
-        ("patch=wide", "patch=wide must be a whole number"),
-        ("patch=1,2", "must be a whole number"),
+        ("stride=wide", "stride=wide must be a whole number"),
+        ("stride=1,2", "must be a whole number"),
         ("class_weights=1", "must be true or false"),
         ("epochs=2.5", "must be a whole number"),
         ("patch", "'patch' must be NAME=VALUE"),
@@ -83,19 +83,18 @@ def test_options_of_a_network_and_of_the_choice_exclude_each_other(words: tuple[
 )
 def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason: str) -> None:
     """It is refused before any recording is read."""
-    stderr = run("train", "nowhere", "--network", "lstm", "--set", text, code=2).stderr
+    stderr = run("train", "nowhere", "--network", "bitcn", "--set", text, code=2).stderr
     assert reason in " ".join(stderr.replace("│", " ").split())
 
 
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("spectral_bitcn", "--set", "frame=1"), "frame"),
-        (("mlp", "--set", "epochs=0"), "epochs (0) must be at least 1"),
-        (("mlp", "--set", "normalization=guess"), "normalization 'guess' is none of"),
-        (("mlp", "--set", "stretch=2"), "must be between 0 and 0.2"),
-        (("mlp", "--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
-        (("bi_lstm",), "Did you mean 'bilstm'"),
+        (("bitcn", "--set", "epochs=0"), "epochs (0) must be at least 1"),
+        (("bitcn", "--set", "normalization=guess"), "normalization 'guess' is none of"),
+        (("bitcn", "--set", "stretch=2"), "must be between 0 and 0.2"),
+        (("bitcn", "--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
+        (("bi_tcn",), "Did you mean 'bitcn'"),
     ],
 )
 def test_a_value_that_cannot_be_is_one_line_before_any_recording_is_read(words: tuple[str, ...], reason: str) -> None:
@@ -117,7 +116,7 @@ def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None
 def test_train_learns_with_noise_other_gains_and_speeds_where_they_are_set(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.safetensors"
     texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
-    run("train", folder, "--window", 100, "--network", "mlp", *settings(*texts), "--out", out)
+    run("train", folder, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
     trained = load_classifier(out).settings
     assert (trained.noise_snr, trained.gain, trained.stretch) == (0.0, 3.0, 0.02)
 
@@ -132,7 +131,11 @@ def test_resume_needs_a_checkpoint() -> None:
         (("--test-fraction", 0.7), 2, "less than or equal to 0.5"),
         (("--validation-fraction", -0.1), 2, "greater than or equal to 0"),
         (("--group", "pump_run"), 3, "pump_run"),
-        (("--network", "mlp", "--checkpoint", "run.checkpoint"), 3, "run.checkpoint exists; continue it with --resume"),
+        (
+            ("--network", "levels", "--checkpoint", "run.checkpoint"),
+            3,
+            "run.checkpoint exists; continue it with --resume",
+        ),
     ],
 )
 def test_a_split_or_a_checkpoint_that_cannot_be_is_refused_before_windows_are_cut(

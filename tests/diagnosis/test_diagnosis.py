@@ -72,8 +72,7 @@ def saved(classifier, tmp_path) -> Path:
 )
 def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name, normalization):
     settings = TrainingSettings(epochs=1, normalization=normalization)
-    shape = {"pretraining_epochs": 1} if name == "autoencoder" else {}
-    classifier = fit(build_network(name, 1, 2, **shape), windows(), settings=settings, manifest=["extra"])
+    classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
     loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
     np.testing.assert_array_equal(loaded.predict_proba(windows()), classifier.predict_proba(windows()))
     np.testing.assert_array_equal(loaded.embed(windows()), classifier.embed(windows()))
@@ -186,7 +185,7 @@ def test_a_diagnosis_is_json(classifier):
 
 
 def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
-    default = build_network("spectral_bitcn", 1, 2, length=windows().length)
+    default = build_network("levels", 1, 2)
     settings = TrainingSettings(epochs=5, batch_size=12, learning_rate=3e-3, normalization="set")
     saved = save_classifier(fit(default, windows(), settings=settings), tmp_path / "pump.safetensors")
     path = write_recording(recording("new", "piston"), tmp_path / "new.h5")

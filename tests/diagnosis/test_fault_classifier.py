@@ -13,7 +13,7 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
     RECOMMENDED_TRAINING,
-    SpectralBiTCN,
+    LevelNetwork,
     WindowSet,
     cut_windows,
     evaluate,
@@ -22,7 +22,7 @@ from swashtwin.learning import (
 from swashtwin.recordings import Recording, Recordings
 
 CLASSES = ("normal", "piston")
-SMALL = {"network": "spectral_bitcn", "window": 128, "epochs": 4, "batch_size": 8}
+SMALL = {"network": "levels", "window": 128, "epochs": 4, "batch_size": 8}
 
 
 def recordings(tag: str, per_class: int = 3) -> list[Recording]:
@@ -78,7 +78,7 @@ def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers(
 def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifier):
     windows = cut_windows(recordings("train"), length=128)
     settings = classifier._settings()
-    fitted = fit(SpectralBiTCN(1, 2), windows, settings=settings)
+    fitted = fit(LevelNetwork(1, 2), windows, settings=settings)
     new = cut_windows(recordings("new"), length=128)
     np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))
     again = clone(classifier).fit(windows)

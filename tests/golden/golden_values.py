@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from golden_rig import pair_recordings
 
+import swashtwin_bench.rivals.networks  # noqa: F401  (makes the rivals known)
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import load_classifier, save_classifier
 from swashtwin.foundation import MPa, mm, rpm, um

@@ -15,7 +15,6 @@ from swashtwin.learning import (
     BiTCN,
     FittedClassifier,
     Network,
-    SpectralBiTCN,
     TrainingSettings,
     WindowSet,
     cut_windows,
@@ -46,11 +45,6 @@ def tones(n_windows: int = 10) -> WindowSet:
 
 def network() -> BiTCN:
     return BiTCN(2, 2, channels=(8, 8), kernel_size=3)
-
-
-def on_levels() -> SpectralBiTCN:
-    """A network that represents windows once, and learns their levels before the first epoch."""
-    return SpectralBiTCN(2, 2, channels=(8,), frame=16, hop=8, n_bands=4, hidden=8)
 
 
 def same(first: FittedClassifier, second: FittedClassifier) -> bool:
@@ -113,7 +107,7 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
     assert not np.array_equal(alone, transform_windows(clean, SETTINGS, 0, 2)[0])
 
 
-@pytest.mark.parametrize("factory", [network, on_levels])
+@pytest.mark.parametrize("factory", [network])
 @pytest.mark.parametrize("change", [{"noise_snr": 0.0}, {"gain": 3.0}, {"stretch": 0.02}])
 def test_training_on_changed_windows_repeats_itself(factory: Callable[[], Network], change: dict[str, float | None]):
     settings = replace(SETTINGS, **{"noise_snr": None, **change})
@@ -122,7 +116,7 @@ def test_training_on_changed_windows_repeats_itself(factory: Callable[[], Networ
     assert not same(first, fit(factory(), tones(), settings=replace(SETTINGS, noise_snr=None), seed=1))
 
 
-@pytest.mark.parametrize("factory", [network, on_levels])
+@pytest.mark.parametrize("factory", [network])
 def test_training_with_noise_repeats_itself_and_continues_bit_for_bit(factory: Callable[[], Network], tmp_path):
     whole = fit(factory(), tones(), settings=SETTINGS, seed=1)
     clean = replace(SETTINGS, noise_snr=None)
@@ -179,10 +173,10 @@ def test_training_with_gains_and_speeds_continues_bit_for_bit(tmp_path):
 
     run = {"settings": settings, "seed": 1, "checkpoint": tmp_path / "run.safetensors"}
     with pytest.raises(KeyboardInterrupt):
-        fit(on_levels(), tones(), progress=interrupt, **run)
+        fit(network(), tones(), progress=interrupt, **run)
     with pytest.raises(InputError, match="gain"):
-        fit(on_levels(), tones(), resume=True, **{**run, "settings": replace(settings, gain=0.0)})
-    assert same(fit(on_levels(), tones(), settings=settings, seed=1), fit(on_levels(), tones(), resume=True, **run))
+        fit(network(), tones(), resume=True, **{**run, "settings": replace(settings, gain=0.0)})
+    assert same(fit(network(), tones(), settings=settings, seed=1), fit(network(), tones(), resume=True, **run))
 
 
 @pytest.mark.parametrize(

@@ -306,7 +306,7 @@ def test_settings_that_cannot_be_are_refused(settings):
         TrainingSettings(**settings)
 
 
-@pytest.mark.parametrize("name", ["spectral_bitcn", "bitcn"])
+@pytest.mark.parametrize("name", ["bitcn"])
 def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one(name):
     """A generator that threads share gave each of them other weights and another dropout."""
     smaller = {"channels": (2,), "dropout": 0.3}
@@ -324,7 +324,7 @@ def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one(name):
 
 def test_a_training_changes_nothing_that_the_process_shares():
     before = global_state()
-    classifier = fit(build_network("spectral_bitcn", 1, 2), tones(), settings=SHORT)
+    classifier = fit(build_network("levels", 1, 2), tones(), settings=SHORT)
     classifier.predict_proba(tones())
     assert global_state() == before
 

@@ -1,6 +1,5 @@
 """A fitted classifier as an ONNX file, which other languages and runtimes read without torch or swashtwin."""
 
-import copy
 import json
 import logging
 import math
@@ -14,7 +13,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.diagnosis.onnx_recurrence import OnnxRecurrence
 from swashtwin.foundation import VERSION, MissingExtraError, replacing
 from swashtwin.learning import FittedClassifier, Network, Normalization
 
@@ -37,7 +35,7 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     """
     _require_packages()
     layout, network = classifier.layout, classifier.network
-    whole = _Whole(classifier.normalization, _exportable(network), layout.sample_rate).eval()
+    whole = _Whole(classifier.normalization, network, layout.sample_rate).eval()
     names, examples = ["windows"], [torch.zeros(2, len(layout.channels), layout.length)]
     if network.uses_speed:
         names, examples = [*names, "speed"], [*examples, torch.full((2,), torch.nan)]
@@ -96,15 +94,6 @@ class _Whole(nn.Module):
             return torch.softmax(self.network(windows), dim=-1)
         represented = self.network.represent_at(windows, speed * self.turns_of_speed)
         return torch.softmax(self.network.head(self.network.encode(represented)), dim=-1)
-
-
-def _exportable(network: Network) -> Network:
-    """A copy whose recurrent layers are ONNX's."""
-    exportable = copy.deepcopy(network)
-    for name, part in network.named_modules():
-        if isinstance(part, (nn.LSTM, nn.GRU)):
-            exportable.set_submodule(name, OnnxRecurrence(part))
-    return exportable
 
 
 def _facts(classifier: FittedClassifier) -> dict[str, object]:

@@ -51,16 +51,21 @@ from .healthy.healthy_levels import measure_healthy as measure_healthy
 from .healthy.levels import Level as Level
 from .healthy.levels import LevelLayout as LevelLayout
 from .networks.bitcn import BiTCN as BiTCN
+from .networks.branch import Branch as Branch
 from .networks.level_network import LevelNetwork as LevelNetwork
 from .networks.network import Network as Network
+from .networks.network import batches as batches
 from .networks.registry import BUILT_IN as BUILT_IN
 from .networks.registry import NETWORKS as NETWORKS
 from .networks.registry import build_network as build_network
 from .networks.registry import has_network as has_network
 from .networks.registry import register_network as register_network
-from .networks.sensor_graph import SensorGraph as SensorGraph
+from .networks.representation import FLOOR as FLOOR
+from .networks.representation import bands_of as bands_of
+from .networks.representation import power_of as power_of
+from .networks.representation import taper_of as taper_of
+from .networks.representation import waveform_shape as waveform_shape
 from .networks.settings import default_settings as default_settings
-from .networks.spectral_bitcn import SpectralBiTCN as SpectralBiTCN
 from .networks.window_levels import WindowLevel as WindowLevel
 from .training.checkpoint import checkpoint_epochs as checkpoint_epochs
 from .training.classifier import FittedClassifier as FittedClassifier
@@ -108,6 +113,7 @@ __all__ = [
     "BUDGET",
     "BUILT_IN",
     "CANDIDATES",
+    "FLOOR",
     "LEVELS",
     "NETWORKS",
     "NORMALIZATIONS",
@@ -119,6 +125,7 @@ __all__ = [
     "USUAL_ERROR_RATE",
     "Baseline",
     "BiTCN",
+    "Branch",
     "Candidate",
     "Choice",
     "Classifier",
@@ -142,8 +149,6 @@ __all__ = [
     "Normalization",
     "OutsideFact",
     "Scores",
-    "SensorGraph",
-    "SpectralBiTCN",
     "SureClassifier",
     "TrainingReference",
     "TrainingSettings",
@@ -155,6 +160,8 @@ __all__ = [
     "allowed_error_rate",
     "at_other_speeds",
     "band_energies",
+    "bands_of",
+    "batches",
     "build_network",
     "check_disjoint",
     "check_recordings",
@@ -187,6 +194,7 @@ __all__ = [
     "outside_facts",
     "plan_validation",
     "pooled_probabilities",
+    "power_of",
     "recalls",
     "recording_answers",
     "refuse_other_values",
@@ -199,7 +207,9 @@ __all__ = [
     "signal_facts",
     "split_by_recording",
     "swapped_channels",
+    "taper_of",
     "unseen_recordings",
+    "waveform_shape",
     "wilson_interval",
     "window_batches",
     "window_counts",

@@ -47,8 +47,6 @@ CLASSIFIERS = {
     "bigru": "BiGRU",
     "wdcnn": "WDCNN",
     "cnn_lstm": "CNN-LSTM",
-    "mlp": "MLP",
-    "resnet1d": "ResNet1d",
     "extra_trees": "extra trees",
     "svm": "SVM",
     "autoencoder": "sparse autoencoder",

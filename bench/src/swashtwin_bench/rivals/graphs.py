@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.learning import SensorGraph, register_network
+from swashtwin.learning import register_network
+from swashtwin_bench.rivals.networks.sensor_graph import SensorGraph
 
 COMPONENTS = ("housing", "swash_plate", "pistons", "cylinder_block", "valve_plate")
 """Parts of the pump, the nodes of `ComponentGraph`."""

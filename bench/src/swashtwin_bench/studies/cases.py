@@ -33,7 +33,7 @@ scarce cell, 150 synthetic ones."""
 CASE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "bitcn", "extra_trees")}
 """Classifiers of the paper's cases: ours, the paper's, and the first rival to any network."""
 
-ANGLE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "ridge", "svm", "extra_trees", "resnet1d")}
+ANGLE_MODELS = {"quick": (DEFAULT, "extra_trees"), "paper": (DEFAULT, "ridge", "svm", "extra_trees", "wdcnn")}
 """Ours, and the best rivals of the other kinds: linear, kernel, trees, and a network on samples."""
 
 NOISE_MODELS = (DEFAULT, "spectral_noise", "bitcn", "tcn", "lstm", "bilstm", "extra_trees")

@@ -5,7 +5,6 @@ from typing import Any, ClassVar, TypeVar
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
-from torch.nn import functional
 
 from swashtwin.foundation import InputError, TorchStream
 
@@ -113,8 +112,3 @@ class Network(nn.Module):
         """A network of the same settings with weights drawn from `seed`; the process's random state stays as it is."""
         with TorchStream(seed):
             return type(self)(**self.settings)
-
-
-def whole_patches(windows: Float[Tensor, "window channel time"], patch: int) -> Float[Tensor, "window channel longer"]:
-    """`windows` with zeros before them, so many that their length is a multiple of `patch`."""
-    return functional.pad(windows, (-windows.shape[-1] % patch, 0))

@@ -9,26 +9,13 @@ from typing import Any
 from torch import nn
 
 from swashtwin.foundation import InputError, TorchStream
-from swashtwin.learning.networks.autoencoder import StackedAutoencoder
 from swashtwin.learning.networks.bitcn import BiTCN
-from swashtwin.learning.networks.cnn_lstm import CNNLSTM
 from swashtwin.learning.networks.level_network import LevelNetwork
-from swashtwin.learning.networks.mlp import MLP
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.networks.own_module import OwnModule
-from swashtwin.learning.networks.recurrent import LSTM, BiGRU, BiLSTM
-from swashtwin.learning.networks.resnet1d import ResNet1d
-from swashtwin.learning.networks.sensor_graph import SensorGraph
 from swashtwin.learning.networks.settings import checked_settings
-from swashtwin.learning.networks.spectral_bitcn import SpectralBiTCN
-from swashtwin.learning.networks.tcn import TCN
-from swashtwin.learning.networks.wdcnn import WDCNN
 
-_CLASSES: tuple[type[Network], ...] = (
-    LevelNetwork, SpectralBiTCN, BiTCN, TCN, LSTM, BiLSTM, BiGRU, WDCNN, CNNLSTM, ResNet1d, MLP, StackedAutoencoder,
-    SensorGraph,
-)  # fmt: skip
-NETWORKS: dict[str, type[Network]] = {network.name: network for network in _CLASSES}
+NETWORKS: dict[str, type[Network]] = {network.name: network for network in (LevelNetwork, BiTCN)}
 """Class of each network; a saved model is built again by its name here."""
 
 

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from swashtwin.learning.networks.network import Network, batches
-from swashtwin.learning.networks.spectrum import SpectrumLines
+from swashtwin.learning import Network, batches
+from swashtwin_bench.rivals.networks.spectrum import SpectrumLines
 
 _BATCH = 64
 _LEARNING_RATE = 1e-3

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.learning.networks.network import Network
+from swashtwin.learning import Network
 
 
 class SensorGraph(Network):

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.parametrizations import weight_norm
 
-from swashtwin.learning.networks.network import Network, whole_patches
+from swashtwin.learning import Network
+from swashtwin_bench.rivals.networks.patches import whole_patches
 
 
 class TemporalBlock(nn.Module):

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
 
-from swashtwin.learning.networks.network import Network
+from swashtwin.learning import Network
 
 _SHORTEST = 1024  # samples that the five poolings leave at least one step of
 

@@ -6,7 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.learning.networks.network import Network, whole_patches
+from swashtwin.learning import Network
+from swashtwin_bench.rivals.networks.patches import whole_patches
 
 
 class Recurrent(Network):

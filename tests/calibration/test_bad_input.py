@@ -9,7 +9,7 @@ from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
 from swashtwin.calibration.objective.recording_checks import shown_speed
-from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, UnitError, rpm, um
+from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
 from swashtwin.recordings import Recording
@@ -160,32 +160,6 @@ def test_a_spectrum_of_nothing_but_noise_is_refused(twin: Twin, recording: Recor
     refused(DataError, words, twin, [replace(recording, signal=noise)])
     still = np.zeros_like(recording.signal)
     refused(DataError, "every sample is 0: a dead", twin, [replace(recording, signal=still)])
-
-
-def test_samples_in_g_are_named_whether_the_unit_says_so_or_not(twin: Twin, recording: Recording) -> None:
-    in_g = replace(recording, signal=twin.simulate(1.3, 6400.0).signal / 9.80665)
-    refused(UnitError, r"rec-0 is in 'g'; .* multiply by 9.80665", twin, [replace(in_g, unit="g")])
-    notes = calibrate(twin, [in_g], method=QUICK, **SIX_VALUES).notes
-    assert any("are the samples in g?" in note for note in notes)
-
-
-@pytest.mark.parametrize(
-    ("bounds", "words"),
-    [
-        ({"C_sw": (1.0, 2.0)}, r"bounds of C_sw \(1, 2\) must be positive and hold the nominal value"),
-        ({"K_sw": (-1.0, 1e12)}, "must be positive"),
-        ({"C_xx": (1.0, 2.0)}, "bounds name 'C_xx', which is none of"),
-        (0.5, r"bounds \(0.5\) must be a factor above 1"),
-        (float("nan"), "must be a factor above 1"),
-    ],
-)
-def test_bounds_that_exclude_the_start_are_refused(twin: Twin, recording: Recording, bounds: Any, words: str) -> None:
-    refused(InputError, words, twin, [recording], bounds=bounds)
-
-
-def test_a_channel_without_sensor_is_refused_with_the_sensors_there_are(twin: Twin, recording: Recording) -> None:
-    renamed = replace(recording, channels=("cover_z", "housing_top", "body_x"))
-    refused(DataError, "no sensor for channel 'housing_top'; it has cover_z, body_y, body_x", twin, [renamed])
 
 
 def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: OperatingCondition) -> None:

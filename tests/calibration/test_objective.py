@@ -119,21 +119,6 @@ def test_the_deviations_are_those_of_the_physics_notes(
     assert np.sqrt(np.diag(covariance))[:6] == pytest.approx(expected, rel=0.06)
 
 
-@pytest.mark.parametrize(("film", "verdict"), [(1.86e6, "not identified"), (9e4, "identified")])
-def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
-    pump: Pump, at_15: OperatingCondition, film: float, verdict: str
-) -> None:
-    values = np.array(pump.interfaces.values())
-    values[0] = film
-    objective = ideal_objective(Twin(pump, at_15, DEFECT, Interfaces.from_values(values), bandwidth=2500))
-    estimates = estimates_of(
-        objective, objective.unknowns.start, posterior_covariance(objective, objective.unknowns.start)
-    )
-    assert estimates[1].letter == "K_sw"
-    assert estimates[1].verdict == verdict
-    assert [estimate.verdict for estimate in estimates if estimate.letter in ("C_v", "C_Hz")] == ["identified"] * 2
-
-
 def test_a_misfit_widens_the_deviations(twin: Twin, objective: Objective) -> None:
     start = objective.unknowns.start
     (comparison,) = objective.comparisons

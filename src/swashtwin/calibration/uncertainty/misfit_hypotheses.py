@@ -136,8 +136,7 @@ def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypoth
         names = tuple(name for name in SCALES if name.startswith(kind))
         if names[0] in objective.unknowns.scales:
             continue
-        more = _with_more(objective.unknowns, names, 0.0, getattr(WIDE, kind.strip("_")))
-        unknowns = replace(more, scales=(*more.scales, *names))
+        unknowns = _freed(objective.unknowns, names, 0.0, getattr(WIDE, kind.strip("_")))
         point, misfit = _refit(replace(objective, unknowns=unknowns))
         offs = {name: float(point[unknowns.names.index(name)]) for name in names}
         words = [f"{words_of_constant(n)} is {np.exp(x):.2g} times the twin's" for n, x in offs.items() if abs(x) > 0.1]
@@ -165,7 +164,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         if name == "excitation" and objective.twin.fault is None:
             continue
         twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
-        unknowns = _with_scale(objective.unknowns, name, twin_value)
+        unknowns = _freed(objective.unknowns, (name,), twin_value, getattr(WIDE, name))
         index = unknowns.names.index(name)
         starts = [replace(unknowns, start=_with_entry(unknowns.start, index, twin_value + away)) for away in AWAY[name]]
         point, misfit = min((_refit(replace(objective, unknowns=start)) for start in starts), key=lambda pair: pair[1])
@@ -175,25 +174,6 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         )
         mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
         yield MisfitHypothesis(mistake, misfit, before)
-
-
-def _with_scale(unknowns: Unknowns, name: str, center: float) -> Unknowns:
-    """`unknowns` with a constant searched under its wide prior, whatever it was before."""
-    wide = getattr(WIDE, name)
-    if name not in unknowns.scales:
-        more = _with_more(unknowns, (name,), center, wide)
-        return replace(more, scales=(*unknowns.scales, name))
-    return _widened(unknowns, unknowns.names.index(name), center, wide)
-
-
-def _widened(unknowns: Unknowns, index: int, center: float, wide: float) -> Unknowns:
-    """`unknowns` with a wider prior of one coordinate."""
-    return replace(
-        unknowns,
-        deviation=_with_entry(unknowns.deviation, index, wide),
-        lower=_with_entry(unknowns.lower, index, center - REACH * wide),
-        upper=_with_entry(unknowns.upper, index, center + REACH * wide),
-    )
 
 
 def _with_entry(row: np.ndarray, index: int, value: float) -> np.ndarray:
@@ -208,12 +188,7 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
     if len(channels) < 2:
         return
     names = tuple(f"gain {name}" for name in channels)
-    unknowns = objective.unknowns
-    if unknowns.has_gains:
-        for name in names:
-            unknowns = _widened(unknowns, unknowns.names.index(name), 0.0, WIDE.gains)
-    else:
-        unknowns = replace(_with_more(unknowns, names, 0.0, WIDE.gains), has_gains=True)
+    unknowns = _freed(objective.unknowns, names, 0.0, WIDE.gains)
     point, misfit = _refit(replace(objective, unknowns=unknowns))
     gains = np.exp([point[unknowns.names.index(name)] for name in names])
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
@@ -229,19 +204,21 @@ def _is_gravity(factor: float) -> bool:
     return abs(factor * GRAVITY - 1) < 0.3
 
 
-def _with_more(unknowns: Unknowns, names: tuple[str, ...], center: float, deviation: float) -> Unknowns:
-    """`unknowns` with coordinates of one prior after the scales, all starting at its center."""
-    index, count = unknowns.first_of_path, len(names)
-
-    def more(row: np.ndarray, value: float) -> np.ndarray:
-        return np.insert(row, index, np.full(count, value))
-
-    return replace(
+def _freed(unknowns: Unknowns, names: tuple[str, ...], center: float, wide: float) -> Unknowns:
+    """`unknowns` with constants of one kind (scales, or gains) searched under wide priors, also those that were."""
+    missing = tuple(name for name in names if name not in unknowns.names)
+    are_gains = names[0].startswith("gain ")
+    index = unknowns.first_of_path
+    rows = {name: getattr(unknowns, name) for name in ("start", "center", "deviation", "lower", "upper")}
+    rows = {name: np.insert(row, index, np.full(len(missing), center)) for name, row in rows.items()}
+    freed = replace(
         unknowns,
-        names=(*unknowns.names[:index], *names, *unknowns.names[index:]),
-        start=more(unknowns.start, center),
-        center=more(unknowns.center, center),
-        deviation=more(unknowns.deviation, deviation),
-        lower=more(unknowns.lower, center - REACH * deviation),
-        upper=more(unknowns.upper, center + REACH * deviation),
+        names=(*unknowns.names[:index], *missing, *unknowns.names[index:]),
+        scales=unknowns.scales if are_gains else (*unknowns.scales, *missing),
+        has_gains=unknowns.has_gains or are_gains,
+        **rows,
     )
+    for place in (freed.names.index(name) for name in names):
+        freed.deviation[place] = wide
+        freed.lower[place], freed.upper[place] = center - REACH * wide, center + REACH * wide
+    return freed

@@ -32,8 +32,8 @@ from swashtwin.learning import (
 )
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.features import level_features
+from swashtwin.learning.training.class_space import shrunk_covariance
 from swashtwin.learning.training.confidence import temperature_scaled
-from swashtwin.learning.training.shrinkage import shrunk_covariance
 from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording

@@ -15,7 +15,7 @@ from swashtwin.learning import (
     fit_baseline,
     fit_extra_trees,
 )
-from swashtwin.learning.estimators.decisions import DecisionSoftmax
+from swashtwin.learning.estimators.registry import DecisionSoftmax
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston", "valve_plate")

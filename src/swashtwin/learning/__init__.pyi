@@ -1,16 +1,15 @@
 """Names that other rooms import, and where each lives."""
 
-from .choice.candidates import CANDIDATES as CANDIDATES
-from .choice.candidates import Candidate as Candidate
+from .choice.choice import CANDIDATES as CANDIDATES
+from .choice.choice import Candidate as Candidate
 from .choice.choice import Choice as Choice
 from .choice.choice import Trial as Trial
 from .choice.choosing import BUDGET as BUDGET
 from .choice.choosing import choose as choose
-from .choice.chosen_training import fit_chosen as fit_chosen
+from .choice.choosing import fit_chosen as fit_chosen
 from .copies import copied_recordings as copied_recordings
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
-from .estimators.decisions import DecisionSoftmax as DecisionSoftmax
 from .estimators.fitted import FittedBaseline as FittedBaseline
 from .estimators.fitted import fit_baseline as fit_baseline
 from .estimators.fitted import fit_extra_trees as fit_extra_trees
@@ -19,6 +18,7 @@ from .estimators.forest import fit_forest as fit_forest
 from .estimators.registry import BASELINES as BASELINES
 from .estimators.registry import RIDGE_PENALTIES as RIDGE_PENALTIES
 from .estimators.registry import Baseline as Baseline
+from .estimators.registry import DecisionSoftmax as DecisionSoftmax
 from .evaluation.confidence import ConfidenceScores as ConfidenceScores
 from .evaluation.confidence import cross_fit as cross_fit
 from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confidence
@@ -36,9 +36,9 @@ from .evaluation.pooling import window_counts as window_counts
 from .evaluation.protocols import Classifier as Classifier
 from .evaluation.protocols import DiagnosingClassifier as DiagnosingClassifier
 from .evaluation.protocols import SureClassifier as SureClassifier
+from .evaluation.protocols import unseen_recordings as unseen_recordings
 from .evaluation.scores import Scores as Scores
 from .evaluation.scores import evaluate as evaluate
-from .evaluation.unseen import unseen_recordings as unseen_recordings
 from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features

@@ -12,8 +12,7 @@ from sklearn.metrics import roc_auc_score
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.evaluation.pooling import fit_pooling, pooled_probabilities, window_counts
-from swashtwin.learning.evaluation.protocols import SureClassifier
-from swashtwin.learning.evaluation.unseen import refuse_seen
+from swashtwin.learning.evaluation.protocols import SureClassifier, refuse_seen
 from swashtwin.learning.training.confidence import Confidence, allowed_error_rate, nonconformity_scores
 from swashtwin.learning.windows.folding import group_folds
 from swashtwin.learning.windows.window_set import WindowSet

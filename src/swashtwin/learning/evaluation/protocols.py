@@ -1,14 +1,15 @@
-"""What a classifier must offer to be evaluated, to learn its confidence, and to diagnose recordings."""
+"""What a classifier must offer to be evaluated and to diagnose, and which recordings may test it."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from swashtwin.foundation import DataError, LeakError
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
-from swashtwin.recordings import Manifest
+from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
 
 _Self = TypeVar("_Self", bound="DiagnosingClassifier")
 
@@ -63,3 +64,28 @@ class DiagnosingClassifier(SureClassifier, Protocol):
 
     def scaled_for(self: _Self, parts: Callable[[], Iterable[WindowSet]]) -> _Self:
         """The same classifier with the scaling of one recording."""
+
+
+def unseen_recordings(classifier: Classifier, recordings: Sequence[Recording]) -> list[Recording]:
+    """Measured recordings that had no part in the classifier, in their order; each is read once for its content.
+
+    Raises
+    ------
+    DataError
+        Every recording had a part in it.
+    """
+    measured = [recording for recording in recordings if not recording.synthetic]
+    seen = seen_recordings(classifier.manifest, manifest_of(measured))
+    unseen = [recording for recording in measured if recording.recording_id not in seen]
+    if not unseen:
+        raise DataError(
+            f"all {len(recordings)} recordings had a part in the classifier (its manifest); test on others, or train "
+            "with a share held out."
+        )
+    return unseen
+
+
+def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
+    """Raise a `LeakError` that names a recording that had a part in the classifier, if there is one."""
+    if seen := seen_recordings(classifier.manifest, recordings):
+        raise LeakError(f"{say_seen(seen)} had a part in the classifier (its manifest); test on others.")

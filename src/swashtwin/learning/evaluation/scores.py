@@ -13,8 +13,7 @@ from swashtwin.foundation import DataError, InputError, LeakError, plural
 from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.levels import LEVELS
 from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
-from swashtwin.learning.evaluation.protocols import Classifier
-from swashtwin.learning.evaluation.unseen import refuse_seen
+from swashtwin.learning.evaluation.protocols import Classifier, refuse_seen
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 

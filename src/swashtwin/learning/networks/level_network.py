@@ -13,7 +13,7 @@ from torch.nn import functional
 from swashtwin.foundation import InputError, TorchStream
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.networks.window_levels import WindowLevel, gain_response, level_catalogue, window_levels
-from swashtwin.learning.training.shrinkage import shrunk_covariance
+from swashtwin.learning.training.class_space import shrunk_covariance
 
 HEADS = ("discriminant", "hidden")
 """What decides on the levels; of both the average."""

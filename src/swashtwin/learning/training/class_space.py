@@ -6,8 +6,36 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64, Shaped
 
-from swashtwin.learning.training.shrinkage import shrinkage
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values
+
+
+def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
+    """Covariance of the rows, shrunk towards a multiple of the identity by Ledoit and Wolf (2004).
+
+    (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI 10.1016/S0047-259X(03)00096-4); as
+    scikit-learn's `LedoitWolf`, whose import would take longer than a diagnosis.
+    """
+    return shrinkage(rows, rows.shape[1])[0]
+
+
+def shrinkage(
+    rows: Float[np.ndarray, "recording axis"], n_features: int
+) -> tuple[Float64[np.ndarray, "axis axis"], float]:
+    """(covariance of the rows as `shrunk_covariance`, its diagonal along directions in which no row differs).
+
+    The rows are coordinates along some orthonormal axes that hold all that differs between them, out of `n_features`.
+    """
+    centered = rows - rows.mean(axis=0)
+    squares = (centered**2).sum(axis=1)
+    covariance = centered.T @ centered / len(rows)
+    trace = squares.sum() / len(rows)
+    mean = trace / n_features
+    norm = float((covariance**2).sum())
+    beta = (float((squares**2).sum()) / len(rows) - norm) / (n_features * len(rows))
+    delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
+    share = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0
+    return np.asarray((1 - share) * covariance + share * mean * np.eye(len(covariance))), float(share * mean)
+
 
 _LEAST_VARIANCE = 1e-6
 """Added to each variance, for classes of one recording have none."""

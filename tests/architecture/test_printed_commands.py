@@ -30,7 +30,6 @@ NOT_RUN = (
     (r"report (out|studies)", "it shows the runs of studies"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"demo", "tests/cli/test_cli.py and .ci/run run it"),
-    (r"(index|train|evaluate) .*(cwru|pump_cavitation)", "it needs a public set"),
     (r"train .*--network ", "a training of all epochs takes minutes"),
     (r"model export bigru", "it needs such a training"),
     (r"calibrate (healthy/|INDEX)", "a calibration of a whole band takes minutes"),

@@ -85,7 +85,7 @@ def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Ge
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Within it this thread computes alone, since kernels this small only wait for each other
-    (docs/explanation/protocol.md).
+    (docs/explanation/method.md).
 
     Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
     """

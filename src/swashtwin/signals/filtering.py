@@ -30,7 +30,7 @@ def add_noise(
 ) -> Float[np.ndarray, "channel time"]:
     """Signal with noise of a stated signal-to-noise ratio [dB] added.
 
-    The signal's power is its variance over the whole of `signal`, per channel (docs/explanation/protocol.md, "Noise").
+    The signal's power is its variance over the whole of `signal`, per channel (docs/explanation/method.md, "Noise").
 
     - ``"white"``: Gaussian, the same density at all frequencies.
     - ``"pink"``: Gaussian, the density falls as 1/f from the first line of the signal to half the sample rate.

@@ -65,7 +65,7 @@ def with_noise(
     """The windows with noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
 
     The signal's power is the variance of the window per channel, not of the recording as in tests
-    (docs/explanation/protocol.md, "Noise"): a synthetic window has no recording.
+    (docs/explanation/method.md, "Noise"): a synthetic window has no recording.
 
     Parameters
     ----------

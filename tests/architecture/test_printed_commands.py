@@ -22,16 +22,21 @@ from swashtwin.recordings import load_recordings, write_recording
 from swashtwin_bench import build_rig
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
+EVIDENCE = "docs/bench/evidence.md"
+"""Its commands run at the tags that it names."""
+PAGES = {path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md")}
+DOCUMENTS = sorted({"README.md", *PAGES} - {EVIDENCE})
 
 NOT_RUN = (
     (r"bench (?!rig |augment )", "a study takes minutes to days"),
     (r"bench rig (?!.*--size tiny)", "a rig of that size takes minutes"),
-    (r"report (out|studies)", "it shows the runs of studies"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"demo", "tests/cli/test_cli.py and .ci/run run it"),
+<<<<<<< HEAD
     (r"train .*--network ", "a training of all epochs takes minutes"),
     (r"model export bigru", "it needs such a training"),
+=======
+>>>>>>> feebc70 (Print of the documents' commands what this version has)
     (r"calibrate (healthy/|INDEX)", "a calibration of a whole band takes minutes"),
     (r"twin severity pump-A.json", "it needs that calibration"),
 )
@@ -175,7 +180,6 @@ PREPARED: dict[str, Callable[[Path, Path], None]] = {
     "docs/how-to/assistants.md": _named_files,
     "docs/how-to/indicators.md": _rig,
     "docs/how-to/leakage.md": _split,
-    "docs/explanation/augmentation.md": _calibrated,
     "docs/explanation/calibration.md": _calibrated,
     "docs/explanation/diagnosis.md": _healthy,
 }

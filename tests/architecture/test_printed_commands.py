@@ -32,11 +32,6 @@ NOT_RUN = (
     (r"bench rig (?!.*--size tiny)", "a rig of that size takes minutes"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"demo", "tests/cli/test_cli.py and .ci/run run it"),
-<<<<<<< HEAD
-    (r"train .*--network ", "a training of all epochs takes minutes"),
-    (r"model export bigru", "it needs such a training"),
-=======
->>>>>>> feebc70 (Print of the documents' commands what this version has)
     (r"calibrate (healthy/|INDEX)", "a calibration of a whole band takes minutes"),
     (r"twin severity pump-A.json", "it needs that calibration"),
 )

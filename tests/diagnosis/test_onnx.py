@@ -97,7 +97,7 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path, monkeyp
 
 def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
     still = np.full((1, 2, 97), OFFSET, dtype=np.float32)
-    assert np.isfinite(session(exported("wdcnn")[1]).run(None, {"windows": still})[0]).all()
+    assert np.isfinite(session(exported("bitcn")[1]).run(None, {"windows": still})[0]).all()
 
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:

@@ -391,8 +391,8 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     assert "needs 99 validation recordings" in line
     fewer = ("--validation-fraction", 0.3, "--test-fraction", 0.4, "--out", tmp_path / "m.safetensors", *shape)
     said = run("train", folder, *fewer, "--set", "epochs=1").stderr
-    assert "--error-rate 0.1 needs 9 validation recordings, and --validation-fraction 0.3 is about" in said
-    assert "(--validation-fraction 0.5) are held out; they allow --error-rate 0.1" in said
+    assert "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in said
+    assert "are held out for it; they allow an error rate of 0.1" in said
 
 
 @pytest.mark.parametrize(

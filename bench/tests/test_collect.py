@@ -144,7 +144,7 @@ def test_runs_of_another_version_are_left_out_and_counted(result: StudyResult, t
 
 
 def test_the_note_on_a_classifier_appears_where_it_was_trained(result: StudyResult) -> None:
-    plan = plan_of("ablation", "quick")
+    plan = plan_of("noise", "quick")
     runs = [run for run in result.runs if run.task.factors["training_set"] == "calibrated"]
     noisy = [
         replace(run, task=replace(run.task, factors={**run.task.factors, "classifier": "spectral_noise"}))

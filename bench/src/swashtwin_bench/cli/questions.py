@@ -1,6 +1,5 @@
 """Commands of the studies that are no plan of tasks: on pumps of the virtual rig, on recordings, on public sets."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -21,15 +20,6 @@ from swashtwin.foundation import parse
 from swashtwin_bench.cli.plans import OptionalIndex
 from swashtwin_bench.cli.results import tell_study, typed_command
 from swashtwin_bench.cli.rig import RigVersionName, VersionOfRig, require_rig_for
-
-
-class ZeroShotSize(StrEnum):
-    """What zero-shot compares, and how much of it."""
-
-    prior = "prior"
-    quick = "quick"
-    paper = "paper"
-
 
 FleetSeeds = Annotated[str, typer.Option(help='Seeds, one fleet of the virtual rig each: "2,3,4".')]
 Seeds = Annotated[str, typer.Option(help='Seeds of draws, weights, trees and splits: "0,1,2".')]
@@ -151,15 +141,12 @@ def zero_shot(
     source: OptionalIndex = None,
     rig: Annotated[bool, typer.Option("--rig", help="A fleet of the virtual rig for each seed.")] = False,
     rig_version: VersionOfRig = RigVersionName.first,
-    size: Annotated[
-        ZeroShotSize, typer.Option(help="prior: the pump prior, the nominal twin and measured faults alone.")
-    ] = ZeroShotSize.quick,
     seeds: Seeds = "0",
     out: ReportFolder = None,
     jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
-    """Zero-shot: unmeasured faults, learned from twins of healthy recordings, tested on measured faults."""
+    """Zero-shot: the pump prior, which learned from twins alone, tested on measured faults."""
     from swashtwin.recordings import load_recordings
     from swashtwin_bench import run_zero_shot
 
@@ -170,7 +157,6 @@ def zero_shot(
     with progress("zero-shot") as bar:
         study = run_zero_shot(
             None if source is None else list(load_recordings(source)),
-            size=size.value,
             rig_version=rig_version.value,
             seeds=numbers,
             jobs=jobs,

@@ -189,8 +189,8 @@ def augment(
     filler: Annotated[
         str,
         typer.Option(
-            help="duplicate, noisy_duplicate, jitter, smote, smote_spectrum, adasyn, adasyn_spectrum, cvae, wgan_gp, "
-            "or diffusion (docs/explanation/augmentation.md)."
+            help="duplicate, noisy_duplicate, jitter, smote, adasyn, cvae or wgan_gp "
+            "(docs/explanation/augmentation.md)."
         ),
     ],
     label: Annotated[str, typer.Option(help="Class of the windows.")],

@@ -2,7 +2,6 @@
 
 from swashtwin.synthesis import FILLERS, Filler, register_filler
 from swashtwin_bench.fillers.cvae import CVAE
-from swashtwin_bench.fillers.diffusion import Diffusion
 from swashtwin_bench.fillers.distortion import Jitter
 from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
@@ -15,12 +14,9 @@ _fillers: dict[str, Filler] = {
     "noisy_duplicate": NoisyDuplicate(),
     "jitter": Jitter(),
     "smote": SMOTE(),
-    "smote_spectrum": SMOTE(space="spectrum"),
     "adasyn": ADASYN(),
-    "adasyn_spectrum": ADASYN(space="spectrum"),
     "cvae": CVAE(),
     "wgan_gp": WGANGP(),
-    "diffusion": Diffusion(),
 }
 for _name, _filler in _fillers.items():
     register_filler(_name, _filler)

@@ -148,8 +148,7 @@ def comparability(experiment: str, size: str) -> Comparability:
             (
                 "The paper prints no figure for them. The stacked sparse autoencoder with a deep network (SSAE-DNN) is "
                 "that of Sohaib and Kim, DOI 10.1155/2018/2919637. Which graph networks the paper cites is not public "
-                "in text: a graph of sensors and the pump's parts, and one of sensors and fault modes, are our "
-                "reading (swashtwin_bench.rivals.graphs); a graph of sensors alone stands beside them.",
+                "in text: a graph of sensors is our reading.",
                 "A graph over three sensors has little to learn from; the paper has thirteen.",
             ),
         ),

@@ -71,8 +71,6 @@ NETWORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "paper_forward": ("bitcn_forward", {}),
     "autoencoder": ("autoencoder", {}),
     "sensor_graph": ("sensor_graph", {}),
-    "component_graph": ("component_graph", {}),
-    "fault_mode_graph": ("fault_mode_graph", {}),
 }
 """Kind and settings of each network that the paper trains or cites; all defaults are our reading
 (`swashtwin.learning`)."""
@@ -80,7 +78,7 @@ NETWORKS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 ALGORITHMS = (MAIN, "tcn", "lstm", "bilstm", "bigru")
 ABLATED = (MAIN, "paper_ordinary", "paper_no_attention", "paper_forward")
 UNDER_NOISE = (MAIN, "tcn", "lstm", "bilstm")
-RELATED = (MAIN, "autoencoder", "sensor_graph", "component_graph", "fault_mode_graph")
+RELATED = (MAIN, "autoencoder", "sensor_graph")
 
 SNRS = (20.0, 15.0, 10.0, 5.0)
 """Signal-to-noise ratios of the paper's tests [dB]."""

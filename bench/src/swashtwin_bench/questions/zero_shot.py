@@ -1,132 +1,154 @@
-"""Zero-shot: a classifier of faults without a measured one, trained on twins of healthy recordings only.
+"""Zero-shot: a pump prior that saw no measured fault, beside measured faults, on recordings of the virtual rig.
 
-Every class of fault in training is synthetic; the tests are measured recordings, level L5: other recordings of pumps
-whose twins were calibrated, and pumps without twins. Each machine has healthy recordings from its first days, so
-features may be taken against these (`order_levels.AgainstHealthy`); they are never tested on.
-
-Two rows are no rivals but ends of the scale: an oracle that learns from measured faults, and rules that learn
-nothing. What a training set is worth before any fault was seen can be judged on *strangers*: synthetic windows of twins
-drawn from the priors. By this the study chooses among what needs no measured fault, and tells how far it chose well.
+Every class of fault in the prior is synthetic; the tests are measured recordings, level L5. Each machine has healthy
+recordings from its first days, which others are compared with; they are never tested on. Measured faults also teach:
+a few of each beside the prior, or all of them alone (an oracle).
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from joblib import delayed
-from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.metrics import recall_score, roc_auc_score
-from sklearn.model_selection import GroupKFold, cross_val_predict
 
-from swashtwin.foundation import VERSION, InputError, derive_seed, parallel
-from swashtwin.learning import (
-    BiTCN,
-    Classifier,
-    FittedClassifier,
-    TrainingSettings,
-    WindowSet,
-    evaluate,
-    extract_features,
-    fit,
-    fit_extra_trees,
-)
-from swashtwin.recordings import Recording
-from swashtwin_bench.questions.zero_shot_data import (
-    CALIBRATED,
-    HEALTHY_ONLY,
-    MEASURED_NORMALS,
-    NOMINAL,
-    ORACLE,
-    POSTERIOR,
-    SAME,
-    ZeroShotData,
-    ZeroShotSettings,
-    prepare_zero_shot,
-)
-from swashtwin_bench.questions.zero_shot_prior import prior_trials
-from swashtwin_bench.questions.zero_shot_table import (
-    ENVELOPE_RULE,
-    LEVELS,
-    METRICS,
-    NET,
-    NET_HEALTHY,
-    NOTES,
-    RULE,
-    TREES,
-    TREES_HEALTHY,
-    TREES_ORDERS,
-    Fleet,
-    Outcome,
-    answer_of,
-    confusions_of,
-    describe_settings,
-    trial_of,
-)
-from swashtwin_bench.results.table import StudyTable, origin_of
+from swashtwin.diagnosis import PriorClassifier, load_prior
+from swashtwin.foundation import VERSION, DataError, InputError, parallel, stream
+from swashtwin.learning import Forest, fit_forest
+from swashtwin.pump import CLASSES, PRESSURE_TOLERANCE, values_match
+from swashtwin.recordings import Recording, stated_pressure
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, rig_recordings
-from swashtwin_bench.rivals.composed import NetworkOnView
-from swashtwin_bench.rivals.order_levels import (
-    CachedExtractor,
-    Extractor,
-    against_healthy,
-    envelope_levels,
-    highest_order,
-    order_levels,
-    order_lines,
-)
-from swashtwin_bench.rivals.order_threshold import OrderThreshold, rising_orders, threshold_orders
-from swashtwin_bench.studies.priors import pump_of
+from swashtwin_bench.studies.cells import recordings_by_cell
 
-ZERO_SHOT_SIZES = {
-    "quick": ZeroShotSettings(
-        training=TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set"),
-        network={"stride": 64, "channels": (32,) * 5},
-        order_network={"stride": 4, "channels": (32,) * 5},
-    ),
-    "prior": ZeroShotSettings(calibrated=False),
-    "paper": ZeroShotSettings(
-        windows=12,
-        draws=8,
-        synthetic=8,
-        training=TrainingSettings(epochs=60, learning_rate=1e-3, decay="cosine", normalization="set"),
-        network={"stride": 16},
-        order_network={"stride": 2},
-    ),
+HELD_OUT = 2
+"""Pumps of which nothing teaches but healthy recordings."""
+
+SAME, UNSEEN = "same pump", "unseen pump"
+"""The tests: other recordings of pumps whose faults may teach, and pumps held out."""
+
+ORACLE = "measured faults (oracle)"
+
+METRICS = {
+    "recording_accuracy": "recordings right",
+    "recording_balanced_accuracy": "balanced accuracy by recording",
+    "false_alarm_rate": "false alarms",
+    **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in CLASSES},
 }
-"""``quick`` takes about three minutes of CPU for each fleet; ``paper`` takes every window of a recording, and over five
-times as many synthetic ones. ``prior`` compares the pump prior with the nominal twin and measured faults alone, in half
-a minute."""
 
-NETWORKS_ON = (POSTERIOR, ORACLE)
-"""Training sets that networks learn from."""
+PRIOR = "pump prior"
+"""The training set without a measured fault."""
+SHOTS = (1, 3, 5)
+"""Measured recordings of each fault that teach it further."""
 
-PLAIN_ON = (NOMINAL, CALIBRATED, POSTERIOR, MEASURED_NORMALS, ORACLE)
-"""Training sets that trees also learn from without a comparison with healthy recordings."""
+
+OTHER_PRESSURES = "faults measured at other pressures"
+"""What teaches where the tests are at a pressure without any measured fault (levels L3 and L4)."""
+
+
+def few_shot(count: int) -> str:
+    """Name of the training set with so many measured recordings of each fault."""
+    return f"{PRIOR} and {count} of each fault"
+
+
+def at_unseen_pressure(test: str) -> str:
+    """Name of a test's recordings at the highest pressure, at which no fault teaches."""
+    return f"{test}, unseen pressure"
+
+
+LEVELS = {
+    "no measured fault": "L5",
+    f"measured faults, {SAME}": "L2",
+    f"measured faults, {UNSEEN}": "L4",
+    f"{OTHER_PRESSURES}, {at_unseen_pressure(SAME)}": "L3",
+    f"{OTHER_PRESSURES}, {at_unseen_pressure(UNSEEN)}": "L4",
+}
+"""Level of generalization of the rows, by what teaches and what tests them."""
+
+_NOTES = (
+    "Rows that no measured fault teaches are level L5. Rows that measured faults teach (the oracle, a few of each "
+    "fault) are L2 on the same pumps and L4 on others; at the highest pressure, where faults of other pressures teach, "
+    "L3 and L4. The pump prior has learned from healthy recordings of the same pumps, so its normals are L2 there.",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroShotSplit:
+    """Recording ids by role."""
+
+    pumps: tuple[str, ...]
+    """Specimens of which measured faults may teach."""
+    healthy: frozenset[str]
+    """Healthy recordings, of every specimen, that nothing is tested on."""
+    faulty: frozenset[str]
+    """Faulty recordings of these specimens that may teach."""
+    tests: Mapping[str, frozenset[str]]
+    """Recordings of each test."""
+
+
+def split_zero_shot(recordings: Sequence[Recording], seed: int, held_out: int = HELD_OUT) -> ZeroShotSplit:
+    """Recordings for training, for reference and for tests, under `seed`.
+
+    Of each specimen, class and pressure a third of the recordings test (at least one); of specimens held out all the
+    faulty ones do. A single faulty recording of a cell tests.
+
+    Raises
+    ------
+    DataError
+        Too few specimens, a class that no twin simulates, or a single healthy recording of a specimen at a pressure.
+    """
+    foreign = sorted({str(r.label) for r in recordings} - set(CLASSES))
+    if foreign:
+        raise DataError(f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those recordings out.")
+    cells = recordings_by_cell(recordings, "the zero-shot study")
+    specimens = sorted({str(r.specimen) for r in recordings})
+    if len(specimens) <= held_out:
+        raise DataError(
+            f"the zero-shot study needs at least {held_out + 1} specimens, {held_out} of them held out; the "
+            f"recordings name {len(specimens)} ({', '.join(specimens)})."
+        )
+    rng = stream(seed, "zero-shot", "split")
+    unseen = set(rng.permutation(specimens)[:held_out].tolist())
+    healthy: set[str] = set()
+    faulty: set[str] = set()
+    tests: dict[str, set[str]] = {SAME: set(), UNSEEN: set()}
+    for cell in cells:
+        order = [cell[i].recording_id for i in rng.permutation(len(cell))]
+        where, label = tests[UNSEEN if cell[0].specimen in unseen else SAME], cell[0].label
+        if label == "normal" and len(order) < 2:
+            raise DataError(
+                f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; the study needs one "
+                "to learn from and one to test."
+            )
+        trained_on = order[max(1, len(order) // 3) :] if label == "normal" or cell[0].specimen not in unseen else []
+        where |= set(order) - set(trained_on)
+        (healthy if label == "normal" else faulty).update(trained_on)
+    return ZeroShotSplit(
+        tuple(name for name in specimens if name not in unseen),
+        frozenset(healthy),
+        frozenset(faulty),
+        {name: frozenset(ids) for name, ids in tests.items()},
+    )
 
 
 def run_zero_shot(
     recordings: Sequence[Recording] | None = None,
     *,
-    size: str | ZeroShotSettings = "quick",
     rig_version: str = RIG_VERSION,
     seeds: Iterable[int] = (0,),
     jobs: int = 1,
     progress: Callable[[str, int, int], None] | None = None,
     command: str = "",
 ) -> StudyTable:
-    """Scores on measured faults of classifiers that saw none, by training set, classifier and test.
+    """Scores on measured faults of the pump prior, which saw none, and of what measured faults teach.
 
     Parameters
     ----------
     recordings : of several specimens, healthy ones at every pressure; None takes a fleet of the virtual rig for each
         seed.
-    size : name in `ZERO_SHOT_SIZES`, or settings.
     rig_version : version of the virtual rig where there are no `recordings`.
-    seeds : each draws the split, the twins, the faults and the weights anew, and the fleet where there are no
-        `recordings`.
+    seeds : each draws the split and the measured faults anew, and the fleet where there are no `recordings`.
     jobs : seeds that run side by side.
     progress : called with (what, done, in all).
     command : command line that repeats the study, kept with the result.
@@ -139,192 +161,165 @@ def run_zero_shot(
         No seed.
     """
     started = time.perf_counter()
-    settings = ZERO_SHOT_SIZES[size] if isinstance(size, str) else size
     seeds = tuple(seeds)
     if not seeds:
         raise InputError("the zero-shot study needs a seed.")
-    running = parallel(jobs, return_as="generator")(
-        delayed(_fleet)(recordings, settings, rig_version, seed) for seed in seeds
-    )
-    fleets = []
-    for count, fleet in enumerate(running, 1):
-        fleets.append(fleet)
+    running = parallel(jobs, return_as="generator")(delayed(_fleet)(recordings, rig_version, seed) for seed in seeds)
+    trials: list[Trial] = []
+    roles: dict[str, dict[str, list[str]]] = {}
+    origins = set()
+    for seed, (of_seed, split, origin) in zip(seeds, running, strict=True):
+        trials += of_seed
+        origins.add(origin)
+        roles[str(seed)] = {
+            "pumps": list(split.pumps),
+            "healthy": sorted(split.healthy),
+            "oracle": sorted(split.faulty),
+            **{name: sorted(ids) for name, ids in split.tests.items()},
+        }
         if progress is not None:
-            progress("fleets" if recordings is None else "splits", count, len(seeds))
-    classes = fleets[0].outcomes[0].scores.classes
-    trials = tuple(
-        trial
-        for fleet in fleets
-        for trial in (*fleet.by_recording, *(trial_of(outcome, fleet.seed) for outcome in fleet.outcomes))
-    )
+            progress("fleets" if recordings is None else "splits", len(roles), len(seeds))
     study = StudyTable(
         study="zero-shot",
-        title="Zero-shot: faults without a measured window",
-        metrics={**METRICS, **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in classes}},
-        trials=trials,
+        title="Zero-shot: faults without a measured recording",
+        metrics=METRICS,
+        trials=tuple(trials),
         answer=(),
-        settings={**describe_settings(settings), "fleets": "one for each seed" if recordings is None else "as given"},
-        origin=fleets[0].origin,
+        settings={"specimens_held_out": HELD_OUT, "fleets": "one for each seed" if recordings is None else "as given"},
+        origin=origins.pop(),
         wall_s=time.perf_counter() - started,
         version=VERSION,
         command=command,
-        notes=NOTES,
-        details={
-            "classes": list(classes),
-            "confusion": confusions_of(fleets),
-            "rules": {str(fleet.seed): fleet.rules for fleet in fleets},
-            "splits": {str(fleet.seed): fleet.roles for fleet in fleets},
-            "level": LEVELS,
-        },
+        notes=_NOTES,
+        details={"classes": list(CLASSES), "splits": roles, "level": LEVELS},
     )
-    return replace(study, answer=answer_of(study))
+    return replace(study, answer=_answer(study))
 
 
-def _fleet(recordings: Sequence[Recording] | None, settings: ZeroShotSettings, rig_version: str, seed: int) -> Fleet:
+def _fleet(
+    recordings: Sequence[Recording] | None, rig_version: str, seed: int
+) -> tuple[list[Trial], ZeroShotSplit, str]:
     torch.set_num_threads(1)
     if recordings is None:
         recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"], version=rig_version)]
-    origin = origin_of(recordings)
-    data = prepare_zero_shot(recordings, settings, seed)
-    views = _views(settings, data)
-    outcomes = [outcome for name, train in data.sets.items() for outcome in _learn(name, train, data, views, settings)]
-    rules = _rules(data, views)
-    for name, rule in rules.items():
-        outcomes += _score(HEALTHY_ONLY, name, rule, data)
-    by_recording = tuple(prior_trials(recordings, data.split, seed))
-    roles = {
-        "pumps": list(data.split.pumps),
-        "healthy": sorted(data.split.healthy),
-        "oracle": sorted(data.split.faulty),
-        **{name: sorted(ids) for name, ids in data.split.tests.items()},
+    split = split_zero_shot(recordings, seed)
+    return list(prior_trials(recordings, split, seed)), split, origin_of(recordings)
+
+
+def _answer(study: StudyTable) -> tuple[str, ...]:
+    """What came out, in sentences."""
+    rows = {(row["training_set"], row["test"]): row["recording_balanced_accuracy"]["mean"] for row in study.rows()}
+
+    def pair(training_set: str, tests: tuple[str, str] = (SAME, UNSEEN)) -> str:
+        means = [rows.get((training_set, test)) for test in tests]
+        return " / ".join("no number" if mean is None else f"{mean:.3f}" for mean in means)
+
+    shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
+    highest = (at_unseen_pressure(SAME), at_unseen_pressure(UNSEEN))
+    at_highest = "; ".join(
+        f"{name} {pair(name, highest)}" for name in (PRIOR, f"{PRIOR} and {OTHER_PRESSURES}", OTHER_PRESSURES)
+    )
+    return (
+        f"Balanced accuracy by recording on the same pumps / on pumps held out: {PRIOR}, no measured fault "
+        f"{pair(PRIOR)}; all measured faults {pair(ORACLE)}; the prior and measured recordings of each fault: {shots}.",
+        f"At the highest pressure, of which no measured fault teaches (L3 / L4): {at_highest}.",
+    )
+
+
+def prior_trials(
+    recordings: Sequence[Recording], split: ZeroShotSplit, seed: int, prior: PriorClassifier | None = None
+) -> Iterator[Trial]:
+    """Scores by recording, over the tests of a split, and over those at the highest pressure.
+
+    Parameters
+    ----------
+    split : its healthy recordings are what others are compared with, its faulty ones teach.
+    seed : of the fleet; draws the measured recordings of few-shot.
+    prior : the shipped one by default.
+    """
+    by_id = {recording.recording_id: recording for recording in recordings}
+    adapted = (prior or load_prior("25scy14-1b")).adapt([by_id[name] for name in sorted(split.healthy)])
+    rows = _Rows(
+        changes={name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)},
+        labels={name: str(recording.label) for name, recording in by_id.items()},
+        classes=adapted.classes,
+        seed=seed,
+    )
+    pool = {
+        label: [name for name in sorted(split.faulty) if rows.labels[name] == label] for label in adapted.classes[1:]
     }
-    rule_columns = {
-        name: {label: list(columns) for label, columns in rule.rule.items()} for name, rule in rules.items()
-    }
-    return Fleet(seed, tuple(outcomes), by_recording, rule_columns, roles, origin)
-
-
-def _views(settings: ZeroShotSettings, data: ZeroShotData) -> dict[str, Extractor]:
-    """What classifiers look at, by name."""
-    pistons = settings.pump.rotating_group.piston_count
-    views: dict[str, Extractor] = {
-        "usual": extract_features,
-        "orders": partial(order_levels, piston_count=pistons, top=highest_order(data.healthy)),
-        "lines": partial(order_lines, count=settings.orders),
-        "envelope": envelope_levels,
-    }
-    return {name: CachedExtractor(view) for name, view in views.items()}
-
-
-def _learn(
-    name: str, train: WindowSet, data: ZeroShotData, views: Mapping[str, Extractor], settings: ZeroShotSettings
-) -> Iterator[Outcome]:
-    """Every classifier of one training set."""
-    twin_windows = _twin_windows(name, data)
-    references = data.healthy if twin_windows is None else data.healthy + twin_windows
-    if data.strangers is not None:
-        references = references + data.strangers
-    views_taken: dict[str, Extractor] = {TREES_HEALTHY: against_healthy(views["orders"], references)}
-    if name in PLAIN_ON and settings.calibrated:
-        views_taken |= {TREES_ORDERS: views["orders"], TREES: views["usual"]}
-    for kind, view in views_taken.items():
-        trees = fit_extra_trees(
-            train, seed=data.seed, manifest=data.manifest_of(name), features=view, n_trees=settings.trees
-        )
-        yield from _score(
-            name,
-            kind,
-            trees,
-            data,
-            None if twin_windows is None else _discriminator(twin_windows, data, view, settings.trees // 3),
-        )
-    if name not in NETWORKS_ON or not settings.calibrated:
+    faulty = [name for names in pool.values() for name in names]
+    forests = {PRIOR: adapted.forest}
+    rng = stream(seed, "few-shot")
+    draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
+    for count in SHOTS:
+        names = [name for drawn in draws.values() for name in drawn[:count]]
+        if all(len(drawn) >= count for drawn in draws.values()) and names:
+            forests[few_shot(count)] = rows.teach(adapted, names)
+    if faulty:
+        forests |= rows.learn_measured(ORACLE, adapted, faulty)
+    yield from rows.trials(forests, split.tests)
+    pressures = {name: stated_pressure(recording) for name, recording in by_id.items()}
+    highest_pressure = max(pressures.values())
+    lower = {name for name in by_id if not values_match(pressures[name], highest_pressure, PRESSURE_TOLERANCE)}
+    if not lower:
         return
-    network = BiTCN(train.n_channels, len(train.classes), **settings.network)
-    yield from _score(name, NET, _train_network(network, train, data, name, settings), data)
-    lines = against_healthy(views["lines"], references)
-    on_orders = BiTCN(train.n_channels, len(train.classes), **settings.order_network)
-    fitted = _train_network(on_orders, _as_orders(train, lines), data, name, settings)
-    yield from _score(name, NET_HEALTHY, NetworkOnView(fitted, partial(_as_orders, lines=lines)), data)
-
-
-def _twin_windows(name: str, data: ZeroShotData) -> WindowSet | None:
-    """All windows of the twins behind a training set, healthy ones included; None without a twin."""
-    if name == ORACLE:
-        return None
-    train = data.sets[name]
-    synthetic = train.subset(train.synthetic)
-    return synthetic if np.any(synthetic.label == "normal") else data.sets[POSTERIOR]
-
-
-def _train_network(
-    network: BiTCN, train: WindowSet, data: ZeroShotData, name: str, settings: ZeroShotSettings
-) -> FittedClassifier:
-    return fit(network, train, settings=settings.training, seed=data.seed, manifest=data.manifest_of(name))
-
-
-def _as_orders(windows: WindowSet, lines: Extractor) -> WindowSet:
-    values = lines(windows).values.reshape(len(windows), windows.n_channels, -1)
-    return replace(windows, signal=values.astype(np.float32))
-
-
-def _rules(data: ZeroShotData, views: Mapping[str, Extractor]) -> dict[str, OrderThreshold]:
-    """The rules that learn nothing: which lines rise is read off the nominal twin, thresholds off healthy windows."""
-    nominal = data.sets[NOMINAL]
-    rules = {}
-    for name, view in ((RULE, views["orders"]), (ENVELOPE_RULE, views["envelope"])):
-        relative = against_healthy(view, data.healthy + nominal)
-        rule = rising_orders(relative(nominal), nominal)
-        rules[name] = threshold_orders(data.healthy, relative, rule, manifest=data.manifest_of(NOMINAL))
-    return rules
-
-
-def _score(
-    training_set: str, kind: str, classifier: Classifier, data: ZeroShotData, discriminator: float | None = None
-) -> Iterator[Outcome]:
-    strangers = float("nan")
-    if training_set != HEALTHY_ONLY and data.strangers is not None:
-        strangers = _recall(classifier, data.strangers)
-    for test, windows in data.tests.items():
-        level = "L5" if training_set != ORACLE else "L2" if test == SAME else "L4"
-        scores = evaluate(classifier, windows, level=level)
-        auroc = float("nan") if discriminator is None else discriminator
-        recordings = _recall_of_recordings(classifier, windows)
-        yield Outcome(training_set, kind, test, scores, recordings, strangers, auroc)
-
-
-def _recall(classifier: Classifier, windows: WindowSet) -> float:
-    """Macro recall over windows; of synthetic ones of strangers a choice's ground, never a score."""
-    predicted = classifier.predict_proba(windows).argmax(axis=1)
-    return float(recall_score(windows.target, predicted, average="macro"))
-
-
-def _recall_of_recordings(classifier: Classifier, windows: WindowSet) -> float:
-    """Macro recall over recordings, each answered by the mean logarithm of its windows' probabilities."""
-    probability = np.log(np.maximum(classifier.predict_proba(windows), 1e-6))
-    _, first, group = np.unique(windows.recording_id, return_index=True, return_inverse=True)
-    pooled = np.stack([probability[group == index].mean(axis=0) for index in range(first.size)])
-    names = np.array(classifier.classes)
-    truth = np.array(windows.classes)[windows.target[first]]
-    return float(recall_score(truth, names[pooled.argmax(axis=1)], average="macro", labels=np.unique(truth)))
-
-
-def _discriminator(twin_windows: WindowSet, data: ZeroShotData, view: Extractor, n_trees: int) -> float:
-    """AUROC of measured against synthetic healthy windows, each judged by trees that saw other pumps only."""
-    measured = data.healthy.subset(np.isin(data.healthy.specimen, data.split.pumps))
-    both = measured + twin_windows.subset(twin_windows.label == "normal")
-    group = np.array([pump_of(name) for name in both.specimen.tolist()])
-    if len(data.split.pumps) < 2:
-        return float("nan")
-    trees = ExtraTreesClassifier(
-        n_trees, random_state=derive_seed(data.seed, "discriminator") % 2**32, class_weight="balanced", n_jobs=1
+    forests = {PRIOR: adapted.forest}
+    if lower_faults := [name for name in faulty if name in lower]:
+        forests[f"{PRIOR} and {OTHER_PRESSURES}"] = rows.teach(adapted, lower_faults)
+        forests |= rows.learn_measured(OTHER_PRESSURES, adapted, lower_faults)
+    yield from rows.trials(
+        forests, {at_unseen_pressure(test): ids - lower for test, ids in split.tests.items() if ids - lower}
     )
-    probability = cross_val_predict(
-        trees,
-        view(both).values,
-        both.synthetic,
-        groups=group,
-        cv=GroupKFold(len(data.split.pumps)),
-        method="predict_proba",
-    )
-    return float(roc_auc_score(both.synthetic, probability[:, 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Changes of all recordings of a fleet, from which forests learn and on which they are tested."""
+
+    changes: Mapping[str, np.ndarray]
+    """Of each recording, by its id."""
+    labels: Mapping[str, str]
+    """Class of each."""
+    classes: tuple[str, ...]
+    """In the order of the probabilities."""
+    seed: int
+    """Of the fleet."""
+
+    def teach(self, adapted: PriorClassifier, names: Sequence[str]) -> Forest:
+        """The adapted prior's forest after these measured faults."""
+        return adapted.taught_by(
+            np.stack([self.changes[name] for name in names]), [self.labels[name] for name in names]
+        ).forest
+
+    def learn_measured(self, training_set: str, adapted: PriorClassifier, names: Sequence[str]) -> dict[str, Forest]:
+        """A forest of these measured faults and the healthy recordings alone; none without two healthy ones."""
+        healthy = adapted.healthy_changes()
+        if not len(healthy):
+            return {}
+        target = [0] * len(healthy) + [self.classes.index(self.labels[name]) for name in names]
+        values = np.stack([*healthy, *(self.changes[name] for name in names)])
+        return {training_set: fit_forest(values, np.array(target), len(self.classes), seed=self.seed)}
+
+    def trials(self, forests: Mapping[str, Forest], tests: Mapping[str, Collection[str]]) -> Iterator[Trial]:
+        """Scores of each forest on the recordings of each test."""
+        for training_set, forest in forests.items():
+            for test, ids in tests.items():
+                predicted = forest.predict_proba(np.stack([self.changes[name] for name in sorted(ids)])).argmax(axis=1)
+                target = np.array([self.classes.index(self.labels[name]) for name in sorted(ids)])
+                factors = {"training_set": training_set, "test": test}
+                yield Trial(factors, self.seed, recording_scores(predicted, target, self.classes))
+
+
+def recording_scores(predicted: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:
+    """Scores by recording; the first class is the healthy one."""
+    recalls = {
+        name: float(np.mean(predicted[target == index] == index)) if (target == index).any() else float("nan")
+        for index, name in enumerate(classes)
+    }
+    return {
+        "recording_balanced_accuracy": float(np.nanmean(list(recalls.values()))),
+        "recording_accuracy": float(np.mean(predicted == target)),
+        "false_alarm_rate": 1 - recalls[classes[0]],
+        **{f"recall_{name}": recall for name, recall in recalls.items()},
+    }

@@ -16,8 +16,8 @@ from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
-from swashtwin_bench.rivals.composed import NetworkOnView, UnlistedClassifier
 from swashtwin_bench.rivals.models import Model, train_model
+from swashtwin_bench.rivals.unlisted import UnlistedClassifier
 from swashtwin_bench.studies.dataset import StudyDataset, cells_of
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
@@ -301,7 +301,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
 
 
 def _embedding(classifier: Classifier, task: Task, dataset: StudyDataset) -> Embedding | None:
-    if not isinstance(classifier, FittedClassifier | NetworkOnView):
+    if not isinstance(classifier, FittedClassifier):
         return None
     tests = dataset.tests
     return Embedding(

@@ -15,16 +15,31 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
-from swashtwin.foundation import DataError, InputError, MPa, mm, stream
-from swashtwin.pump import PRESSURE_TOLERANCE, Fault, Pump, SwashPlateDefect, load_pump, values_match
+from swashtwin.foundation import DataError, InputError, MPa, deg, mm, stream, um
+from swashtwin.pump import (
+    PRESSURE_TOLERANCE,
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    PistonWear,
+    Pump,
+    SwashPlateDefect,
+    load_pump,
+    values_match,
+)
 from swashtwin.recordings import Recording
 from swashtwin.signals import piston_pass_angle, resampled_by_angle
 from swashtwin_bench.rigs.version_two.fleet import PAPER_RECESS
 from swashtwin_bench.studies.cells import recordings_by_cell
-from swashtwin_bench.studies.priors import RIG_FAULTS
 
 MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
-    {**RIG_FAULTS, "swash_plate": (SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),)}
+    {
+        "swash_plate": (SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),),
+        "cylinder_block": (BoreDefect(depth=um(270), half_width=deg(40)),),
+        "piston": (PistonWear(clearance=um(60)),),
+        "valve_plate": (DamScratch(area=0.8e-6), GrooveErosion(advance=deg(5))),
+    }
 )
 """Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A class of two kinds takes
 turns."""

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from joblib import delayed
 
-from swashtwin.diagnosis import PriorClassifier, load_prior
+from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import VERSION, DataError, InputError, parallel, stream
 from swashtwin.learning import Forest, fit_forest
 from swashtwin.pump import CLASSES, PRESSURE_TOLERANCE, values_match
@@ -238,7 +238,7 @@ def prior_trials(
     prior : the shipped one by default.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    adapted = (prior or load_prior("25scy14-1b")).adapt([by_id[name] for name in sorted(split.healthy)])
+    adapted = (prior or PriorClassifier.load("25scy14-1b")).fit([by_id[name] for name in sorted(split.healthy)])
     rows = _Rows(
         changes={name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)},
         labels={name: str(recording.label) for name, recording in by_id.items()},

@@ -71,7 +71,7 @@ def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]
         run_plan(tiny(scenario=replace(TINY, scarce_windows=500)), recordings)
     with pytest.raises(InputError, match="needs a seed"):
         run_plan(tiny(), recordings, seeds=())
-    with pytest.raises(InputError, match="belongs to backend dask or ray"):
+    with pytest.raises(InputError, match="belongs to backend dask"):
         Workers(address="tcp://nowhere:1")
 
 

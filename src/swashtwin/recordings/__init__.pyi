@@ -31,6 +31,7 @@ from .formats.registry import suffixes as suffixes
 from .formats.registry import write_blocks as write_blocks
 from .formats.registry import write_recording as write_recording
 from .grouping import GROUPS as GROUPS
+from .grouping import best_test_rows as best_test_rows
 from .grouping import condition_names as condition_names
 from .grouping import no_group as no_group
 from .grouping import recording_groups as recording_groups
@@ -53,7 +54,6 @@ from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
 from .samples import rises_evenly as rises_evenly
-from .splitting import best_test_rows as best_test_rows
 from .store import is_store as is_store
 from .store import write_series as write_series
 from .store import write_store as write_store

@@ -12,11 +12,16 @@ import numpy as np
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.checks.findings import Finding
-from swashtwin.recordings.grouping import GROUP_SPEED_TOLERANCE, recording_groups, stated_angular_speed, stated_pressure
+from swashtwin.recordings.grouping import (
+    GROUP_SPEED_TOLERANCE,
+    nearest_test_rows,
+    recording_groups,
+    stated_angular_speed,
+    stated_pressure,
+)
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
 from swashtwin.recordings.recording import Recording, require_distinct
-from swashtwin.recordings.splitting import nearest_test_rows
 from swashtwin.recordings.store import is_store, stored_recordings
 
 

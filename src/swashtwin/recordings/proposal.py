@@ -1,6 +1,8 @@
 """A first index for a folder of files, from their names, a table that came with them, and what they carry."""
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -8,7 +10,6 @@ from typing import Any, NamedTuple
 
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
 from swashtwin.recordings.entry import Entry
-from swashtwin.recordings.fact_origins import Facts, facts_of, sentences
 from swashtwin.recordings.formats.raw import Options, RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.index import path_from
@@ -20,6 +21,9 @@ from swashtwin.recordings.stated_facts import (
     facts_of_table,
     label_hints,
 )
+
+Facts = dict[str, tuple[str, str]]
+"""Value and origin of each fact of one file."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def propose_index(
     index = _index_of(survey.entries, defaults, folder, index_folder)
     hints = label_hints(entry["label"] for entry in survey.entries if "label" in entry)
     return IndexProposal(
-        index, tuple(survey.skipped), sentences(survey.facts, defaults), tuple(dict.fromkeys([*survey.notes, *hints]))
+        index, tuple(survey.skipped), _sentences(survey.facts, defaults), tuple(dict.fromkeys([*survey.notes, *hints]))
     )
 
 
@@ -185,7 +189,7 @@ def _survey(
             survey.missing.setdefault(key, []).append(name)
         _require_agreement(raw, list(columns), entry, set(defaults) - set(missing), str(path))
         survey.facts.append(
-            facts_of(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
+            _origins(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
         )
         survey.entries.append({"file": name, **values})
         if entry.discharge_pressure is not None and entry.speed is None and "condition" not in raw.facts:
@@ -287,3 +291,77 @@ def _index_of(
         index["defaults"] = defaults
     index["recording"] = entries
     return index
+
+
+_FACTS_FIRST = ("label", "specimen", "speed", "discharge_pressure", "sample_rate", "unit", "channels")
+"""Facts that are listed before the others."""
+_FLAG = "the option"
+_MOST = 6
+"""Values that a sentence lists."""
+
+
+def _origins(
+    name: str,
+    raw: RawFile,
+    columns: Iterable[str],
+    entry: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+    *,
+    pattern: str | None,
+    table: bool,
+    in_file: Iterable[str],
+) -> Facts:
+    """Value and origin of each fact that the entry of a file will have."""
+    origin = "the table" if table else "the pattern" if pattern else "its name"
+    facts: Facts = {key: (_words(value), _FLAG) for key, value in defaults.items()}
+    facts |= {key: (_words(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
+    facts |= {f"attribute {key}": (str(value), origin) for key, value in entry.get("attributes", {}).items()}
+    facts |= {key: (facts[key][0], "the file") for key in in_file}
+    folder = Path(name).parent.name
+    if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
+        facts["label"] = (str(entry["label"]), "the folder's name")
+    columns = list(columns)
+    rates = {raw.rates.get(column, raw.sample_rate) for column in columns} - {None}
+    if len(rates) == 1:
+        facts["sample_rate"] = (f"{rates.pop():.10g} Hz", "the file")
+    units = {raw.units[column] for column in columns if column in raw.units}
+    if len(units) == 1 and "unit" not in defaults:
+        facts["unit"] = (units.pop(), "the file")
+    if raw.facts.get("label"):
+        facts["label"] = (raw.facts["label"], "the file")
+    facts.setdefault("channels", (", ".join(columns), "the file"))
+    return facts
+
+
+def _sentences(files: Iterable[Facts], defaults: Mapping[str, Any]) -> tuple[str, ...]:
+    """One sentence for each fact: its values with their number of files, the origins, and where a flag is overruled."""
+    counts: dict[str, Counter[tuple[str, str]]] = {}
+    for facts in files:
+        for key, pair in facts.items():
+            counts.setdefault(key, Counter())[pair] += 1
+    order = [key for key in _FACTS_FIRST if key in counts] + sorted(set(counts) - set(_FACTS_FIRST))
+    return tuple(f"{key}: {_sentence(counts[key])}{_overruled(counts[key], defaults.get(key))}" for key in order)
+
+
+def _words(value: Any) -> str:
+    """A value as people write it: a list with commas."""
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def _overruled(counts: Counter[tuple[str, str]], flag: Any) -> str:
+    """In how many files a flag's value is overruled by the file."""
+    overruled = sum(count for (_, origin), count in counts.items() if origin != _FLAG)
+    if flag is None or not overruled:
+        return ""
+    gives_way = f"gives way in {overruled} of {counts.total()} files"
+    return f"; the option's {_words(flag)} {gives_way} (edit the index where they are wrong)"
+
+
+def _sentence(counts: Counter[tuple[str, str]]) -> str:
+    parts = []
+    for origin in dict.fromkeys(origin for _, origin in counts):
+        values = [(value, count) for (value, source), count in counts.items() if source == origin]
+        listed = ", ".join(f"{value} ({count})" for value, count in values[:_MOST])
+        more = f" and {len(values) - _MOST} more" if len(values) > _MOST else ""
+        parts.append(f"{listed}{more}, says {origin}")
+    return "; ".join(parts)

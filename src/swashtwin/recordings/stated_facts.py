@@ -13,10 +13,9 @@ import regex
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.preamble import header_pairs
 from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.formats.registry import stem_of
-from swashtwin.recordings.formats.tables import split_unit
+from swashtwin.recordings.formats.tables import header_pairs, split_unit
 
 PRESSURES = ("discharge_pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no usual unit: MPa and bar are both in use."""

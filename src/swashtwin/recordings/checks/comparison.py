@@ -7,9 +7,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from swashtwin.foundation import DataError, plural
 from swashtwin.pump import is_healthy
-from swashtwin.recordings.checks.channels import ChannelStatistics, channel_findings, channel_statistics, unfit
+from swashtwin.recordings.checks.channels import (
+    ChannelStatistics,
+    channel_findings,
+    channel_statistics,
+    contradicted_speed,
+    implausible_rate,
+    unfit,
+)
 from swashtwin.recordings.checks.findings import ChannelReport, Finding, InspectionReport, RecordingReport
-from swashtwin.recordings.checks.speed_and_rate import contradicted_speed, implausible_rate
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import hash_channels

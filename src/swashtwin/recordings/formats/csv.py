@@ -18,9 +18,8 @@ from jaxtyping import Float
 from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import SideBySide
 from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
-from swashtwin.recordings.formats.preamble import header_rate, header_units
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
-from swashtwin.recordings.formats.tables import time_name, timed_columns
+from swashtwin.recordings.formats.tables import header_rate, header_units, time_name, timed_columns
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.lib import format
 
 from swashtwin.foundation import DataError, require_memory
+from swashtwin.recordings.formats.mat import sorted_variables
 from swashtwin.recordings.formats.raw import Options, RawFile
 from swashtwin.recordings.formats.tables import timed_variables
-from swashtwin.recordings.formats.variables import sorted_variables
 from swashtwin.recordings.recording import Recording
 
 

@@ -165,7 +165,7 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     text = (Path(__file__).parents[2] / "docs" / "how-to" / "recordings.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```\n(.*?)```", text, re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines()]
-    user_work = ["index", "inspect", "check", "data", "train", "evaluate", "diagnose"]
+    user_work = ["index", "inspect", "check", "train", "evaluate", "diagnose"]
     assert [line.split()[1] for line in commands] == [*user_work, "twin", "twin", "twin"]
     for line in commands:
         run(*shlex.split(line)[1:])

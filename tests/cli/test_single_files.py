@@ -70,8 +70,9 @@ def test_the_advice_about_another_rate_works_as_printed(folder: Path, tmp_path: 
 
 def test_inspect_convert_and_signal_take_the_same_facts(folder: Path, tmp_path: Path) -> None:
     file = folder / "normal_0.csv"
-    facts = (*FACTS, "--speed", "1200 rpm", "--pressure", "15 MPa", "--resample", "1 kHz")
-    assert run_json("inspect", file, *facts)["recordings"][0]["sample_rate"] == 1000.0
+    facts = (*FACTS, "--speed", "1200 rpm", "--pressure", "15 MPa")
+    assert run_json("inspect", file, *facts)["recordings"][0]["sample_rate"] == 2000.0
+    facts = (*facts, "--resample", "1 kHz")
     run("data", "convert", file, "--out", tmp_path / "s.h5", *facts)
     row = run_json("signal", "features", file, *facts, "--family", "statistics")["rows"][0]
     assert row["recording"] == "normal_0"
@@ -122,7 +123,7 @@ def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path,
     plain = " ".join(run(*words).stderr.split())
     assert "--validation-fraction 0.5 --error-rate 0.25 holds back about 3 of the 6 recordings for it" in plain
     said = run(*words, "--validation-fraction", 0.3)
-    assert "needs 9 validation recordings, and --validation-fraction 0.3 is about 2;" in " ".join(said.stderr.split())
+    assert "needs 9 validation recordings, and a share of 0.3 is about 2;" in " ".join(said.stderr.split())
     assert run("diagnose", model, folder / "piston_0.csv", *FACTS).stdout
     assert (
         "needs 9 validation recordings" in run(*words, "--validation-fraction", 0.3, "--error-rate", 0.1, code=3).stderr

@@ -23,29 +23,3 @@ from .options import read_seeds as read_seeds
 from .options import read_words as read_words
 from .watching import require_extra as require_extra
 from .watching import stop_signals as stop_signals
-
-__all__ = [
-    "Index",
-    "Jobs",
-    "Json",
-    "ReportFolder",
-    "Seed",
-    "Window",
-    "app",
-    "as_folder",
-    "main",
-    "note",
-    "note_done_before",
-    "progress",
-    "read_pairs",
-    "read_seeds",
-    "read_words",
-    "require_extra",
-    "require_files",
-    "require_target",
-    "resumable",
-    "say",
-    "stop_signals",
-    "table",
-    "tell",
-]

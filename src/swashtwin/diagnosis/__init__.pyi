@@ -23,29 +23,3 @@ from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis
 from .verdict import diagnose as diagnose
-
-__all__ = [
-    "AlarmScores",
-    "AnomalyDetector",
-    "AnomalyVerdict",
-    "Band",
-    "Check",
-    "Diagnosis",
-    "Evidence",
-    "FaultClassifier",
-    "HealthySpectrum",
-    "LevelChange",
-    "PriorClassifier",
-    "diagnose",
-    "explain",
-    "export_onnx",
-    "fit_prior",
-    "hertz",
-    "level_changes",
-    "load_classifier",
-    "load_model",
-    "next_checks",
-    "persistent_alarms",
-    "save_classifier",
-    "score_alarms",
-]

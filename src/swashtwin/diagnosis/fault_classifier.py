@@ -1,9 +1,7 @@
 """`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
 
-import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,38 +16,29 @@ from swashtwin.diagnosis.classifier_input import (
     windows_of_array,
     with_synthetic,
 )
+from swashtwin.diagnosis.estimator import Estimator
+from swashtwin.diagnosis.held_out import copy_notes, hold_out_validation, refuse_seen
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
-from swashtwin.diagnosis.verdict import Diagnosis, diagnose, fit_to_recording
-from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.diagnosis.verdict import Diagnosis, diagnose, recording_probability
+from swashtwin.foundation import InputError
 from swashtwin.learning import (
     RECOMMENDED_TRAINING,
     FittedClassifier,
     TrainingSettings,
     WindowSet,
-    pooled_probabilities,
     require_verdicts,
 )
-from swashtwin.recordings import (
-    Manifest,
-    Recording,
-    join_manifests,
-    recording_groups,
-    repeated_recordings,
-    say_seen,
-    seen_recordings,
-    usual_window,
-)
+from swashtwin.recordings import Recording, join_manifests, recording_groups, usual_window
 
 Progress = Callable[[str, int, int], None]
 
-_ERROR_RATE = 0.1
 _NETWORK_WINDOW = 2048
 """Samples per window of a named network by default."""
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
 
 
-class FaultClassifier:
+class FaultClassifier(Estimator):
     """Classifier of pump faults from vibration, an estimator of scikit-learn, which is imported where it is needed.
 
     `fit`, `predict`, `predict_proba` and `score` take recordings, a `WindowSet`, or an array ``(window, channel,
@@ -189,8 +178,10 @@ class FaultClassifier:
             training, held_out = learning.split_by_recording(
                 windows, test_fraction=self.test_fraction, seed=self.seed, group=group
             )
-        training, validation, rate, notes = self._validated(training, group, manifest)
-        _refuse_seen(held_out, manifest)
+        training, validation, rate, notes = hold_out_validation(
+            training, group, manifest, fraction=self.validation_fraction, error_rate=self.error_rate, seed=self.seed
+        )
+        refuse_seen(held_out, manifest)
         for made in further:
             learning.require_shared_speed(windows, made)
         training = with_synthetic(training, further)
@@ -204,7 +195,13 @@ class FaultClassifier:
             )  # fmt: skip
         else:
             fitted = learning.fit(
-                self._network(self.network, training),
+                learning.build_network(
+                    self.network,
+                    training.n_channels,
+                    len(training.classes),
+                    length=training.length,
+                    **(self.network_settings or {}),
+                ),
                 training,
                 settings=settings,
                 seed=self.seed,
@@ -219,41 +216,10 @@ class FaultClassifier:
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
-        self.notes_ = (*notes, *_copy_notes(windows))
+        self.notes_ = (*notes, *copy_notes(windows))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
-
-    def _validated(
-        self, training: WindowSet, group: str | Mapping[str, str], manifest: Manifest
-    ) -> tuple[WindowSet, WindowSet | None, float, tuple[str, ...]]:
-        """(training windows, validation windows or None, error rate that these allow, notes)."""
-        asked = _ERROR_RATE if self.error_rate is None else self.error_rate
-        if not self.validation_fraction:
-            return training, None, asked, ()
-        n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
-        plan = learning.plan_validation(n_left, asked, self.validation_fraction)
-        try:
-            training, validation = learning.split_by_recording(
-                training, test_fraction=plan.fraction, seed=self.seed, group=group, keep_in_training=manifest
-            )
-        except DataError as cause:
-            raise DataError(
-                f"no validation set can be held out with every class on both sides: {cause} Otherwise "
-                "validation_fraction=0, or test_fraction=0, trains without this split."
-            ) from cause
-        count = np.unique(validation.recording_id).size
-        if self.error_rate is not None:
-            learning.require_enough(count, self.error_rate)
-        allowed, notes = learning.allowed_error_rate(count, asked), tuple[str, ...]()
-        if allowed != asked or plan.fraction != self.validation_fraction:
-            rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
-            notes = (
-                f"An error rate of {asked:g} needs {plan.needed} validation recordings, and a share of "
-                f"{self.validation_fraction:g} is about {round(self.validation_fraction * plan.n_recordings)}; {count} "
-                f"of {plan.n_recordings} recordings are held out for it{rate}.",
-            )
-        return training, learning.without_overlap(validation), allowed, notes
 
     def predict_proba(self, X: Any) -> np.ndarray:
         """Probability of each class, for each recording, or for each window of a window set or an array.
@@ -266,7 +232,7 @@ class FaultClassifier:
         """
         self._require_fitted()
         if (recordings := as_recordings(X)) is not None:
-            return np.stack([self._recording_probability(recording) for recording in recordings])
+            return np.stack([recording_probability(self.fitted_, recording) for recording in recordings])
         windows = X if isinstance(X, WindowSet) else self._array_windows(X)
         probability = np.asarray(self.fitted_.predict_proba(windows))
         require_verdicts(probability, windows.recording_id)
@@ -375,41 +341,6 @@ class FaultClassifier:
         classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
         return classifier
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Parameters of the constructor by name."""
-        return {name: getattr(self, name) for name in _parameters()}
-
-    def set_params(self, **parameters: Any) -> "FaultClassifier":
-        """The same classifier with other parameters."""
-        for name, value in parameters.items():
-            if name not in _parameters():
-                raise ValueError(f"FaultClassifier has no parameter {name!r}; it has {', '.join(_parameters())}.")
-            setattr(self, name, value)
-        return self
-
-    def __repr__(self) -> str:
-        other = (f"{name}={value!r}" for name, value in self.get_params().items() if value != _parameters()[name])
-        return f"FaultClassifier({', '.join(other)})"
-
-    def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "fitted_")
-
-    def __sklearn_tags__(self) -> Any:
-        from sklearn.utils import ClassifierTags, InputTags, Tags, TargetTags
-
-        return Tags(
-            estimator_type="classifier",
-            target_tags=TargetTags(required=True),
-            classifier_tags=ClassifierTags(poor_score=True),  # a table of a few columns is no vibration
-            input_tags=InputTags(three_d_array=True),
-        )
-
-    def _require_fitted(self) -> None:
-        if not hasattr(self, "fitted_"):
-            from sklearn.exceptions import NotFittedError
-
-            raise NotFittedError("this FaultClassifier is not trained yet; call fit first.")
-
     def _settings(self) -> TrainingSettings:
         if self.network is None:
             usual = type(self)()
@@ -425,15 +356,6 @@ class FaultClassifier:
                 f"{', '.join(values)}, which are parameters of FaultClassifier."
             )
         return TrainingSettings(**values, **other)
-
-    def _network(self, name: str, windows: WindowSet) -> "learning.Network":
-        if not learning.has_network(name):
-            raise InputError(
-                f"unknown network {name!r}; there are {', '.join(sorted(learning.NETWORKS))}. An own one "
-                "is added with register_network."
-            )
-        settings = self.network_settings or {}
-        return learning.build_network(name, windows.n_channels, len(windows.classes), length=windows.length, **settings)
 
     def _training_windows(
         self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None
@@ -475,35 +397,4 @@ class FaultClassifier:
         else:
             X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
             target = np.full(len(X), -1)
-        classes = tuple(str(name) for name in self.classes_)
-        return windows_of_array(X, target, classes, groups, float(self.sample_rate))
-
-    def _recording_probability(self, recording: Recording) -> np.ndarray:
-        classifier, parts = fit_to_recording(self.fitted_, recording)
-        probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
-        pooled = pooled_probabilities(probability, classifier.confidence)
-        require_verdicts(pooled[None], np.array([recording.recording_id]))
-        return pooled
-
-
-def _refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
-    if seen := seen_recordings(manifest, held_out.recordings):
-        raise LeakError(
-            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
-            "split), then calibrate, synthesize and train on the training side with test_fraction=0."
-        )
-
-
-def _copy_notes(windows: WindowSet) -> list[str]:
-    copies = repeated_recordings(windows.recordings)
-    return [
-        f"{name} holds the same samples as {first}; keep one of them, or it counts twice."
-        for name, first in copies.items()
-    ]
-
-
-@cache
-def _parameters() -> Mapping[str, Any]:
-    """Default of each parameter of the constructor."""
-    items = inspect.signature(FaultClassifier.__init__).parameters.values()
-    return {item.name: item.default for item in items if item.name != "self"}
+        return windows_of_array(X, target, tuple(map(str, self.classes_)), groups, float(self.sample_rate))

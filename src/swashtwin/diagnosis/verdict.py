@@ -21,6 +21,7 @@ from swashtwin.learning import (
     WindowSet,
     likeliest_class,
     pooled_probabilities,
+    require_verdicts,
     window_batches,
 )
 from swashtwin.recordings import Recording, RecordingFacts, facts_of, manifest_of, seen_recordings, stated_speed
@@ -205,3 +206,12 @@ def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
             "as is usual in the training."
         )
     return notes
+
+
+def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
+    """Probability of each class, pooled over the windows; a `DataError` where the recording has no verdict."""
+    classifier, parts = fit_to_recording(fitted, recording)
+    probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
+    pooled = pooled_probabilities(probability, classifier.confidence)
+    require_verdicts(pooled[None], np.array([recording.recording_id]))
+    return pooled

@@ -16,22 +16,3 @@ from .service import Outcome as Outcome
 from .service import WatchStatus as WatchStatus
 from .service import record_event as record_event
 from .service import run_watch as run_watch
-
-__all__ = [
-    "History",
-    "HistoryError",
-    "Outcome",
-    "PointJudgment",
-    "PointMonitor",
-    "PointState",
-    "SensorFinding",
-    "WatchConfig",
-    "WatchStatus",
-    "add_token",
-    "add_user",
-    "load_watch_config",
-    "record_event",
-    "remove_entry",
-    "run_watch",
-    "write_example",
-]

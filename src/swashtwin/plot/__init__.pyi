@@ -24,30 +24,3 @@ from .style import ratio_axis as ratio_axis
 from .style import series_colors as series_colors
 from .style import spread_labels as spread_labels
 from .style import words as words
-
-__all__ = [
-    "CALIBRATED",
-    "INTERFACE_COLORS",
-    "LIGHT",
-    "MEASURED",
-    "NOMINAL",
-    "ON_DARK",
-    "ON_SHADE",
-    "WIDTH",
-    "class_colors",
-    "confusion",
-    "excitation",
-    "figure_style",
-    "marked_spectrum",
-    "name_decades",
-    "order_map",
-    "panels",
-    "ratio_axis",
-    "series_colors",
-    "spectrum",
-    "spread_labels",
-    "unit_words",
-    "waterfall",
-    "waveform",
-    "words",
-]

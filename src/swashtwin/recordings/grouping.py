@@ -82,7 +82,7 @@ def stated_speed(recording: Recording) -> float | None:
         except ValueError as cause:
             raise DataError(
                 f"{recording.recording_id} runs along the shaft's angle, but its samples_per_turn ({text!r}) is no "
-                "positive number; convert it again with --samples-per-turn."
+                'positive number; state it in the index, such as attributes = { samples_per_turn = "512" }.'
             ) from cause
     if recording.condition is not None:
         return recording.condition.shaft_frequency

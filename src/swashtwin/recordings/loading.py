@@ -4,22 +4,22 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from fractions import Fraction
 from functools import partial
-from math import ceil, pi
+from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, UnitError, parse, require_memory, sha256_of
+from swashtwin.foundation import DataError, InputError, UnitError, parse, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.raw import RATES, Options, RawFile, acceleration_factor, plain_unit
+from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor, plain_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import Columns, Samples, hash_channels
+from swashtwin.recordings.resampling import resampled, resampling_of
+from swashtwin.recordings.samples import Columns, Samples
 
 _PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
 _RATE_TOLERANCE = 1e-3
@@ -74,9 +74,9 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     condition = _condition(entry, raw.condition, str(path), attributes)
     name = entry.id or stated.get("recording_id") or stem_of(path)
     samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
-    resampling = _resampling(entry, view.rate, str(path))
+    resampling = resampling_of(entry, view.rate, str(path))
     if resampling is not None:
-        samples = _resample(samples, resampling, name)
+        samples = resampled(samples, resampling, name)
         attributes["resampled"] = resampling.words
     return Recording(
         samples=samples,
@@ -354,55 +354,3 @@ def _condition(
 
 def _operating_point(condition: OperatingCondition) -> str:
     return f"{condition.speed * 30 / pi:.4g} rpm and {condition.discharge_pressure / 1e6:.4g} MPa"
-
-
-class _Resampling(NamedTuple):
-    """From one sample rate to another."""
-
-    old_rate: float
-    """Sample rate of the file [Hz]."""
-    rate: float
-    """New sample rate [Hz]."""
-    up: int
-    down: int
-    words: str
-    """How it is done, for the recording's attributes."""
-
-
-def _resampling(entry: Entry, rate: float, where: str) -> _Resampling | None:
-    """How to reach the rate that an entry asks for; None where it asks for none or for the file's own."""
-    if entry.resample is None:
-        return None
-    target = parse(entry.resample, "Hz", name=f"{where}: resample")
-    if not RATES[0] <= target <= RATES[1]:
-        raise DataError(f'{where}: resample = {entry.resample!r} is no rate of a measurement; write such as "12 kHz".')
-    if target == rate:
-        return None
-    ratio = Fraction(target / rate).limit_denominator(1000) if target > 0 else Fraction(0)
-    if ratio == 0 or abs(float(ratio) * rate / target - 1) > 1e-9:
-        raise DataError(f"{where}: {rate:g} Hz cannot be resampled to {target:g} Hz; choose a ratio of whole numbers.")
-    call = f"scipy.signal.resample_poly({ratio.numerator}, {ratio.denominator})"
-    words = f"from {rate:.15g} Hz to {target:.15g} Hz by {call}"
-    return _Resampling(rate, target, ratio.numerator, ratio.denominator, words)
-
-
-def _resample(samples: Samples, resampling: _Resampling, name: str) -> Samples:
-    """The samples at another rate; the whole file is read when they are first asked for."""
-    count = ceil(samples.shape[1] * resampling.up / resampling.down)
-    size = 8 * samples.shape[0] * (count + samples.shape[1])
-    require_memory(name, size, reason=f"resampled to {resampling.rate:g} Hz takes")
-    open_columns = partial(_resample_columns, samples.unopened(), resampling)
-    return Samples(name, (samples.shape[0], count), np.dtype(np.float64), samples.has_speed, open_columns)
-
-
-def _resample_columns(samples: Samples, resampling: _Resampling) -> Columns:
-    from scipy.signal import resample_poly
-
-    count = samples.shape[1]
-    signal, speed = samples.signal_part(0, count), samples.speed_part(0, count)
-    hashes = hash_channels([signal])
-    signal = resample_poly(signal, resampling.up, resampling.down, axis=1, padtype="line")
-    if speed is not None:
-        time, old_time = np.arange(signal.shape[1]) / resampling.rate, np.arange(count) / resampling.old_rate
-        speed = np.interp(time, old_time, speed)
-    return Columns(tuple(signal), (1.0,) * len(signal), speed, hashes)

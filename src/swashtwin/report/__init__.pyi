@@ -28,34 +28,3 @@ from .wording import score as score
 from .writing import page_text as page_text
 from .writing import part_of as part_of
 from .writing import write_report as write_report
-
-__all__ = [
-    "Bullets",
-    "Cell",
-    "Drawing",
-    "Group",
-    "Paragraph",
-    "Part",
-    "Picture",
-    "Section",
-    "SectionOrder",
-    "Table",
-    "calibration_blocks",
-    "comparison_table",
-    "confusion_drawing",
-    "drawings",
-    "facts_table",
-    "flatten_settings",
-    "levels_table",
-    "number",
-    "page_text",
-    "part_of",
-    "percent",
-    "render_drawing",
-    "score",
-    "spectrum_drawing",
-    "tabulate",
-    "trend_drawing",
-    "verdict_counts",
-    "write_report",
-]

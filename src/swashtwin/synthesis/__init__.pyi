@@ -26,32 +26,3 @@ from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .variation import Variation as Variation
 from .variation import draw_twin as draw_twin
-
-__all__ = [
-    "DEFAULT_VARIATION",
-    "FILLERS",
-    "Background",
-    "Fidelity",
-    "Filler",
-    "OrderChanges",
-    "PumpPrior",
-    "SyntheticWindows",
-    "TellingFeature",
-    "Variation",
-    "copied_share",
-    "discriminative_score",
-    "draw_twin",
-    "fill_cell",
-    "has_filler",
-    "in_cell",
-    "measure_fidelity",
-    "plausible_fault",
-    "register_filler",
-    "require_count",
-    "require_same_machine",
-    "simulate_changes",
-    "simulate_windows",
-    "sources_of",
-    "spectral_distance",
-    "synthesize",
-]

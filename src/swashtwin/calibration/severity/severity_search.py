@@ -21,17 +21,16 @@ from swashtwin.calibration.severity.severity import (
     SeverityTrend,
     SeverityVerdict,
 )
+from swashtwin.calibration.severity.severity_notes import recording_notes, severity_notes
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import THRESHOLD
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (
-    PRESSURE_TOLERANCE,
     Fault,
     InterfaceValue,
     OperatingCondition,
     is_healthy,
-    values_match,
 )
 from swashtwin.recordings import Recording
 
@@ -40,8 +39,6 @@ TRADED = 0.7
 UNIDENTIFIED_STD = 1.0
 """Standard deviation of the logarithm above which a severity that is not zero is not known: 90 % within a factor of 5
 to both sides."""
-WIDER = 1.5
-"""Ratio of the calibration's band to that of severities from which a note is due."""
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
 
@@ -98,7 +95,7 @@ def estimate_severity(
         reference=fault,
         estimates=estimates,
         left_out=left_out,
-        notes=tuple(_severity_notes(healthy_calibration, space, estimates, healthy_recordings, settings)),
+        notes=tuple(severity_notes(healthy_calibration, space, estimates, healthy_recordings, settings)),
         settings={
             **asdict(settings),
             "band": list(settings.band),
@@ -185,7 +182,7 @@ def _of_recording(
         wall_s=time.perf_counter() - started,
         notes=(
             *inversion.objective.comparisons[0].measurement.notes,
-            *_recording_notes(healthy_calibration, recording, misfit),
+            *recording_notes(healthy_calibration, recording, misfit),
         ),
     )
 
@@ -372,56 +369,3 @@ def _traded(covariance: np.ndarray, inversion: Inversion) -> str | None:
     names = [*inversion.objective.unknowns.names, *(dimension.name for dimension in inversion.space.free)]
     other = int(np.argmax(correlation))
     return names[other] if correlation[other] > TRADED else None
-
-
-def _recording_notes(healthy_calibration: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
-    assert recording.condition is not None
-    if isinstance(healthy_calibration, Calibration):
-        pressure = recording.condition.discharge_pressure
-        calibrated = [fit.condition.discharge_pressure for fit in healthy_calibration.fits]
-        if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
-            at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
-            yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
-    if misfit > 2:
-        yield f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another fault"
-
-
-def _severity_notes(
-    healthy_calibration: Calibration | Twin,
-    space: FaultSpace,
-    estimates: Sequence[Severity],
-    healthy: Sequence[Recording],
-    settings: SeveritySettings,
-) -> Iterable[str]:
-    if isinstance(healthy_calibration, Twin):
-        yield "no healthy calibration of this pump was given: its values were free, and the severity is less certain."
-    else:
-        yield from _calibration_notes(healthy_calibration, settings.band[1])
-    partners = {estimate.traded_with for estimate in estimates} - {None}
-    if partners:
-        yield (
-            f"the severity is traded with {', '.join(sorted(map(str, partners)))}: it is known no better than these; a "
-            "change from recording to recording is known better (repeatability)."
-        )
-    dimensions = [item for severity in estimates for item in severity.dimensions]
-    flat = sorted({item.dimension.name for item in dimensions if item.verdict == "not identified"})
-    if flat:
-        yield f"{', '.join(flat)}: not identified; the recording hardly says more than was assumed."
-    if "angle" in {dimension.name for dimension in space.free}:
-        yield (
-            "an angle is not told from the angle one piston further on, and without phases only where the fault's "
-            "lines meet those of the pressures."
-        )
-    if not healthy and space.reference.label != "swash_plate":
-        yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."
-
-
-def _calibration_notes(calibration: Calibration, most: float) -> Iterable[str]:
-    band = calibration.settings.get("band")
-    if band is not None and band[1] > WIDER * most:
-        yield (
-            f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
-            f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
-        )
-    if not calibration.settings.get("phases"):
-        yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."

@@ -13,19 +13,3 @@ from .sensors import SensorFinding as SensorFinding
 from .testing import Change as Change
 from .testing import Condition as Condition
 from .testing import ConformalTest as ConformalTest
-
-__all__ = [
-    "AlarmMessage",
-    "Change",
-    "ChannelError",
-    "Condition",
-    "ConformalTest",
-    "OperatingPoint",
-    "PointJudgment",
-    "PointMonitor",
-    "PointState",
-    "SensorFinding",
-    "baseline_levels",
-    "choose_point",
-    "send",
-]

@@ -18,24 +18,3 @@ from .settings import Secret as Secret
 from .settings import Source as Source
 from .settings import WatchConfig as WatchConfig
 from .settings import WebhookChannel as WebhookChannel
-
-__all__ = [
-    "AlarmSettings",
-    "Broker",
-    "Channel",
-    "EmailChannel",
-    "FolderSource",
-    "HttpSource",
-    "LogChannel",
-    "Machine",
-    "MqttChannel",
-    "MqttSource",
-    "PageSettings",
-    "Retention",
-    "Secret",
-    "Source",
-    "WatchConfig",
-    "WebhookChannel",
-    "load_watch_config",
-    "write_example",
-]

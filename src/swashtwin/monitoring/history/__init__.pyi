@@ -14,20 +14,3 @@ from .tables import Point as Point
 from .tables import Rejection as Rejection
 from .tables import Silence as Silence
 from .transaction import MachineTransaction as MachineTransaction
-
-__all__ = [
-    "FACTS",
-    "Alarm",
-    "Counts",
-    "Event",
-    "History",
-    "HistoryError",
-    "Judgment",
-    "MachineOverview",
-    "MachineTransaction",
-    "Message",
-    "Point",
-    "Rejection",
-    "Silence",
-    "Trend",
-]

@@ -5,5 +5,3 @@ from .judging import record_event as record_event
 from .running import SourceStatus as SourceStatus
 from .running import WatchStatus as WatchStatus
 from .running import run_watch as run_watch
-
-__all__ = ["Outcome", "SourceStatus", "WatchStatus", "record_event", "run_watch"]

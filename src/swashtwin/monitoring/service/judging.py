@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError, sha256_of
+from swashtwin.foundation import DataError, InputError, sha256_of
 from swashtwin.monitoring.alarms import (
     AlarmMessage,
     Change,
@@ -21,6 +21,7 @@ from swashtwin.monitoring.alarms import (
 )
 from swashtwin.monitoring.config import Machine, WatchConfig
 from swashtwin.monitoring.history import History, HistoryError, Judgment, MachineTransaction, Rejection
+from swashtwin.monitoring.service.models import Models
 from swashtwin.monitoring.sources import Contents, SpoolFile, Tags, UnfitError, read_contents, safe_name
 from swashtwin.recordings import Recording
 
@@ -35,8 +36,6 @@ _MOST_POINTS = 200
 """Operating points of a machine: more come of a speed or a pressure that does not stand still."""
 _MOST_REJECTED, _MOST_REJECTED_BYTES = 1000, 1 << 30
 """Rejected files that are kept, and bytes of them."""
-_DIGITS = 16
-"""Hexadecimal digits of a model's fingerprint."""
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -274,64 +273,6 @@ def record_event(config: WatchConfig, history: History, machine: str, *, who: st
                     transaction.acknowledge(alarm.id, who, note)
                 transaction.clear_alarm(alarm.id, datetime.now(UTC))
     return number
-
-
-class Models:
-    """Models of machines by path, each loaded when it is first needed."""
-
-    def __init__(self) -> None:
-        self._models: dict[Path, tuple[Model, str] | str] = {}
-
-    def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
-        """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
-
-        Empty where the machine has no model.
-        """
-        model = None if machine.model is None else self._model(machine.model)
-        if model is None or isinstance(model, str):
-            return {"no_verdict": model}
-        loaded, fingerprint = model
-        try:
-            return {"model": fingerprint, **_verdict(loaded, recording)}
-        except SwashTwinError as cause:
-            return {"model": fingerprint, "no_verdict": str(cause)}
-
-    def problem(self, machine: Machine) -> str | None:
-        """Why the machine's model cannot be used; None where it can, or there is none."""
-        model = None if machine.model is None else self._model(machine.model)
-        return f"model of {machine.name}: {model}" if isinstance(model, str) else None
-
-    def _model(self, path: Path) -> "tuple[Model, str] | str":
-        if path not in self._models:
-            from swashtwin.diagnosis import load_model
-
-            try:
-                self._models[path] = load_model(path), sha256_of(path)[:_DIGITS]
-            except (SwashTwinError, OSError) as cause:
-                self._models[path] = str(cause)
-        return self._models[path]
-
-
-def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
-    from swashtwin.diagnosis import AnomalyVerdict
-
-    verdict = model.diagnose(recording)
-    if isinstance(verdict, AnomalyVerdict):
-        if verdict.alarm is None:
-            return {"answer": verdict.to_dict(), "no_verdict": verdict.no_verdict}
-        label = "abnormal" if verdict.alarm else "normal"
-        return {"answer": verdict.to_dict(), "label": label, "probability": verdict.p_value}
-    answer = verdict.to_dict()
-    if verdict.label is None:
-        return {"answer": answer, "no_verdict": verdict.no_verdict}
-    answer.pop("window_labels")
-    return {
-        "answer": answer,
-        "label": verdict.label,
-        "probability": verdict.probabilities[verdict.label],
-        "confidence": verdict.agreement,
-        "ood_p": None if verdict.trust is None else verdict.trust.ood_p_value,
-    }
 
 
 class RejectedFiles:

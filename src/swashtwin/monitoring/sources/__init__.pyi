@@ -16,22 +16,3 @@ from .spool import SpoolFile as SpoolFile
 from .spool import lock_file as lock_file
 from .spool import lock_folder as lock_folder
 from .tags import Tags as Tags
-
-__all__ = [
-    "FACTS",
-    "Accept",
-    "Contents",
-    "Delivery",
-    "FolderWatch",
-    "MqttWatch",
-    "Spool",
-    "SpoolFile",
-    "Standing",
-    "Tags",
-    "UnfitError",
-    "check_facts",
-    "lock_file",
-    "lock_folder",
-    "read_contents",
-    "safe_name",
-]

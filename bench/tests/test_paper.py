@@ -29,6 +29,8 @@ from swashtwin_bench.rigs.writing import DEEP_VERSION
 from swashtwin_bench.studies.dataset import prepare
 from swashtwin_bench.studies.random_windows import deal_windows
 
+pytestmark = pytest.mark.nightly
+
 SMALL = {"stride": 32, "channels": (4, 4)}
 
 

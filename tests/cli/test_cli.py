@@ -196,6 +196,7 @@ def test_an_interrupted_rig_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatc
         assert (tmp_path / "rig" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
 
 
+@pytest.mark.nightly  # .ci/run runs the demo itself
 def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -30,6 +30,7 @@ COMMANDS = (
 )
 
 
+@pytest.mark.nightly
 def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> None:
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(10))
     for label in ("normal", "piston"):

@@ -35,7 +35,6 @@ from .rivals.models import models_of as models_of
 from .studies.collect import collect_studies as collect_studies
 from .studies.plan import Plan as Plan
 from .studies.registry import plan_of as plan_of
-from .studies.registry import run_study as run_study
 from .studies.runner import run_plan as run_plan
 from .studies.sources import Fleets as Fleets
 from .studies.sources import SameRecordings as SameRecordings

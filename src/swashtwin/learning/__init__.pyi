@@ -67,7 +67,6 @@ from .networks.representation import taper_of as taper_of
 from .networks.representation import waveform_shape as waveform_shape
 from .networks.settings import default_settings as default_settings
 from .networks.window_levels import WindowLevel as WindowLevel
-from .training.checkpoint import checkpoint_epochs as checkpoint_epochs
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence

@@ -1,18 +1,13 @@
 """Studies of classifiers by name, and the functions that run them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
 
 from swashtwin.foundation import InputError
-from swashtwin.recordings import Recording
 from swashtwin_bench.paper import plans as paper
-from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.studies.cases import ablation, algorithms, case_one, case_two, noise, shaft_angle
 from swashtwin_bench.studies.plan import Plan
-from swashtwin_bench.studies.runner import run_plan
 from swashtwin_bench.studies.scarcity import augmentation, calibrators, few_shot, unseen_pressure, unseen_specimen
-from swashtwin_bench.studies.sources import Source
 
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {
@@ -34,26 +29,6 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
 
 SIZES = ("quick", "paper")
 """How much a study takes: minutes of a laptop, or the paper's counts. The paper's own have `paper.plans.SIZES`."""
-
-
-def run_study(
-    study: str, data: Source | Sequence[Recording], *, size: str = "quick", seeds: Sequence[int] = (0,), **how: Any
-) -> StudyResult:
-    """Table of a study, by its name in `PLANS`.
-
-    Parameters
-    ----------
-    data : recordings of several specimens, two or more of each class and pressure; or `Fleets`.
-    size : ``"quick"`` or ``"paper"``; those of the paper's own experiments: `sizes_of`.
-    seeds : each draws split, weights and synthesis anew, and of `Fleets` the fleet.
-    **how : as in `run_plan`: workers, out, device, progress, command.
-
-    Raises
-    ------
-    InputError
-        No study, or no size, is called so.
-    """
-    return run_plan(plan_of(study, size), data, seeds=seeds, **how)
 
 
 def plan_of(study: str, size: str) -> Plan:

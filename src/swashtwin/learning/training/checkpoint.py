@@ -14,7 +14,6 @@ from torch import nn
 from swashtwin.foundation import (
     add_prefix,
     optimizer_tensors,
-    read_artifact,
     read_run,
     refuse_misfits,
     restore_optimizer,
@@ -55,18 +54,3 @@ def load_checkpoint(
         network.load_state_dict(select_prefix("network", tensors))
         restore_optimizer(optimizer, select_prefix("optimizer", tensors))
         return tuple(Epoch(**epoch) for epoch in history)
-
-
-def checkpoint_epochs(path: Path) -> int:
-    """How many epochs a checkpoint holds, whatever run it is of.
-
-    Raises
-    ------
-    MissingFileError
-        There is no such file.
-    ArtifactError
-        The file is damaged or of another format.
-    """
-    card, _ = read_artifact(path, _KIND, _VERSION, advice="delete it to start again", may_be_nan=None)
-    with refuse_misfits(path, _KIND):
-        return len(card["state"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of
 
-from swashtwin.calibration import GaussNewton, calibrate, is_warning
+from swashtwin.calibration import IPINN, GaussNewton, calibrate, is_warning
 from swashtwin.foundation import MPa
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump
@@ -51,3 +51,14 @@ def test_bounds_of_a_right_twin_stay(twin: Twin) -> None:
     assert not any("widened" in note for note in calibration.notes)
     for estimate in calibration.estimates:
         assert estimate.bounds == pytest.approx((estimate.nominal / 10, estimate.nominal * 10))
+
+
+def test_the_papers_network_keeps_its_bounds_where_a_value_crosses_one(twin: Twin, thick: Recording) -> None:
+    calibration = calibrate(
+        twin, [thick], method=IPINN(learning_rate=0.3, epochs=4), explain_misfit=False, **SIX_VALUES
+    )
+    assert (calibration.history.boundary_loss > 0).any()
+    assert calibration.simulations == 4
+    for estimate in calibration.estimates:
+        assert estimate.bounds == pytest.approx((estimate.nominal / 10, estimate.nominal * 10))
+        assert estimate.bounds[0] * (1 - 1e-9) <= estimate.value <= estimate.bounds[1] * (1 + 1e-9)

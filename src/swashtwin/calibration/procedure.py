@@ -66,7 +66,7 @@ def calibrate(
     fault : what the recorded pump had, with dimensions; None is a healthy pump.
     method : `GaussNewton` by default; `IPINN` is the paper's.
     bounds : where to search: a factor, or (least, greatest) by parameter name or letter. Where nothing is stated it is
-        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound.
+        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound; `IPINN` keeps its bounds.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     lines : multiples of the piston count, or all shaft orders; see `measure`.
     nuisances : constants searched beside the six values, with their priors; by default mounting by axis, each bearing,
@@ -96,7 +96,8 @@ def calibrate(
     band = DEFAULT_BAND if band is None else band
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
     objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
-    objective, search = widening_search(objective, method, unstated(bounds), seed=seed, progress=progress)
+    may_widen = () if isinstance(method, IPINN) else unstated(bounds)  # the paper's bounds pull back by a loss
+    objective, search = widening_search(objective, method, may_widen, seed=seed, progress=progress)
     covariance = posterior_covariance(objective, search.point)
     estimates = estimates_of(objective, search.point, covariance)
     posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)

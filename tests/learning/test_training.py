@@ -155,9 +155,9 @@ def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, chan
 def test_a_checkpoint_is_neither_overwritten_nor_invented(tmp_path):
     path = tmp_path / "run.safetensors"
     fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
-    with pytest.raises(InputError, match="resume=True"):
+    with pytest.raises(InputError, match="resume it, or delete"):
         fit(small(), tones(), settings=SHORT, checkpoint=path)
-    with pytest.raises(InputError, match="needs checkpoint="):
+    with pytest.raises(InputError, match="needs a checkpoint"):
         fit(small(), tones(), settings=SHORT, resume=True)
 
 

@@ -145,11 +145,11 @@ def starting_twins(
     if not twins or not all(isinstance(twin, Twin) for twin in twins):
         raise InputError("pump must be a pump, its name, a twin or several twins; there is none.")
     if fault is not None:
-        raise InputError("fault= belongs to a pump; a twin has its own: twin.with_fault(fault).")
+        raise InputError("a fault is given for a pump; a twin has its own.")
     constant = [item.name for item in fields(Twin) if item.name != "condition"]
     for twin in twins[1:]:
         if any(getattr(twin, name) != getattr(twins[0], name) for name in constant):
-            raise InputError("twins that are calibrated together must differ in condition only: twin.at(condition).")
+            raise InputError("twins that are calibrated together must differ in condition only.")
     return twins
 
 

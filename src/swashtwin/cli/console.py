@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 
 import typer
 
-from swashtwin.cli.advice import in_options
 from swashtwin.foundation import escape_controls
 
 T = TypeVar("T")
@@ -65,8 +64,8 @@ def say(text: str) -> None:
 
 
 def note(text: str) -> None:
-    """Print a line to standard error, beside the progress; advice of the library is said as options."""
-    typer.echo(escape_controls(in_options(text), keep="\n"), err=True)
+    """Print a line to standard error, beside the progress."""
+    typer.echo(escape_controls(text, keep="\n"), err=True)
 
 
 def note_done_before(activity: str, out: Path | None) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.cli.advice import in_options
 from swashtwin.foundation import InputError, SwashTwinError, escape_controls
 
 BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
@@ -42,7 +41,8 @@ class GuardedGroup(TyperGroup):
             hint = str(cause) or "nothing is half-written"
             raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
         except SwashTwinError as cause:
-            raise self._exit(f"error: {in_options(_line(cause))}", BAD_DATA) from cause
+            option = f" (--{cause.field.replace('_', '-')})" if cause.field else ""
+            raise self._exit(f"error: {_line(cause)}{option}", BAD_DATA) from cause
         except MemoryError as cause:
             raise self._exit("error: not enough memory; ask for less at a time.", BAD_DATA) from cause
         except OSError as cause:

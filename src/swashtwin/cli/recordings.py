@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.advice import single_file_options
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH, refuse_existing
 from swashtwin.cli.options import (
@@ -26,7 +25,7 @@ from swashtwin.cli.options import (
     Window,
     read_pairs,
 )
-from swashtwin.cli.sources import file_facts, load_distinct
+from swashtwin.cli.sources import file_facts, load_distinct, single_file_options
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
 

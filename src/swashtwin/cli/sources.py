@@ -1,17 +1,42 @@
 """The recordings that a command's arguments name."""
 
+import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from swashtwin.cli.advice import SINGLE_FILE_OPTIONS, single_file_options
 from swashtwin.cli.options import present
+from swashtwin.foundation import SwashTwinError
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording
+
+
+SINGLE_FILE_OPTIONS = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
+SINGLE_FILE_OPTIONS |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
+SINGLE_FILE_OPTIONS |= {"discharge_pressure": "--pressure", "resample": "--resample"}
+"""Options that state for a single file what keys of an index state for many."""
+
+
+@contextmanager
+def single_file_options() -> Iterator[None]:
+    """Within it, errors that advise to edit the index name the options of a single file instead."""
+    try:
+        yield
+    except SwashTwinError as cause:
+        text = re.sub(r"\b([a-z_]+) = (?=[\"'\[])", _as_option, str(cause))
+        text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
+        text = text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
+        raise type(cause)(text) from cause
+
+
+def _as_option(match: re.Match[str]) -> str:
+    option = SINGLE_FILE_OPTIONS.get(match[1])
+    return match[0] if option is None else f"{option} "
 
 
 def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from swashtwin.cli.advice import in_options
 from swashtwin.cli.console import say, table
 from swashtwin.foundation import plural
 
@@ -132,7 +131,7 @@ def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "S
 def _show_findings(report: "InspectionReport", each: bool) -> None:
     sentences = report.merged(by_kind=not each)
     for severity, text in sentences:
-        say(in_options(f"{severity}: {text}"))
+        say(f"{severity}: {text}")
     if not sentences:
         say("Nothing suspicious was found.")
 
@@ -152,9 +151,9 @@ def show_check(check: "DataCheck") -> None:
         names = (condition if condition != "-" else "condition not stated" for condition in conditions)
         table("Recordings by class and condition", ("class", *names, "specimens"), rows)
     for use in check.uses:
-        say(in_options(f"{_STATES[use.state]}: {use.name}: {use.reason}"))
+        say(f"{_STATES[use.state]}: {use.name}: {use.reason}")
     for severity, text in check.inspection.merged(by_kind=True):
-        say(in_options(f"{severity}: {text}"))
+        say(f"{severity}: {text}")
     for copy in check.copies:
         say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
     for label, condition in check.gaps:

@@ -89,8 +89,8 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
     network = classifier.network
     if NETWORKS.get(network.name) is not type(network):
         raise ArtifactError(
-            f"the network {type(network).__name__} is not registered, so its file could not be loaded; use "
-            "register_network first."
+            f"the network {type(network).__name__} is not registered, so its file could not be loaded; register it "
+            "first."
         )
     named = _Network(network.name, network.settings, network.state_dict())
     card = _Card(named, **{name: getattr(classifier, name) for name in _SAME})
@@ -113,8 +113,8 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     with refuse_misfits(path, KIND):
         if not has_network(name):
             raise ArtifactError(
-                f"{path} has the network {name!r}, which is not registered here; call register_network({name!r}, ...) "
-                "with the same network before loading."
+                f"{path} has the network {name!r}, which is not registered here; register the same "
+                "network before loading."
             )
         _require_size(card.network, card.layout.length)
         network = build_network(card.network.name, **card.network.settings)

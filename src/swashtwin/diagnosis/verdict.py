@@ -113,7 +113,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     if error_rate is not None and classifier.confidence is None:
         raise InputError(
             f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it without "
-            "--network, with --validation-fraction 0.2, or learn_confidence(classifier, validation)."
+            "--network, with --validation-fraction 0.2."
         )
     require_layout(classifier.layout, recording)
     facts = facts_of([recording])

@@ -7,7 +7,17 @@ command line can print it as it is.
 
 
 class SwashTwinError(Exception):
-    """Base of every error that swashtwin raises on purpose."""
+    """Base of every error that swashtwin raises on purpose.
+
+    Parameters
+    ----------
+    field : name of the argument that a caller should change, where the message does not say it; the command line shows
+        its option.
+    """
+
+    def __init__(self, message: str = "", *, field: str = "") -> None:
+        super().__init__(message)
+        self.field = field
 
 
 class InputError(SwashTwinError, ValueError):

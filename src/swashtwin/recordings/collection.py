@@ -191,7 +191,7 @@ class Recordings(Sequence[Recording]):
                 )
         groups = np.array(list(recording_groups(self._recordings, by).values()))
         if np.unique(groups).size < 2:
-            raise DataError(f"there is only one {by}; a split by {by} needs two. Split by another group: by=...")
+            raise DataError(f"there is only one {by}; a split by {by} needs two. Split by another group.")
         classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
         speed = np.array([stated_angular_speed(recording) for recording in self._recordings])
         pressure = np.array([stated_pressure(recording) for recording in self._recordings])
@@ -201,7 +201,7 @@ class Recordings(Sequence[Recording]):
         if rows is None:
             raise DataError(
                 f"every split by {by} takes a class out of training, because each {by} has classes of its own; split "
-                "by another group: by=..."
+                "by another group."
             )
         tested = set(rows.tolist())
         sides: tuple[list[Recording], list[Recording]] = ([], [])

@@ -167,7 +167,7 @@ def index_path(path: Path) -> Path:
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist; propose one with: swashtwin index {path.parent}")
     if path.suffix != ".toml":
-        raise DataError(f"{path} is not an index (recordings.toml); one file alone is loaded by load_recording.")
+        raise DataError(f"{path} is not an index (recordings.toml); swashtwin index FOLDER writes one.")
     return path
 
 

@@ -255,5 +255,5 @@ def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
         if like.sample_rate < 2 * twin.bandwidth:
             raise InputError(
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
-                f"bandwidth={like.sample_rate / 2.56:g}."
+                f"a bandwidth of {like.sample_rate / 2.56:g}."
             )

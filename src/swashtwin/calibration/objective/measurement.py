@@ -155,7 +155,7 @@ def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[R
         reasons = "; ".join(f"{count} times {reason}" for reason, count in counts.most_common(4)) or "none was given"
         raise DataError(
             f"no recording agrees with the twin ({reasons}); give others, or a twin of their class, speed and pressure "
-            "(--fault, --speed, --pressure; in Python twin.with_fault(...), twin.at(condition))."
+            "(--fault, --speed, --pressure)."
         )
     return used, left_out
 
@@ -184,12 +184,12 @@ def _require_channels(twin: Twin, recording: Recording, first: Recording) -> Non
         if name not in twin.pump.channels:
             raise DataError(
                 f"{recording.recording_id}: the pump {twin.pump.name} has no sensor for channel {name!r}; it has "
-                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or take recording.picked([...])."
+                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel out."
             )
     if recording.channels != first.channels:
         raise DataError(
             f"{recording.recording_id} has the channels {', '.join(recording.channels)}, {first.recording_id} has "
-            f"{', '.join(first.channels)}; pick the same from both with recording.picked([...])."
+            f"{', '.join(first.channels)}; pick the same from both."
         )
 
 
@@ -203,7 +203,8 @@ def _orders_within(
         if high > 0.49 * recording.sample_rate:
             raise InputError(
                 f"band ends at {high:g} Hz, above what {recording.recording_id} holds at {recording.sample_rate:g} "
-                f"samples per second; use band=({low:g}, {0.49 * recording.sample_rate:.0f})."
+                f"samples per second; end it at {0.49 * recording.sample_rate:.0f} Hz.",
+                field="band",
             )
     return line_orders(twin, band, lines)
 
@@ -221,8 +222,9 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
     if lines == "shaft":
         if not ((twin.orders % count > 0) & (twin.orders > 1)).any():  # the first is unbalance
             raise InputError(
-                f"lines='shaft' needs a fault that sets one piston apart: a twin of {twin.label} has lines at "
-                f"multiples of {count} only; use lines='piston'."
+                f"lines of the shaft need a fault that sets one piston apart: a twin of {twin.label} has lines at "
+                f"multiples of {count} only; use the piston-pass lines.",
+                field="lines",
             )
         orders = np.arange(1, min(MOST_SHAFT_ORDER, int(high / shaft)) + 1)
     else:

@@ -111,7 +111,7 @@ def fit_baseline(
     estimator = baseline.estimator(derive_seed(seed, baseline.title) % 2**32)
     if baseline.fit_columns is not None:
         if features is not extract_features:
-            raise InputError(f"{name} reads the windows themselves; features= belongs to the classifiers on features.")
+            raise InputError(f"{name} reads the windows themselves; features belong to the classifiers on features.")
         _require_every_class(windows)
         features = baseline.fit_columns(windows, derive_seed(seed, name, "kernels") % 2**32)
     return _fitted(estimator, windows, features, manifest)

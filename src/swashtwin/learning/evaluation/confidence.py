@@ -132,7 +132,7 @@ def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
     if validation.classes != classifier.classes:
         raise InputError(
             f"the validation windows are cut for the classes {', '.join(validation.classes)}, the classifier knows "
-            f"{', '.join(classifier.classes)}; cut them with classes=classifier.classes."
+            f"{', '.join(classifier.classes)}; cut them for those of the classifier."
         )
     if validation.synthetic.any():
         name = validation.recording_id[validation.synthetic][0]
@@ -338,11 +338,9 @@ def score_confidence(
     """
     confidence = classifier.confidence
     if confidence is None:
-        raise InputError(
-            "the classifier has no confidence yet; calibrate it: learn_confidence(classifier, validation)."
-        )
+        raise InputError("the classifier has no confidence yet; calibrate it on recordings held out for it.")
     if test.classes != classifier.classes:
-        raise InputError("the test windows have other classes; cut them with classes=classifier.classes.")
+        raise InputError("the test windows have other classes; cut them for those of the classifier.")
     test.require_labels("a test of confidence")
     for windows in (test, foreign):
         if windows is not None:

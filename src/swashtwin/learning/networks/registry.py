@@ -109,7 +109,7 @@ def build_network(name: str, n_channels: int, n_classes: int, *, length: int | N
     checked = checked_settings(kind, settings)
     if issubclass(kind, OwnModule):
         if length is None:
-            raise InputError(f"network {name!r} is built for one window length; give length=, in samples.")
+            raise InputError(f"network {name!r} is built for one window length; give that length, in samples.")
         checked["length"] = length
     with TorchStream(0):
         return kind(n_channels=n_channels, n_classes=n_classes, **checked)

@@ -159,7 +159,7 @@ def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet
     if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
         raise InputError(
             f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
-            f"{windows.n_channels} and {len(windows.classes)}; build it with (train.n_channels, len(train.classes))."
+            f"{windows.n_channels} and {len(windows.classes)}; build it for these windows."
         )
     length = network.settings.get("length", windows.length)
     if length != windows.length:
@@ -168,7 +168,7 @@ def _require_fitting(network: Network, windows: WindowSet, validation: WindowSet
         return
     validation.require_labels("validation")
     if validation.classes != windows.classes:
-        raise InputError("training and validation windows have other classes; cut the second with like= the first.")
+        raise InputError("training and validation windows have other classes; cut the second like the first.")
     if difference := windows.layout.difference(validation.layout):
         raise InputError(f"training and validation windows differ: {difference}.")
     check_disjoint(windows, validation)
@@ -215,12 +215,12 @@ def _start(
 ) -> tuple[Epoch, ...]:
     if checkpoint is None:
         if resume:
-            raise InputError("resume=True needs checkpoint=, the file to continue from.")
+            raise InputError("to resume needs a checkpoint, the file to continue from.", field="checkpoint")
         return ()
     if not Path(checkpoint).exists():
         return ()
     if not resume:
-        raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
+        raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 

@@ -142,8 +142,8 @@ def _require_one_layout(recordings: Sequence[Recording], length: int, like: Wind
         raise DataError(finding.message)
     if like is not None and (difference := like.layout.difference(_layout(recordings[0], length))):
         raise DataError(
-            f"the windows given as like= and {recordings[0].recording_id} do not fit together: {difference}; "
-            "resample, or pick the channels with recording.picked(...)."
+            f"the example windows and {recordings[0].recording_id} do not fit together: {difference}; "
+            "resample, or pick the channels."
         )
 
 

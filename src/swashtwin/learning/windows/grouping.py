@@ -31,8 +31,7 @@ def window_groups(windows: WindowSet, group: str | Mapping[str, str]) -> Shaped[
         return np.array(condition_names(ids, windows.speed, windows.discharge_pressure), dtype=np.str_)
     if group != "specimen":
         raise InputError(
-            f"group {group!r} is none of {', '.join(GROUPS)}; an attribute of the recordings is given as "
-            f'recording_groups(recordings, "{group}").'
+            f"group {group!r} is none of {', '.join(GROUPS)}; an attribute of the recordings gives groups of its own."
         )
     if (windows.specimen == "").any():
         missing = sorted(set(windows.recording_id[windows.specimen == ""].tolist()))

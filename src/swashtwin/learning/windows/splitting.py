@@ -65,8 +65,7 @@ def split_by_recording(
     test = best_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
     if test is None:
         raise DataError(
-            f"no split by {group_name(group)} keeps every class on both sides; name the test side with "
-            "hold_out(windows, ids)."
+            f"no split by {group_name(group)} keeps every class on both sides; name the recordings of the test."
         )
     mask = np.zeros(len(windows), dtype=np.bool_)
     mask[rows[test]] = True
@@ -122,5 +121,5 @@ def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"
         if count < 2:
             raise DataError(
                 f"class {name} has windows of {count} {group}, and needs 2 to stand in training and in test; record "
-                "another, or name the test side with hold_out(windows, ids)."
+                "another, or name the recordings of the test."
             )

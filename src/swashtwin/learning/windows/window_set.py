@@ -113,10 +113,10 @@ class WindowSet:
         if self.classes != other.classes:
             raise InputError(
                 f"windows of the classes ({', '.join(self.classes)}) cannot join windows of the classes "
-                f"({', '.join(other.classes)}); cut the second with like= the first."
+                f"({', '.join(other.classes)}); cut the second like the first."
             )
         if difference := self.layout.difference(other.layout):
-            raise InputError(f"windows cannot be joined: {difference}; cut the second with like= the first.")
+            raise InputError(f"windows cannot be joined: {difference}; cut the second like the first.")
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
         joined = {
             "manifest": join_manifests([self.manifest, other.manifest]),
@@ -214,8 +214,8 @@ class WindowSet:
         unknown = np.flatnonzero(self.target < 0)
         if unknown.size:
             raise DataError(
-                f"{self.recording_id[unknown[0]]} has no label, which {purpose} needs; give it one with "
-                "recording.relabeled(...), or only diagnose it."
+                f"{self.recording_id[unknown[0]]} has no label, which {purpose} needs; give it one, or only "
+                "diagnose it."
             )
 
     def require_two_classes(self) -> None:
@@ -224,7 +224,7 @@ class WindowSet:
             raise DataError(
                 f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
                 "classes at least: record a fault, or add synthetic windows of one. Of healthy recordings alone, "
-                "AnomalyDetector.fit(recordings) makes a detector of deviations."
+                "train a detector of deviations."
             )
 
     def fingerprint(self) -> str:

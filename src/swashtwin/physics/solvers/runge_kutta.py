@@ -59,7 +59,7 @@ def require_stable(state: Float[Tensor, "*batch 26 26"], step: float) -> None:
     if step > limit:
         raise StabilityError(
             f"RK4 step {step * 1e6:.4g} us lies above the stability limit {limit * 1e6:.4g} us of this pump; "
-            f"use at most {0.95 * limit * 1e6:.3g} us, or HarmonicBalance() (--solver harmonic-balance): it has none."
+            f"use at most {0.95 * limit * 1e6:.3g} us, or harmonic balance: it has none."
         )
 
 

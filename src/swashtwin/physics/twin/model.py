@@ -223,7 +223,7 @@ class Twin:
         if sample_rate < 2 * self.bandwidth:
             raise InputError(
                 f"sample_rate ({sample_rate:g} Hz) is below twice the twin's bandwidth ({self.bandwidth:g} Hz); "
-                f"raise it, or use a twin with bandwidth={sample_rate / 2:g}."
+                f"raise it, or use a twin with a bandwidth of {sample_rate / 2:g}."
             )
         n_samples = round(duration * sample_rate)
         if n_samples < 1:

@@ -46,7 +46,7 @@ def read(path: Path, options: Options) -> RawFile:
         file = _open(path, 2 * min(chunk, memory_limit() // 4))  # a chunk that is not kept is unpacked for each slice
     name = _text(file.attrs.get("format")) or ""
     if name.startswith(STORE_KIND):
-        raise DataError(f"{path} is a store of {len(file)} recordings; load it with load_recordings.")
+        raise DataError(f"{path} is a store of {len(file)} recordings; name a file of one recording.")
     if not name.startswith(KIND):
         return timed_variables(path, _foreign(path, file), options)
     _require_format(path, file, FORMAT)

@@ -148,7 +148,7 @@ def test_counts_show_empty_cells():
 
 def test_sets_of_other_classes_or_layout_do_not_add():
     normal = cut_windows([recording("a")], length=200)
-    with pytest.raises(InputError, match="like="):
+    with pytest.raises(InputError, match="cut the second like the first"):
         normal + cut_windows([recording("b", "piston")], length=200)
     with pytest.raises(InputError, match="length 200 against 250"):
         normal + cut_windows([recording("b")], length=250)
@@ -209,7 +209,7 @@ def test_a_split_by_group_keeps_each_group_whole(group, fact):
 
 def test_a_class_of_one_recording_cannot_be_split_and_is_named():
     windows = cut_windows([*rig(), recording("only", "valve_plate")], length=100)
-    with pytest.raises(DataError, match=r"valve_plate has windows of 1 recording.*hold_out"):
+    with pytest.raises(DataError, match=r"valve_plate has windows of 1 recording.*name the recordings of the test"):
         split_by_recording(windows)
 
 

@@ -245,7 +245,7 @@ class AnomalyDetector:
         ArtifactError
             It is damaged, no detector, or of another version.
         """
-        advice = "a detector is saved with detector.save(path), or by swashtwin train"
+        advice = "swashtwin train, or its method save, writes a detector"
         return load_artifact(path, cls, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
 
 

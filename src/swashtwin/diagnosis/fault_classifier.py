@@ -169,7 +169,7 @@ class FaultClassifier(Estimator):
         """
         settings, tell = self._settings(), progress or (lambda activity, finished, total: None)
         if checkpoint is not None and checkpoint.exists() and not resume:
-            raise InputError(f"{checkpoint} exists; continue it with resume=True, or delete it to start again.")
+            raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
         further = synthetic_sets(synthetic)
         manifest = join_manifests([windows.manifest for windows in further])
         windows, group = self._training_windows(X, y, groups, further, classes)

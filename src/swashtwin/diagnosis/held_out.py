@@ -42,7 +42,7 @@ def hold_out_validation(
     except DataError as cause:
         raise DataError(
             f"no validation set can be held out with every class on both sides: {cause} Otherwise "
-            "validation_fraction=0, or test_fraction=0, trains without this split."
+            "a validation or a test fraction of 0 trains without this split."
         ) from cause
     count = np.unique(validation.recording_id).size
     if error_rate is not None:
@@ -62,7 +62,7 @@ def refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
     if seen := seen_recordings(manifest, held_out.recordings):
         raise LeakError(
             f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
-            "split), then calibrate, synthesize and train on the training side with test_fraction=0."
+            "split), then calibrate, synthesize and train on the training side with a test fraction of 0.", field="test_fraction"
         )
 
 

@@ -107,7 +107,7 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     ArtifactError
         The file is damaged, edited, no classifier, of another version, or its network is not registered.
     """
-    advice = "a classifier is saved with classifier.save(path), or by swashtwin train"
+    advice = "swashtwin train, or its method save, writes a classifier"
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:60]
     with refuse_misfits(path, KIND):

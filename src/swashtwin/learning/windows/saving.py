@@ -53,7 +53,7 @@ def load_windows(path: Path | str) -> WindowSet:
     ArtifactError
         It is damaged, edited, no window file, or of another version.
     """
-    advice = "windows are saved with save_windows(windows, path), or by swashtwin synthesize"
+    advice = "swashtwin synthesize, or save_windows, writes windows"
     card, tensors = read_artifact(path, _KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with refuse_misfits(path, _KIND):
         arrays: dict[str, Any] = {name: tensors[name].numpy() for name in _ARRAYS}

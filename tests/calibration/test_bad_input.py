@@ -180,7 +180,7 @@ def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: O
 
 
 def test_shaft_orders_are_refused_where_all_pistons_are_alike(twin: Twin, recording: Recording) -> None:
-    words = "a twin of swash_plate has lines at multiples of 7 only; use lines='piston'"
+    words = "a twin of swash_plate has lines at multiples of 7 only; use the piston-pass lines"
     refused(InputError, words, twin, [recording], lines="shaft")
 
 

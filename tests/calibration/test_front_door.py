@@ -84,7 +84,7 @@ def test_recordings_of_a_fault_are_calibrated_with_that_fault(pump: Pump) -> Non
     assert calibration.twin.fault == fault
     with pytest.raises(DataError, match=r"no recording is labeled 'normal' \(labels: swash_plate\).* give fault="):
         calibrate(pump, [recording])
-    with pytest.raises(InputError, match="fault= belongs to a pump"):
+    with pytest.raises(InputError, match="a fault is given for a pump"):
         calibrate(Twin(pump, condition), [recording], fault=fault)
 
 

@@ -93,7 +93,7 @@ def test_a_recording_with_missing_readings_is_refused(twin: Twin, recording: Rec
 @pytest.mark.parametrize(
     ("band", "message"),
     [
-        ((0.0, 5000.0), r"use band=\(0, 3136\)"),
+        ((0.0, 5000.0), r"end it at 3136 Hz"),
         ((500.0, 200.0), "the lower first"),
         ((0.0, 50.0), r"no multiple of the piston-pass frequency \(100.3 Hz\)"),
     ],

@@ -134,7 +134,7 @@ def test_resume_needs_a_checkpoint() -> None:
         (
             ("--network", "levels", "--checkpoint", "run.checkpoint"),
             3,
-            "run.checkpoint exists; continue it with --resume",
+            "run.checkpoint exists; resume it, or delete it to start again. (--resume)",
         ),
     ],
 )

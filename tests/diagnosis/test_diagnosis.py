@@ -103,7 +103,7 @@ def test_other_files_are_refused(tmp_path):
     path = save_windows(windows(), tmp_path / "windows.safetensors")
     with pytest.raises(ArtifactError, match="holds a 'window set', not a classifier"):
         load_classifier(path)
-    with pytest.raises(MissingFileError, match=r"gone.* a classifier is saved with classifier.save"):
+    with pytest.raises(MissingFileError, match=r"gone.* swashtwin train, or its method save"):
         load_classifier(tmp_path / "gone.safetensors")
 
 
@@ -116,7 +116,7 @@ def test_weights_that_are_not_finite_are_not_saved(classifier, tmp_path):
 
 def test_a_file_whose_network_is_not_registered_is_refused_with_what_to_call(saved, monkeypatch):
     monkeypatch.delitem(NETWORKS, "bitcn")
-    with pytest.raises(ArtifactError, match=r"'bitcn', which is not registered here; call register_network\('bitcn'"):
+    with pytest.raises(ArtifactError, match=r"'bitcn', which is not registered here; register the same network"):
         load_classifier(saved)
 
 

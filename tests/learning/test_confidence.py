@@ -346,7 +346,7 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
         learn_confidence(bare, windows(several("validation", 10)), error_rate=10)
     with pytest.raises(InputError, match="validation-fraction"):
         diagnose(bare, recording("new", "normal"), error_rate=0.1)
-    with pytest.raises(InputError, match="calibrate it: learn_confidence"):
+    with pytest.raises(InputError, match="calibrate it on recordings"):
         score_confidence(bare, windows(several("test", 2)))
 
 

@@ -62,7 +62,8 @@ def refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
     if seen := seen_recordings(manifest, held_out.recordings):
         raise LeakError(
             f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
-            "split), then calibrate, synthesize and train on the training side with a test fraction of 0.", field="test_fraction"
+            "split), then calibrate, synthesize and train on the training side with a test fraction of 0.",
+            field="test_fraction",
         )
 
 

@@ -224,7 +224,7 @@ class WindowSet:
             raise DataError(
                 f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
                 "classes at least: record a fault, or add synthetic windows of one. Of healthy recordings alone, "
-                "train a detector of deviations."
+                "an AnomalyDetector can be fitted."
             )
 
     def fingerprint(self) -> str:

@@ -109,7 +109,7 @@ def test_a_twin_with_an_own_fault_is_saved_and_loaded(pump: Pump, at_15: Operati
     table = json.loads(json.dumps(twin_to_dict(twin)))
     assert twin_from_dict(table).fault == twin.fault
     table["fault"]["kind"] = "Unheard"
-    with pytest.raises(InputError, match=r"no fault of the type Unheard is registered.*Register the fault"):
+    with pytest.raises(InputError, match=r"no fault of the type Unheard is registered.*register_fault"):
         twin_from_dict(table)
 
 

@@ -97,7 +97,7 @@ def test_a_severity_is_zero_or_positive(fault: Any, value: float) -> None:
 )
 def test_a_length_in_millimeters_is_recognized_as_a_slip(fault: Any, changes: dict[str, float]) -> None:
     (name, value), = changes.items()  # fmt: skip
-    with pytest.raises(InputError, match=rf"{name} \({value:g} m\) exceeds .* in meters"):
+    with pytest.raises(InputError, match=rf"{name} \({value:g} m\) exceeds .* in meters: 30 mm is mm\(30\)"):
         replace(fault, **changes)
 
 
@@ -107,7 +107,7 @@ def test_a_length_in_millimeters_is_recognized_as_a_slip(fault: Any, changes: di
         (PAPERS, {"length": 0.0}, "length and width must be positive"),
         (PAPERS, {"width": 0.0}, "length and width must be positive"),
         (TiltedBlockFace(0.2), {"variation": 1.0}, r"variation \(1\) must be below 1: a film cannot pull"),
-        (DamScratch(1e-6), {"width": 0.0}, "width must be positive"),
+        (DamScratch(1e-6), {"width": 0.0}, "DamScratch.width must be positive"),
     ],
 )
 def test_an_impossible_dimension_is_refused(fault: Any, changes: dict[str, Any], message: str) -> None:

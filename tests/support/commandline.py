@@ -16,8 +16,8 @@ DEFECT = ("--fault", "swash_plate:depth=0.08mm")
 QUICK = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
 
 
-PYTHON_WORDS = re.compile(r"[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")
-"""What looks like a call or an argument of Python, which no error in the shell may hold."""
+PYTHON_WORDS = re.compile(r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")
+"""What looks like a call or an argument of Python, which no error in the shell may hold; ``MPa(15)`` may stand there."""
 
 
 def run(*words: object, code: int = 0) -> Result:

@@ -134,7 +134,7 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
     with pytest.raises(InputError, match="are not the windows' channels"):
         simulate_windows(deaf, count=1, like=measured, seed=0)
     only_synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
-    with pytest.raises(InputError, match="take none as background"):
+    with pytest.raises(InputError, match="the background can be 'none'"):
         simulate_windows(twin, count=1, like=only_synthetic, seed=0)
 
 

@@ -145,11 +145,13 @@ def starting_twins(
     if not twins or not all(isinstance(twin, Twin) for twin in twins):
         raise InputError("pump must be a pump, its name, a twin or several twins; there is none.")
     if fault is not None:
-        raise InputError("a fault is given for a pump; a twin has its own.")
+        raise InputError("a fault is given for a pump; a twin has its own, by its method with_fault.")
     constant = [item.name for item in fields(Twin) if item.name != "condition"]
     for twin in twins[1:]:
         if any(getattr(twin, name) != getattr(twins[0], name) for name in constant):
-            raise InputError("twins that are calibrated together must differ in condition only.")
+            raise InputError(
+                "twins that are calibrated together must differ in condition only, as the method at makes them."
+            )
     return twins
 
 

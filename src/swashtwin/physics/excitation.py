@@ -68,7 +68,7 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     rise, total = (shorter / 2, defect.length) if defect.entry == "centre" else (shorter, slipper + defect.length)
     if total >= 2 * math.pi * radius:
         raise InputError(
-            f"length ({defect.length * 1e3:.4g} mm) fills the slippers' whole track of "
+            f"SwashPlateDefect.length ({defect.length * 1e3:.4g} mm) fills the slippers' whole track of "
             f"{2e3 * math.pi * radius:.4g} mm (pitch radius {radius * 1e3:.4g} mm, slipper {slipper * 1e3:.4g} mm); "
             "shorten it."
         )
@@ -183,7 +183,7 @@ def bore_lines(
     condition : has no influence, for the displacement follows the shaft angle.
     """
     if defect.half_width > math.pi:
-        raise InputError(f"half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
+        raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
     orders = _orders(n_lines).astype(float)
     middle = defect.angle - angle_ahead(pump, defect.bore, "BoreDefect.bore")
     return defect.depth / math.pi * np.exp(-1j * orders * middle) * _half_sine(defect.half_width, orders)

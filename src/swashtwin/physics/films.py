@@ -104,7 +104,7 @@ def film_factors(
         if condition.discharge_pressure <= condition.case_pressure:
             raise InputError(
                 f"discharge_pressure ({condition.discharge_pressure:g} Pa) must exceed case_pressure "
-                f"({condition.case_pressure:g} Pa), or no film carries. Pressures are in Pa: 15 MPa is 15e6."
+                f"({condition.case_pressure:g} Pa), or no film carries. Pressures are in Pa: 15 MPa is MPa(15)."
             )
     before, after = (point.discharge_pressure - point.case_pressure for point in (here, there))
     viscosity = pump.oil.viscosity_at(there.oil_temperature) / pump.oil.viscosity_at(here.oil_temperature)

@@ -86,7 +86,7 @@ class LooseMotion:
 def _damping_ratio(restitution: float) -> float:
     """Ratio of a damped spring that only pushes and returns `restitution` of a speed: exp(-2 x / tan x), cos x."""
     if not 0 <= restitution <= 1:
-        raise InputError(f"restitution ({restitution:g}) must lie in 0...1.")
+        raise InputError(f"LooseSlipper.restitution ({restitution:g}) must lie in 0...1.")
     if restitution <= math.exp(-2):
         return 1.0
     if restitution == 1:
@@ -97,7 +97,7 @@ def _damping_ratio(restitution: float) -> float:
 def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
     if not condition.period / 1e4 <= fault.pulse <= condition.period:
         raise InputError(
-            f"pulse ({fault.pulse:g} s) must lie between a ten-thousandth of a revolution and a "
+            f"LooseSlipper.pulse ({fault.pulse:g} s) must lie between a ten-thousandth of a revolution and a "
             f"revolution ({condition.period:.3g} s) to be simulated. Times are in seconds: 0.2 ms is 2e-4."
         )
     return int(2 ** max(14, math.ceil(math.log2(STEPS_PER_PULSE * condition.period / fault.pulse))))
@@ -186,7 +186,7 @@ def _march(
         start = np.array(end)
     raise SwashTwinError(
         f"the loose slipper's motion does not repeat within {MOST_REVOLUTIONS} revolutions (it still changes by "
-        f"{change:.1e} of its play), so it has no order lines; lower restitution or clearance."
+        f"{change:.1e} of its play), so it has no order lines; lower LooseSlipper.restitution or clearance."
     )
 
 

@@ -47,22 +47,22 @@ class OperatingCondition:
         if self.speed > 8000 * math.pi / 30:
             raise InputError(
                 f"speed ({self.speed:g} rad/s, {self.speed * 30 / math.pi:.0f} rev/min) is above 8000 rev/min, which "
-                "no industrial axial piston pump reaches. Speeds are in rad/s: 860 rev/min is 90.1 rad/s."
+                "no industrial axial piston pump reaches. Speeds are in rad/s: 860 rev/min is rpm(860)."
             )
         if self.discharge_pressure <= self.suction_pressure:
             raise InputError(
                 f"discharge_pressure ({self.discharge_pressure:g} Pa) must exceed suction_pressure "
-                f"({self.suction_pressure:g} Pa). Pressures are in Pa: 15 MPa is 15e6."
+                f"({self.suction_pressure:g} Pa). Pressures are in Pa: 15 MPa is MPa(15)."
             )
         if self.discharge_pressure > 2e8:
             raise InputError(
                 f"discharge_pressure ({self.discharge_pressure:g} Pa) is above any axial piston pump's (200 MPa). "
-                "Pressures are in Pa: 15 MPa is 15e6."
+                "Pressures are in Pa: 15 MPa is MPa(15)."
             )
         if not 233.15 <= self.oil_temperature <= 423.15:
             raise InputError(
                 f"oil_temperature ({self.oil_temperature:g} K) lies outside -40...150 degC. "
-                "Temperatures are in kelvin: 45 degC is 318.15."
+                "Temperatures are in kelvin: 45 degC is celsius(45)."
             )
 
     @property

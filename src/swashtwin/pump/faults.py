@@ -123,7 +123,8 @@ class Fault:
         for name, limit in self.longest.items():
             if getattr(self, name) > limit:
                 raise InputError(
-                    f"{kind}.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. Lengths are in meters."
+                    f"{kind}.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. "
+                    "Lengths are in meters: 30 mm is mm(30)."
                 )
 
     @property
@@ -172,7 +173,7 @@ class SwashPlateDefect(Fault):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.length == 0 or self.width == 0:
-            raise InputError("length and width must be positive.")
+            raise InputError("SwashPlateDefect.length and width must be positive.")
 
     @property
     def strains_films(self) -> bool:
@@ -249,7 +250,7 @@ class TiltedBlockFace(Fault):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.variation >= 1:
-            raise InputError(f"variation ({self.variation:g}) must be below 1: a film cannot pull.")
+            raise InputError(f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: a film cannot pull.")
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,7 @@ class DamScratch(Fault):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width == 0:
-            raise InputError("width must be positive.")
+            raise InputError("DamScratch.width must be positive.")
 
 
 @dataclass(frozen=True)
@@ -370,8 +371,8 @@ def fault_type(name: str) -> type[Fault]:
         kinds = _types_by_name()
     if name not in kinds:
         raise InputError(
-            f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register the "
-            "fault before loading what names it."
+            f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register your own with "
+            "register_fault before loading what names it."
         )
     return kinds[name]
 

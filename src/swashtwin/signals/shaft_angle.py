@@ -217,7 +217,7 @@ def resampled_by_angle(
         raise InputError(f"samples_per_turn ({samples_per_turn}) must be an even number from 4 on.")
     speed = angle.mean_speed if played_at is None else played_at
     if not (math.isfinite(speed) and speed > 0):
-        raise InputError(f"played_at ({speed:g} rad/s) must be a positive speed.")
+        raise InputError(f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
     at, denser = _reading_at(angle, samples_per_turn)
     signal = _read_off(recording.signal, at)
     if denser > 1:

@@ -120,7 +120,7 @@ def _first_guess(recording: Recording, near: float | None) -> ShaftAngle:
     if near is None:
         return stated_angle(recording)
     if not (math.isfinite(near) and near > 0):
-        raise InputError(f"near ({near:g} rad/s) must be a positive speed.")
+        raise InputError(f"near ({near:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
     return ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, absolute=False, source="near")
 
 

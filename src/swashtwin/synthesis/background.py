@@ -55,7 +55,7 @@ def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
     if np.any(candidates & is_normal):
         candidates &= is_normal
     if not candidates.any():
-        raise InputError("no measured window to take noise from; take none as background.")
+        raise InputError("no measured window to take noise from; the background can be 'none'.", field="background")
     distance = np.abs(like.discharge_pressure - twin.condition.discharge_pressure)
     if np.isfinite(distance[candidates]).any():
         candidates &= distance <= np.nanmin(distance[candidates]) + 1e4

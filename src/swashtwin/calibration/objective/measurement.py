@@ -184,12 +184,12 @@ def _require_channels(twin: Twin, recording: Recording, first: Recording) -> Non
         if name not in twin.pump.channels:
             raise DataError(
                 f"{recording.recording_id}: the pump {twin.pump.name} has no sensor for channel {name!r}; it has "
-                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel out."
+                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel out (channels = [...] in the index)."
             )
     if recording.channels != first.channels:
         raise DataError(
             f"{recording.recording_id} has the channels {', '.join(recording.channels)}, {first.recording_id} has "
-            f"{', '.join(first.channels)}; pick the same from both."
+            f"{', '.join(first.channels)}; pick the same from both (channels = [...] in the index)."
         )
 
 
@@ -223,8 +223,7 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
         if not ((twin.orders % count > 0) & (twin.orders > 1)).any():  # the first is unbalance
             raise InputError(
                 f"lines of the shaft need a fault that sets one piston apart: a twin of {twin.label} has lines at "
-                f"multiples of {count} only; use the piston-pass lines.",
-                field="lines",
+                f"multiples of {count} only; use the piston-pass lines."
             )
         orders = np.arange(1, min(MOST_SHAFT_ORDER, int(high / shaft)) + 1)
     else:

@@ -40,7 +40,7 @@ def clipping_note(recording: Recording) -> str | None:
         if share >= MOST_CLIPPED:
             raise DataError(
                 f"{where} ({np.abs(row).max():.4g} {recording.unit}): the range was exceeded, and no line is right; "
-                "record with a wider range, or leave these channels out."
+                "record with a wider range, or leave these channels out (channels = [...] in the index)."
             )
         if share:
             return f"{where}: the range was exceeded, and peaks are cut off."

@@ -35,7 +35,7 @@ class SeveritySettings:
         for name in ("drift", "law", "port_timing"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name} ({value:g}) must be zero or a positive number.")
+                raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def _require_one_machine(recordings: Sequence[Recording]) -> None:
     if len(specimens) > 1:
         raise DataError(
             f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
-            "select its recordings with --specimen."
+            "select its recordings (--specimen, or the method where)."
         )
 
 
@@ -247,7 +247,7 @@ def _unknowns(healthy_calibration: Calibration | Twin, twin: Twin, channels: tup
     if channels != calibrated:
         raise DataError(
             f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
-            "the same from both."
+            "the same from both (channels = [...] in the index)."
         )
     return healthy_calibration.posterior.unknowns
 

@@ -19,9 +19,6 @@ NO_COMMAND = {
     "calibration/uncertainty/sampling.py": "sampling the posterior has no command",
 }
 """Modules whose errors no command can raise, and why."""
-METHODS = {"ADASYN", "BiTCN", "MPa", "RK4"}
-"""Public names that are also names of methods and units."""
-ROOMS = ("foundation", "pump", "recordings", "signals", "physics", "calibration", "learning", "synthesis", "diagnosis")
 
 
 def text_of(node: ast.AST) -> str:
@@ -68,7 +65,18 @@ def test_every_option_that_an_error_names_exists() -> None:
 
 
 def test_an_error_names_the_option_of_the_argument_that_it_is_about(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("x\n" + "\n".join(str(i % 7) for i in range(4000)))
-    facts = ("--sample-rate", "2 kHz", "--unit", "g", "--speed", "860 rpm", "--pressure", "15 MPa", "--channels", "x")
+    (tmp_path / "a.csv").write_text("cover_z\n" + "\n".join(str(i % 7) for i in range(4000)))
+    facts = (
+        "--sample-rate",
+        "2 kHz",
+        "--unit",
+        "g",
+        "--speed",
+        "860 rpm",
+        "--pressure",
+        "15 MPa",
+        "--channels",
+        "cover_z",
+    )
     line = one_line(run("calibrate", tmp_path / "a.csv", *facts, "--band", "0-90 kHz", code=3))
-    assert line
+    assert line.endswith("end it at 980 Hz. (--band)"), line

@@ -17,7 +17,7 @@ QUICK = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
 
 
 PYTHON_WORDS = re.compile(r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")
-"""What looks like a call or an argument of Python, which no error in the shell may hold; ``MPa(15)`` may stand there."""
+"""What looks like a call or an argument of Python, which no error in the shell holds; ``MPa(15)`` may."""
 
 
 def run(*words: object, code: int = 0) -> Result:

@@ -184,7 +184,8 @@ def _require_channels(twin: Twin, recording: Recording, first: Recording) -> Non
         if name not in twin.pump.channels:
             raise DataError(
                 f"{recording.recording_id}: the pump {twin.pump.name} has no sensor for channel {name!r}; it has "
-                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel out (channels = [...] in the index)."
+                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel "
+                "out (channels = [...] in the index)."
             )
     if recording.channels != first.channels:
         raise DataError(

@@ -122,7 +122,7 @@ def user(
     tell(result, as_json, lambda: say("\n".join(lines)))
 
 
-_EXTRA = ("argon2", "fastapi", "plotly", "prometheus_client", "python_multipart", "sqlalchemy", "uvicorn")
+_EXTRA = ("argon2", "fastapi", "prometheus_client", "python_multipart", "sqlalchemy", "uvicorn")
 """Packages of the extra that every watch needs."""
 
 

@@ -45,7 +45,7 @@ def test_the_openapi_description_names_every_address_for_programs(reader: TestCl
     assert {"/api/machines", "/api/machines/{name}/trend", "/api/recordings", "/api/alarms/{identity}/acknowledge",
             "/metrics", "/health"} <= set(paths)  # fmt: skip
     assert "post" in paths["/api/recordings"]
-    assert not any(path.startswith(("/charts", "/static", "/login")) for path in paths)
+    assert not any(path.startswith(("/static", "/login")) for path in paths)
 
 
 def test_machines_come_with_state_newest_recording_and_alarms(reader: TestClient) -> None:

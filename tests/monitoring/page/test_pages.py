@@ -2,14 +2,18 @@
 
 import re
 from datetime import UTC, datetime, timedelta
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as some
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history import HistoryError
-from swashtwin.monitoring.page.charts import sparkline
+from swashtwin.monitoring.page.charts import HEIGHT, Axis, sparkline
 from swashtwin.monitoring.page.wording import number, percent, signed
 
 
@@ -61,7 +65,7 @@ def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> 
 def test_a_machine_shows_its_alarm_its_trend_and_its_recordings(client: TestClient, plant) -> None:
     text = client.get("/machines/pump-1").text
     assert "/alarms/1/acknowledge" in text
-    assert 'data-figure="/charts/machines/pump-1/trend?channel=&amp;level=capital' in text
+    assert text.count('<svg class="drawing"') == 2
     assert f"/recordings/{newest(plant, 'pump-1')}" in text
     assert "shaft order 7" in text
 
@@ -87,7 +91,7 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
     assert "Swash plate 93 %" in text
     assert "shaft order" in text
     assert next_checks("swash_plate")[-1].what in text
-    assert f'data-figure="/charts/recordings/{newest(plant, "pump-1")}"' in text
+    assert text.count('<svg class="drawing"') == 3
     assert "1500 rpm" in text
 
 
@@ -122,15 +126,14 @@ def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(client: Test
     identity = newest(plant, "presse-4")
     text = client.get(f"/recordings/{identity}").text
     assert "channel y does not move" in text
-    assert client.get(f"/charts/recordings/{identity}").status_code == 404
+    assert '<svg class="drawing"' not in text
 
 
 def test_a_recording_whose_samples_are_gone_says_so(client: TestClient, plant) -> None:
     identity = newest(plant, "pump-2")
     for path in plant.config.folder.rglob("*.h5"):
         path.unlink()
-    assert client.get(f"/recordings/{identity}").status_code == 200
-    assert client.get(f"/charts/recordings/{identity}").status_code == 404
+    assert '<svg class="drawing"' not in client.get(f"/recordings/{identity}").text
 
 
 def test_a_form_acknowledges_an_alarm_once(client: TestClient, plant) -> None:
@@ -195,36 +198,63 @@ def test_numbers_are_rounded_honestly() -> None:
     assert (percent(0.9999), percent(1.0), percent(0.0001)) == ("> 99 %", "100 %", "< 1 %")
 
 
+def drawings(text: str) -> list[ElementTree.Element]:
+    """The figures of a page."""
+    return [ElementTree.fromstring(svg) for svg in re.findall(r'<svg class="drawing".*?</svg>.*?</svg>', text)]
+
+
+def field(drawing: ElementTree.Element) -> list[str | None]:
+    """Kinds of what stands in the field of a figure."""
+    return [part.get("class") for part in drawing[0]]
+
+
+def points(drawing: ElementTree.Element, kind: str) -> np.ndarray:
+    """Places of a line's points in the field."""
+    (path,) = (part for part in drawing[0] if part.get("class") == kind)
+    return np.array(re.findall(r"[\d.-]+", str(path.get("d"))), float).reshape(-1, 2)
+
+
 def test_a_small_line_needs_two_values_and_stays_within_its_box() -> None:
-    assert sparkline([1.0, float("nan")], 100) is None
-    line = sparkline([1e-30, 1.0, 1e12], 100)
-    assert line is not None
-    heights = [float(point.split(",")[1]) for point in line["points"].split()]
-    assert all(0 <= height <= 28 for height in heights)
+    assert sparkline(np.array([1.0, np.nan]), 100) is None
+    line = ElementTree.fromstring(str(sparkline(np.array([1e-30, 1.0, 1e12]), 100)))
+    heights = np.array(re.findall(r"[\d.-]+", str(line[1].get("d"))), float)[1::2]
+    assert ((heights >= 0) & (heights <= HEIGHT)).all()
 
 
 def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) -> None:
     query = {"channel": "x", "level": "shaft order 7", "point": "1500 rpm, 15 MPa"}
-    figure = reader.get("/charts/machines/pump-1/trend", params=query).json()
-    assert [trace["meta"]["role"] for trace in figure["data"]] == ["edge", "band", "main"]
-    assert {shape["name"] for shape in figure["layout"]["shapes"]} == {"alarm", "median"}
-    assert len(figure["data"][2]["x"]) == 40
+    evidence, level = drawings(reader.get("/machines/pump-1", params=query).text)
+    assert field(evidence) == ["alarm", "alarm", "main", "dots"]
+    assert field(level) == ["band", "median", "alarm", "main", "dots"]
+    assert len(points(level, "main")) == len(level.get("data-ids").split()) == 40
+    trend = reader.get("/api/machines/pump-1/trend", params=query).json()["values"]
+    low, high = map(float, level.get("data-y").split())
+    assert low + (1 - points(level, "main")[:, 1] / HEIGHT) * (high - low) == pytest.approx(trend, abs=0.05)
 
 
 def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pistons(client: TestClient, plant) -> None:
-    figure = client.get(f"/charts/recordings/{newest(plant, 'pump-1')}").json()
-    roles = [trace["meta"]["role"] for trace in figure["data"]]
-    assert roles == ["edge", "band", "main"] * 3
-    assert [mark["text"] for mark in figure["layout"]["annotations"]][:2] == ["1×", "7×"]
-    x = figure["data"][0]["x"]
-    line = min(range(len(x)), key=lambda index: abs(x[index] - 175))
-    assert max(figure["data"][2]["y"][line - 1 : line + 2]) > 2 * max(figure["data"][1]["y"][line - 1 : line + 2])
+    figures = drawings(client.get(f"/recordings/{newest(plant, 'pump-1')}").text)
+    assert [field(figure)[-2:] for figure in figures] == [["band", "main"]] * 3
+    assert [text.text for text in figures[0] if text.get("class") == "name"][:2] == ["7×", "14×"]
+    line, band = points(figures[0], "main"), points(figures[0], "band")
+    order = 1000 * 175 / float(figures[0].get("data-x").split()[1])
+    top, healthy = (part[np.abs(part[:, 0] - order) < 3][:, 1].min() for part in (line, band))
+    decades = np.subtract(*map(float, reversed(figures[0].get("data-y").split())))
+    assert 10 ** ((healthy - top) / HEIGHT * decades) > 2
 
 
-def test_plotly_comes_out_of_its_wheel_and_is_kept_by_the_browser(reader: TestClient) -> None:
-    answer = reader.get("/static/plotly/plotly.min.js")
-    assert len(answer.content) > 1_000_000
-    assert "max-age" in answer.headers["cache-control"]
+@pytest.mark.parametrize("kind", ["", "log", "time"])
+@given(some.lists(some.floats(1e-6, 1e10), min_size=1, max_size=5))
+def test_an_axis_has_some_round_values_within_its_ends(kind: str, values: list[float]) -> None:
+    axis = Axis.around(values, kind=kind)
+    assert len(axis.ticks()) <= 8
+    assert all(0 <= share <= 1 for share, _ in axis.ticks())
+    shares = axis.share(np.array(values))
+    assert ((shares > 0) & (shares < 1)).all()
+
+
+def test_the_browser_keeps_the_pages_own_files_and_no_page(reader: TestClient) -> None:
+    assert "max-age" in reader.get("/static/page.js").headers["cache-control"]
     assert "no-store" in reader.get("/").headers["cache-control"]
 
 

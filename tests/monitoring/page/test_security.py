@@ -25,7 +25,7 @@ from swashtwin.monitoring.page.users import UserFile, add_token, add_user, remov
 PASSWORD = "correct horse battery"
 HOST = "http://127.0.0.1:8642"
 PAGES = ("/", "/machines/pump-1", "/recordings/1", "/alarms", "/alarms/1", "/log")
-PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics", "/charts/recordings/1")
+PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics")
 
 
 @pytest.fixture

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 from fastapi import FastAPI
+from starlette.responses import Response
+from starlette.routing import Route
 
 from swashtwin.monitoring.page import serving
 
@@ -21,6 +23,7 @@ def port(plant, application: FastAPI, monkeypatch: pytest.MonkeyPatch) -> Iterat
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         number = probe.getsockname()[1]
+    application.router.routes.insert(0, Route("/static/large", lambda _: Response(bytes(5_000_000))))
     server = serving.serve_page(application, "127.0.0.1", number)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
@@ -62,7 +65,7 @@ def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
     with socket.socket() as lazy:
         lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         lazy.connect(("127.0.0.1", port))
-        lazy.sendall(b"GET /static/plotly/plotly.min.js HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        lazy.sendall(b"GET /static/large HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
         start = lazy.recv(1024)
         length = int(start.split(b"content-length: ")[1].split(b"\r\n")[0])
         time.sleep(3)

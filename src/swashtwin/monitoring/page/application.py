@@ -71,8 +71,7 @@ def build_app(
         change_routes(site),
     ):
         application.include_router(routes)
-    for path, package, folder in (("/static/plotly", "plotly", "package_data"), ("/static", __package__, "static")):
-        application.mount(path, StaticFiles(packages=[(package, folder)]))
+    application.mount("/static", StaticFiles(packages=[(__package__, "static")]))
     _answer_errors(application, site)
     return application
 
@@ -81,7 +80,7 @@ def _answer_errors(application: FastAPI, site: Site) -> None:
     """Errors as a page for people and as JSON for programs; none shows a traceback."""
 
     def answer(request: Request, code: int, title: str, text: str) -> Response:
-        if request.url.path.startswith(("/api/", "/charts/", "/metrics", "/health")):
+        if request.url.path.startswith(("/api/", "/metrics", "/health")):
             return JSONResponse({"detail": text}, code)
         return site.render(request, "problem.html.jinja", code, title=title, text=text)
 

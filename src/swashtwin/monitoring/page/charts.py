@@ -1,178 +1,212 @@
-"""Figures of the page as plain data for plotly; the browser adds the colors of its light or dark theme by role."""
+"""Figures of the page as SVG, colored by its style sheet; its script adds zoom and the value at the pointer.
+
+The field of a figure is stretched to the width of the page. So horizontal places are shares of the width, vertical ones
+pixels, and texts stand outside the field.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
-from datetime import datetime
-from typing import Any
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
+from markupsafe import Markup, escape
 
 from swashtwin.monitoring.history import Alarm, Trend
-from swashtwin.monitoring.page.spectra import SpectrumComparison
 
+HEIGHT = 240.0
+"""Height of a field [px]."""
 BAND_SPREADS = 3.0
 """Half width of the baseline's band in spreads of the healthy recordings."""
-
+_WIDTH = 1000.0
+"""Width of a field, in units that are stretched."""
+_LINE, _BOTTOM = 16.0, 22.0
+"""Space above a field for one line of text, and below it [px]."""
+_CLOSEST = 0.05
+"""Distance of the names of two marks at least, over the width."""
+_MOST_TICKS = 6
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_MINUTE, _DAY = 60, 86_400
+_TIME_STEPS = (
+    *(minutes * _MINUTE for minutes in (1, 5, 15, 60, 180, 360, 720)),
+    *(days * _DAY for days in (1, 2, 7, 14, 30, 91, 365)),
+)
+"""Distances of marked times [s]."""
 
-Figure = dict[str, Any]
+
+class Axis(NamedTuple):
+    """Range of an axis: numbers, their logarithms to base 10, or seconds since 1970."""
+
+    low: float
+    high: float
+    kind: str = ""
+    """Empty, ``log`` or ``time``."""
+
+    @classmethod
+    def around(cls, *values: Iterable[float], kind: str = "") -> "Axis":
+        """The range of all finite values and a twentieth more at each end."""
+        numbers = np.concatenate([np.asarray(tuple(part), np.float64) for part in values])
+        if kind == "log":
+            with np.errstate(divide="ignore", invalid="ignore"):
+                numbers = np.log10(numbers)
+        numbers = numbers[np.isfinite(numbers)]
+        low, high = (float(numbers.min()), float(numbers.max())) if numbers.size else (0.0, 1.0)
+        margin = 0.05 * (high - low) or (_DAY if kind == "time" else 0.5)
+        return cls(low - margin, high + margin, kind)
+
+    def share(self, values: Float[np.ndarray, " point"] | float) -> Float[np.ndarray, " point"]:
+        """How far from the low to the high end values lie; NaN where a logarithm has none."""
+        numbers = np.asarray(values, np.float64)
+        if self.kind == "log":
+            numbers = np.log10(np.where(numbers > 0, numbers, np.nan))
+        return np.asarray((numbers - self.low) / (self.high - self.low))
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """(share, text) of round values."""
+        span = self.high - self.low
+        if self.kind == "time":
+            year = _TIME_STEPS[-1]
+            years = year * math.ceil(span / year / _MOST_TICKS)
+            step: float = next((step for step in _TIME_STEPS if span / step <= _MOST_TICKS), years)
+        elif self.kind == "log":
+            step = max(1, math.ceil(span / _MOST_TICKS))
+        else:
+            power = 10.0 ** math.floor(math.log10(span / _MOST_TICKS))
+            step = next(power * factor for factor in (1, 2, 5, 10, 20) if span / (power * factor) <= _MOST_TICKS)
+        numbers = np.arange(math.ceil(self.low / step), math.floor(self.high / step) + 1) * step
+        return [((float(number) - self.low) / span, self._text(float(number), step)) for number in numbers]
+
+    def _text(self, number: float, step: float) -> str:
+        if self.kind == "time":
+            return datetime.fromtimestamp(number, UTC).strftime("%H:%M" if step < _DAY else "%Y-%m-%d")
+        if self.kind == "log":
+            plain = {-1: "0.1", 0: "1", 1: "10", 2: "100"}
+            return plain.get(round(number), f"10{str(round(number)).translate(_SUPERSCRIPTS)}")
+        return f"{number:.4g}".replace("-", "−")
 
 
-def trend_figure(
+def draw(
+    x: Axis, y: Axis, parts: Iterable[str], *, title: str, names: Sequence[tuple[float, str]] = (), **data: str
+) -> Markup:
+    """An SVG element.
+
+    Parameters
+    ----------
+    parts : what stands in the field, of `band`, `curve`, `level` and `mark`; escaped already.
+    title : what the figure shows, for who does not see it, and above the vertical axis.
+    names : (share of the width, name) of marks; one too close to an earlier one is left out.
+    data : what the script needs to know: ``ids`` of the recordings, ``shaft`` [Hz], ``unit``.
+    """
+    top = (2 if names else 1) * _LINE
+    bottom = top + HEIGHT
+    texts = [f'<text class="title" x="4" y="12">{escape(title)}</text>']
+    for share, text in y.ticks():
+        height = bottom - share * HEIGHT
+        texts.append(f'<line class="grid" x1="0" x2="100%" y1="{height:.1f}" y2="{height:.1f}"/>')
+        texts.append(f'<text class="value" x="4" y="{height - 3:.1f}">{escape(text)}</text>')
+    for share, text in x.ticks():
+        texts.append(f'<text class="tick" x="{100 * share:.2f}%" y="{bottom + 16:.0f}">{escape(text)}</text>')
+    shown: list[float] = []
+    for share, text in names:
+        if all(abs(share - other) >= _CLOSEST for other in shown):
+            place = f'data-at="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
+            texts.append(f'<text class="name" {place}>{escape(text)}</text>')
+            shown.append(share)
+    facts = {"x": f"{x.low!r} {x.high!r}", "x-kind": x.kind, "y": f"{y.low!r} {y.high!r}", "y-kind": y.kind, **data}
+    attributes = " ".join(f'data-{name}="{escape(value)}"' for name, value in facts.items())
+    return Markup(
+        f'<svg class="drawing" role="img" aria-label="{escape(title)}" height="{bottom + _BOTTOM:.0f}" {attributes}>'
+        f'<svg class="field" y="{top:.0f}" height="{HEIGHT:.0f}" viewBox="0 0 {_WIDTH:.0f} {HEIGHT:.0f}" '
+        f'preserveAspectRatio="none">{"".join(parts)}</svg>{"".join(texts)}</svg>'
+    )
+
+
+def curve(x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"], *, has_dots: bool = False) -> str:
+    """A line through points, both as shares; it is broken where there is none."""
+    points = [None if math.isnan(b) else f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(x, y, strict=True)]
+    pairs = zip([None, *points], points, strict=False)
+    line = "".join(f"{'M' if last is None else 'L'}{point}" for last, point in pairs if point)
+    dots = "".join(f"M{point}h0" for point in points if point) if has_dots else ""
+    return f'<path class="main" d="{line}"/>' + (f'<path class="dots" d="{dots}"/>' if dots else "")
+
+
+def band(x: Float[np.ndarray, " point"], low: Float[np.ndarray, " point"], high: Float[np.ndarray, " point"]) -> str:
+    """The area between two lines, all as shares; nothing where one has no value."""
+    is_there = np.isfinite(low) & np.isfinite(high)
+    there = [np.asarray(values)[is_there] for values in (x, low, high)]
+    edge = [f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[1], strict=True)]
+    back = [f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[2], strict=True)]
+    return f'<path class="band" d="M{"L".join(edge + back[::-1])}Z"/>' if edge else ""
+
+
+def level(share: float, role: str) -> str:
+    """A horizontal line at a share of the height."""
+    height = f"{(1 - share) * HEIGHT:.1f}"
+    return f'<line class="{role}" x1="0" x2="{_WIDTH:.0f}" y1="{height}" y2="{height}"/>'
+
+
+def mark(share: float, role: str) -> str:
+    """A vertical line at a share of the width."""
+    return f'<line class="{role}" x1="{_WIDTH * share:.1f}" x2="{_WIDTH * share:.1f}" y1="0" y2="{HEIGHT:.0f}"/>'
+
+
+def draw_trend(
     trend: Trend,
     title: str,
     unit: str,
     alarms: Sequence[Alarm],
     *,
-    band: tuple[float, float] | None = None,
+    baseline: tuple[float, float] | None = None,
     limit: float | None = None,
-) -> Figure:
+) -> Markup:
     """One indicator over time, with its baseline's band and the times at which alarms were raised.
 
     Parameters
     ----------
     title : name of the indicator.
     unit : of the indicator, empty where it has none.
-    band : (median, spread) of the baseline.
+    baseline : (median, spread) of the healthy baseline.
     limit : value at which an alarm is raised; the axis is then logarithmic.
     """
-    shapes: list[dict[str, Any]] = [
-        _vertical(alarm.opened, "sensor" if alarm.kind == "sensor" else "alarm") for alarm in alarms
-    ]
-    traces: list[dict[str, Any]] = []
-    if band is not None:
-        median, spread = band
-        low, high = median - BAND_SPREADS * spread, median + BAND_SPREADS * spread
-        times = _times(trend)
-        ends = times[:1] + times[-1:]
-        name = f"Healthy baseline ± {BAND_SPREADS:g} spreads"
-        edge = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "band"}
-        traces += [
-            {**edge, "x": ends, "y": [low, low], "showlegend": False, "meta": {"role": "edge"}},
-            {**edge, "x": ends, "y": [high, high], "fill": "tonexty", "name": name, "meta": {"role": "band"}},
+    edges: list[float] = []
+    if baseline is not None:
+        edges = [baseline[0] + sign * BAND_SPREADS * baseline[1] for sign in (-1, 1)]
+    times = _seconds(trend.times)
+    x = Axis.around(times, kind="time")
+    y = Axis.around(trend.values, edges, [] if limit is None else [limit], kind="" if limit is None else "log")
+    parts = []
+    if baseline is not None:
+        ends = np.array([0.0, 1.0])
+        parts += [
+            band(ends, *(np.full(2, y.share(edge)) for edge in edges)),
+            level(float(y.share(baseline[0])), "median"),
         ]
-        shapes.append(_horizontal(median, "median"))
     if limit is not None:
-        shapes.append(_horizontal(limit, "alarm"))
-    traces.append(
-        {
-            "type": "scatter",
-            "mode": "lines+markers",
-            "x": _times(trend),
-            "y": [value if math.isfinite(value) else None for value in trend.values.tolist()],
-            "customdata": [int(identity) for identity in trend.ids],
-            "marker": {"size": 5},
-            "line": {"width": 1.5},
-            "name": title,
-            "hovertemplate": f"%{{x}}<br>%{{y:.3~g}} {unit}<extra></extra>",
-            "meta": {"role": "main"},
-        }
-    )
-    axis: dict[str, Any] = {"title": {"text": f"{title} [{unit}]" if unit else title}}
-    if limit is not None:
-        axis |= _decades()
-    return {
-        "data": traces,
-        "layout": {"yaxis": axis, "xaxis": {"type": "date"}, "shapes": shapes, "showlegend": band is not None},
-    }
+        parts.append(level(float(y.share(limit)), "alarm"))
+    for alarm in alarms:
+        share = float(x.share(alarm.opened.timestamp()))
+        if 0 <= share <= 1:
+            parts.append(mark(share, "sensor" if alarm.kind == "sensor" else "alarm"))
+    heights = y.share(trend.values)
+    parts.append(curve(x.share(times), heights, has_dots=True))
+    ids = " ".join(str(number) for number in trend.ids[np.isfinite(heights)])
+    return draw(x, y, parts, title=f"{title} [{unit}]" if unit else title, ids=ids, unit=unit)
 
 
-def spectrum_figure(comparison: SpectrumComparison) -> Figure:
-    """The spectrum of each channel over those of healthy recordings, one panel each."""
-    count = len(comparison.channels)
-    traces: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {"shapes": [], "annotations": [], "showlegend": True, "panels": count}
-    gap = 0.06 if count > 1 else 0.0
-    height = (1 - gap * (count - 1)) / count
-    x = comparison.frequency.tolist()
-    healthy = f"Healthy recordings ({comparison.n_healthy})"
-    for row, channel in enumerate(comparison.channels):
-        suffix = "" if row == 0 else str(row + 1)
-        top = 1 - row * (height + gap)
-        layout[f"yaxis{suffix}"] = {
-            "domain": [max(0.0, top - height), top],
-            **_decades(),
-            "title": {"text": f"{channel} [{comparison.unit}]" if comparison.unit else channel},
-        }
-        common = {"type": "scatter", "mode": "lines", "x": x, "xaxis": "x", "yaxis": f"y{suffix}"}
-        shown = {"showlegend": row == 0}
-        if comparison.n_healthy:
-            faint = {**common, "line": {"width": 0}, "hoverinfo": "skip", "legendgroup": "healthy"}
-            low, high = _positive(comparison.lowest[row]), _positive(comparison.highest[row])
-            traces += [
-                {**faint, "y": low, "showlegend": False, "meta": {"role": "edge"}},
-                {**faint, "y": high, "fill": "tonexty", "name": healthy, "meta": {"role": "band"}, **shown},
-            ]
-        traces.append(
-            {
-                **common,
-                "y": _positive(comparison.amplitude[row]),
-                "line": {"width": 1},
-                "name": "This recording",
-                "legendgroup": "recording",
-                "hovertemplate": f"{channel}: %{{x:.0f}} Hz%{{text}}<br>%{{y:.2e}} {comparison.unit}<extra></extra>",
-                "text": comparison.orders(),
-                "meta": {"role": "main"},
-                **shown,
-            }
-        )
-    for frequency, text in comparison.marks:
-        layout["shapes"].append({**_line("mark"), "x0": frequency, "x1": frequency, "yref": "paper", "y0": 0, "y1": 1})
-        layout["annotations"].append(
-            {"x": frequency, "y": 1, "yref": "paper", "yanchor": "bottom", "text": text, "showarrow": False}
-        )
-    layout["xaxis"] = {
-        "title": {"text": "Frequency [Hz]"},
-        "anchor": f"y{count if count > 1 else ''}",
-        "range": [0, comparison.end],
-    }
-    return {"data": traces, "layout": layout}
-
-
-def sparkline(values: Sequence[float], limit: float, width: int = 120, height: int = 28) -> Mapping[str, Any] | None:
-    """Points of a small line of the evidence on a logarithmic scale up to `limit`; None for fewer than two values."""
-    finite = [value for value in values if math.isfinite(value)]
-    if len(finite) < 2:
+def sparkline(values: Float[np.ndarray, " point"], limit: float) -> Markup | None:
+    """A small line of the evidence, with the height at which an alarm is raised; None for fewer than two values."""
+    values = values[np.isfinite(values)]
+    if len(values) < 2:
         return None
-    top = math.log10(max(limit, *finite)) + 0.2
-    bottom = min(-1.0, math.log10(max(min(finite), 1e-6)))
-    scale = (height - 4) / (top - bottom)
-    heights = [height - 2 - (math.log10(max(value, 1e-6)) - bottom) * scale for value in finite]
-    step = (width - 4) / (len(finite) - 1)
-    points = " ".join(f"{2 + index * step:.1f},{y:.1f}" for index, y in enumerate(heights))
-    return {
-        "points": points,
-        "limit": round(height - 2 - (math.log10(limit) - bottom) * scale, 1),
-        "width": width,
-        "height": height,
-    }
+    y = Axis.around(np.maximum(values, 1e-6), [0.1, limit], kind="log")
+    line = curve(np.linspace(0, 1, len(values)), y.share(np.maximum(values, 1e-6)))
+    return Markup(
+        f'<svg class="spark" viewBox="0 0 {_WIDTH:.0f} {HEIGHT:.0f}" preserveAspectRatio="none" role="img" '
+        'aria-label="Evidence of the last recordings; the dashed line raises an alarm">'
+        f"{level(float(y.share(limit)), 'alarm')}{line}</svg>"
+    )
 
 
-def _decades() -> dict[str, Any]:
-    """A logarithmic axis with powers of ten in plain signs: raised text would need a style in the page."""
-    exponents = range(-9, 10)
-    names = {-1: "0.1", 0: "1", 1: "10", 2: "100"}
-    texts = [names.get(exponent, f"10{str(exponent).translate(_SUPERSCRIPTS)}") for exponent in exponents]
-    return {"type": "log", "tickvals": [10.0**exponent for exponent in exponents], "ticktext": texts}
-
-
-def _times(trend: Trend) -> list[str]:
-    return [f"{time}Z" for time in np.datetime_as_string(trend.times, unit="ms").tolist()]
-
-
-def _positive(values: Float[np.ndarray, " line"]) -> list[float | None]:
-    """Values with four digits for a logarithmic axis."""
-    return [float(f"{value:.4g}") if value > 0 else None for value in values.tolist()]
-
-
-def _line(role: str) -> dict[str, Any]:
-    return {"type": "line", "line": {"width": 1.5, "dash": "dot" if role == "median" else "dash"}, "name": role}
-
-
-def _horizontal(value: float, role: str) -> dict[str, Any]:
-    return {**_line(role), "xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value}
-
-
-def _vertical(time: datetime, role: str) -> dict[str, Any]:
-    return {**_line(role), "yref": "paper", "y0": 0, "y1": 1, "x0": time.isoformat(), "x1": time.isoformat()}
+def _seconds(times: Shaped[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    return times.astype("datetime64[ms]").astype(np.float64) / 1000

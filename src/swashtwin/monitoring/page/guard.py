@@ -119,7 +119,7 @@ class Guard:
         path: str = scope["path"]
         if visitor is not None or path in ("/login", "/health") or path.startswith("/static/"):
             return None
-        if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics", "/charts/")):
+        if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics")):
             query = scope["query_string"].decode("latin-1")
             return RedirectResponse(f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303)
         return _refused(401, "Log in, or send a token: Authorization: Bearer TOKEN.", {"www-authenticate": "Bearer"})

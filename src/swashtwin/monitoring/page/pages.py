@@ -1,4 +1,4 @@
-"""The pages: machines, one machine, one recording, alarms, log; and their figures as JSON for the page's own script."""
+"""The pages: machines, one machine, one recording, alarms, log."""
 
 import math
 from collections import Counter
@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from datetime import timedelta
 from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi import APIRouter, Query, Request
+from markupsafe import Markup
 from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
-from swashtwin.monitoring.history import FACTS, Alarm, Judgment, MachineOverview
-from swashtwin.monitoring.page.charts import Figure, sparkline, spectrum_figure, trend_figure
-from swashtwin.monitoring.page.levels import baseline_band, chosen_level
+from swashtwin.monitoring.alarms import baseline_levels
+from swashtwin.monitoring.history import Alarm, Judgment, MachineOverview
+from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend, sparkline
 from swashtwin.monitoring.page.machine_states import STATES, alarm_state, by_urgency, state_of
 from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.page.spectra import compared_spectrum
-from swashtwin.monitoring.page.wording import VERDICT_NAMES, moment_text, number
+from swashtwin.monitoring.page.spectra import draw_spectrum, healthy_recordings
+from swashtwin.monitoring.page.wording import VERDICT_NAMES, grouped_levels, moment_text, number, stored_name
 
 CARDS = 60
 """Machines on one page."""
@@ -29,8 +30,8 @@ MOST_POINTS = 2000
 """Points of a trend; the newest."""
 _SPARKS = 60
 _PAST_ALARMS = 200
-
-Short = Annotated[str, Query(max_length=200)]
+_SPECTRA = 16
+"""Drawn spectra that are kept, since an open page asks for them with each change of the history."""
 
 
 class Pages:
@@ -39,6 +40,7 @@ class Pages:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._read = site.history.read
+        self._spectra: dict[tuple[int, ...], Sequence[Markup]] = {}
 
     def overview(
         self,
@@ -78,7 +80,7 @@ class Pages:
             "state": state_of(machine),
             "is_silenced": self._is_silenced(machine),
             "is_quiet": machine.last is not None and self._site.clock() - machine.last.time > QUIET,
-            "line": sparkline(capital.tolist(), self._site.alarm_capital),
+            "line": sparkline(capital, self._site.alarm_capital),
         }
 
     def _is_silenced(self, machine: MachineOverview) -> bool:
@@ -112,7 +114,62 @@ class Pages:
             recordings=rows,
             older=rows[-1].id if len(rows) == ROWS else None,
             events=self._read.events(name, limit=20),
-            **chosen_level(site, overview, channel, level, point).context(),
+            evidence=self._trend(name, "", "capital", ""),
+            **self._chosen_level(overview, channel, level, point),
+        )
+
+    def _chosen_level(
+        self, machine: MachineOverview, channel: str | None, level: str | None, point: str | None
+    ) -> dict[str, Any]:
+        """What was asked for, where the machine has it; else what moved most in its alarm, else its first order."""
+        by_channel: dict[str, list[str]] = {}
+        for its_channel, name in self._read.indicator_names(machine.name):
+            by_channel.setdefault(its_channel, []).append(name)
+        by_channel[""] = list(VERDICT_NAMES)
+        points = [known.name for known in self._read.points(machine.name)]
+        if point is None:
+            point = (machine.last.point if machine.last is not None else None) or ""
+        point = point if point in points else ""
+        if channel is None:
+            moved = [change for alarm in machine.alarms for change in alarm.evidence.get("moved") or []]
+            furthest = max(moved, key=lambda change: abs(change["change"]), default=None)
+            if furthest is not None:
+                channel, level = furthest["channel"], stored_name(furthest["level"])
+        if channel not in by_channel:
+            channel = next(iter(by_channel))
+        groups = grouped_levels(by_channel[channel])
+        if level not in by_channel[channel]:
+            level = groups[0][1][0]
+        baseline = self._baseline(machine.name, channel, level, point)
+        return {
+            "channel": channel,
+            "level": level,
+            "point": point,
+            "channels": list(by_channel),
+            "levels": groups,
+            "points": points,
+            "level_title": f"{channel}: {level}" if channel else VERDICT_NAMES[level][0],
+            "verdict_names": {name: title for name, (title, _) in VERDICT_NAMES.items()},
+            "trend": self._trend(machine.name, channel, level, point, baseline),
+            "band": f"Healthy baseline ± {BAND_SPREADS:g} spreads" if baseline else "",
+        }
+
+    def _baseline(self, machine: str, channel: str, level: str, point: str) -> tuple[float, float] | None:
+        """(median, spread) of a level's healthy baseline [dB]; None where there is none yet."""
+        baseline = self._read.baseline(machine, point)
+        return baseline_levels(baseline).get((channel, level)) if baseline else None
+
+    def _trend(
+        self, machine: str, channel: str, level: str, point: str, baseline: tuple[float, float] | None = None
+    ) -> Markup:
+        title, unit = VERDICT_NAMES.get(level, (level, "dB"))
+        return draw_trend(
+            self._read.trend(machine, channel, level, point=point or None, limit=MOST_POINTS),
+            title,
+            unit,
+            [alarm for alarm in self._read.alarms(machine, limit=_PAST_ALARMS) if point in ("", alarm.point)],
+            baseline=baseline,
+            limit=self._site.alarm_capital if level == "capital" else None,
         )
 
     def recording(self, request: Request, identity: int) -> HTMLResponse:
@@ -129,6 +186,12 @@ class Pages:
             if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
         probabilities: dict[str, float] = reasons.get("probabilities") or {}
+        healthy = healthy_recordings(self._site, judgment)
+        key = (judgment.id, judgment.waveform is not None, *healthy)
+        if key not in self._spectra:
+            self._spectra[key] = draw_spectrum(self._site, judgment, healthy)
+            for old in list(self._spectra)[:-_SPECTRA]:
+                self._spectra.pop(old, None)
         return self._site.render(
             request,
             "recording.html.jinja",
@@ -145,6 +208,8 @@ class Pages:
             learning=self._site.config.alarms.learning,
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
+            spectra=self._spectra[key],
+            healthy=f"Range of {len(healthy)} healthy recordings at the same operating point" if healthy else "",
             earlier=before[0].id if before else None,
             later=self._read.later_recording(identity),
         )
@@ -174,28 +239,6 @@ class Pages:
             events=self._read.events(limit=100),
         )
 
-    def trend_chart(self, name: str, level: Short, channel: Short = "", point: Short = "") -> Figure:
-        """One indicator over time, with its baseline and the times of alarms."""
-        find_machine(self._site, name)
-        if not channel and level not in FACTS:
-            raise HTTPException(404, "There is no such trend.")
-        title, unit = VERDICT_NAMES.get(level, (level, "dB"))
-        return trend_figure(
-            self._read.trend(name, channel, level, point=point or None, limit=MOST_POINTS),
-            title,
-            unit,
-            [alarm for alarm in self._read.alarms(name, limit=_PAST_ALARMS) if point in ("", alarm.point)],
-            band=baseline_band(self._site, name, point, channel, level),
-            limit=self._site.alarm_capital if level == "capital" else None,
-        )
-
-    def spectrum_chart(self, identity: int) -> Figure:
-        """The spectrum of a recording over those of healthy ones."""
-        comparison = compared_spectrum(self._site, find_recording(self._site, identity))
-        if comparison is None:
-            raise HTTPException(404, "This recording has no spectrum.")
-        return spectrum_figure(comparison)
-
 
 def page_routes(site: Site) -> APIRouter:
     """Addresses of the pages and their figures."""
@@ -210,8 +253,6 @@ def page_routes(site: Site) -> APIRouter:
         ("/log", pages.log),
     ):
         routes.get(path, response_class=HTMLResponse)(page)
-    routes.get("/charts/machines/{name}/trend")(pages.trend_chart)
-    routes.get("/charts/recordings/{identity}")(pages.spectrum_chart)
     return routes
 
 

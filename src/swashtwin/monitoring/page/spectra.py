@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from markupsafe import Markup
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.history import History, Judgment
+from swashtwin.monitoring.history import Judgment
+from swashtwin.monitoring.page.charts import Axis, band, curve, draw, mark
 from swashtwin.monitoring.page.site import Site
 from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
@@ -23,90 +24,55 @@ _SEARCH = 200
 _MARKS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class SpectrumComparison:
-    """Amplitudes of a recording, and the range of those of healthy ones."""
-
-    channels: tuple[str, ...]
-    """Channels."""
-    unit: str
-    """Unit of the amplitudes."""
-    frequency: Float[np.ndarray, " line"]
-    """Frequency of each point [Hz]."""
-    amplitude: Float[np.ndarray, "channel line"]
-    """Peak amplitudes of this recording."""
-    lowest: Float[np.ndarray, "channel line"]
-    """Least amplitude of the healthy recordings; NaN where there is none."""
-    highest: Float[np.ndarray, "channel line"]
-    """Greatest amplitude of the healthy recordings; NaN where there is none."""
-    n_healthy: int
-    """Healthy recordings."""
-    shaft: float | None
-    """Shaft frequency [Hz]."""
-    marks: tuple[tuple[float, str], ...]
-    """Frequencies [Hz] of the shaft's and the pistons' lines, and their names."""
-
-    @property
-    def end(self) -> float:
-        """End of the axis [Hz]."""
-        return float(self.frequency[-1])
-
-    def orders(self) -> list[str]:
-        """Order of each point as an addition to its frequency; empty where the speed is not known."""
-        if self.shaft is None:
-            return [""] * len(self.frequency)
-        return [f" ({frequency / self.shaft:.2f}×)" for frequency in self.frequency.tolist()]
-
-
-def compared_spectrum(site: Site, stored: Judgment) -> SpectrumComparison | None:
-    """Spectrum of a stored recording; None where its samples are not kept any more or have none, as a dead channel."""
-    history = site.history
-    recording = history.read.waveform(stored.id)
-    if recording is None:
-        return None
-    try:
-        frequency, amplitude = _points(recording)
-    except SwashTwinError:
-        return None  # such as a dead channel
-    healthy = [
-        spectrum
-        for identity in _healthy_ids(history, stored)
-        if (spectrum := _stored_points(history, identity)) is not None and spectrum.shape == amplitude.shape
-    ]
-    nothing = np.full_like(amplitude, math.nan)
-    shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
-    return SpectrumComparison(
-        recording.channels,
-        recording.unit,
-        frequency,
-        amplitude,
-        np.min(healthy, axis=0) if healthy else nothing,
-        np.max(healthy, axis=0) if healthy else nothing,
-        len(healthy),
-        shaft,
-        _marks(shaft, _pistons(site, stored.machine), float(frequency[-1])),
-    )
-
-
-def _healthy_ids(history: History, stored: Judgment) -> Sequence[int]:
+def healthy_recordings(site: Site, stored: Judgment) -> Sequence[int]:
     """Healthy recordings of the same operating point with samples, those of the baseline first."""
     ids: list[int] = []
     for state in ("learning", "normal"):
-        others = history.read.recordings(stored.machine, point=stored.point, state=state, limit=_SEARCH)
+        others = site.history.read.recordings(stored.machine, point=stored.point, state=state, limit=_SEARCH)
         ids += [other.id for other in others if other.waveform is not None and other.id != stored.id]
     return ids[:MOST_HEALTHY]
 
 
-def _stored_points(history: History, identity: int) -> Float[np.ndarray, "channel line"] | None:
+def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:
+    """A figure of each channel; none where the samples are not kept any more or have no spectrum."""
     try:
-        recording = history.read.waveform(identity)
+        recording = site.history.read.waveform(stored.id)
+        if recording is None:
+            return ()
+        frequency, amplitude = _points(recording)
+    except (SwashTwinError, OSError):
+        return ()
+    others = [_stored_points(site, number) for number in healthy_ids]
+    healthy = [spectrum for spectrum in others if spectrum is not None and spectrum.shape == amplitude.shape]
+    x = Axis(0.0, float(frequency[-1]))
+    shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
+    marks = _marks(shaft, _pistons(site, stored.machine), x)
+    figures = []
+    for row, channel in enumerate(recording.channels):
+        y = Axis.around(amplitude[row], *(spectrum[row] for spectrum in healthy), kind="log")
+        parts = [mark(share, "mark") for share, _ in marks]
+        if healthy:
+            rows = np.array([spectrum[row] for spectrum in healthy])
+            parts.append(band(x.share(frequency), y.share(rows.min(axis=0)), y.share(rows.max(axis=0))))
+        parts.append(curve(x.share(frequency), y.share(amplitude[row])))
+        title = f"{channel} [{recording.unit}]" if recording.unit else channel
+        known = {} if shaft is None else {"shaft": repr(shaft)}
+        figures.append(
+            draw(x, y, parts, title=f"{title} over frequency [Hz]", names=marks, unit=recording.unit, **known)
+        )
+    return figures
+
+
+def _stored_points(site: Site, identity: int) -> Float[np.ndarray, "channel line"] | None:
+    try:
+        recording = site.history.read.waveform(identity)
         return None if recording is None else _points(recording)[1]
     except (SwashTwinError, OSError):
         return None  # removed by retention meanwhile
 
 
 def _points(recording: Recording) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, "channel line"]]:
-    """Frequencies [Hz] and amplitudes, at most `MOST_POINTS`."""
+    """Frequencies [Hz] and peak amplitudes, at most `MOST_POINTS`."""
     resolution = max(RESOLUTION, recording.sample_rate / recording.signal.shape[-1])
     from swashtwin.signals import spectrum_of  # scipy's signal package takes a second to import
 
@@ -125,8 +91,9 @@ def _pistons(site: Site, name: str) -> int | None:
         return None
 
 
-def _marks(shaft: float | None, pistons: int | None, end: float) -> tuple[tuple[float, str], ...]:
+def _marks(shaft: float | None, pistons: int | None, x: Axis) -> list[tuple[float, str]]:
+    """(share of the axis, name) of the lines of the shaft and the pistons, those of the pistons first."""
     if shaft is None:
-        return ()
-    orders = [1, *(pistons * k for k in range(1, _MARKS + 1))] if pistons else [1]
-    return tuple((order * shaft, f"{order}×") for order in orders if order * shaft < end)
+        return []
+    orders = [*(pistons * k for k in range(1, _MARKS + 1) if pistons), 1]
+    return [(float(x.share(order * shaft)), f"{order}×") for order in orders if order * shaft < x.high]

@@ -1,8 +1,7 @@
 "use strict";
-// Times in the reader's zone, figures in the page's colors, and regions that follow the history without a reload.
+// Times in the reader's zone, figures to zoom, and regions that follow the history without a reload.
 
 const root = document.documentElement;
-const color = (name) => getComputedStyle(root).getPropertyValue(`--${name}`).trim();
 
 function showTimes(part) {
   const format = new Intl.DateTimeFormat(root.lang, { dateStyle: "medium", timeStyle: "medium" });
@@ -12,84 +11,115 @@ function showTimes(part) {
   }
 }
 
-function localTime(text) {
-  // plotly draws times as they are written, so write them in the reader's zone
-  const time = new Date(text);
-  return new Date(time - time.getTimezoneOffset() * 60000).toISOString().slice(0, -1);
+const percent = (share) => `${100 * share}%`;
+const windows = {}; // what part of a figure is shown, by the name of its region
+
+function axisOf(drawing, name) {
+  const [low, high] = drawing.dataset[name].split(" ").map(Number);
+  return { low, high, kind: drawing.dataset[`${name}Kind`] };
 }
 
-const isTime = (value) => typeof value === "string" && /^\d{4}-\d\d-\d\dT/.test(value);
-const local = (value) => (isTime(value) ? localTime(value) : value);
-
-function paint(figure) {
-  const colors = { main: "main", alarm: "red", sensor: "violet", median: "median", mark: "mark" };
-  for (const trace of figure.data) {
-    const role = trace.meta.role;
-    trace.x = trace.x.map(local);
-    if (role === "band") Object.assign(trace, { fillcolor: color("band"), line: { width: 0, color: color("median") } });
-    if (role === "main") {
-      trace.line = { ...trace.line, color: color("main") };
-      trace.marker = { ...trace.marker, color: color("main") };
-      if (trace.error_y) trace.error_y.color = color("soft");
-    }
+function ticksOf({ low, high, kind }) {
+  // round values of a part of a horizontal axis, times in the reader's zone
+  const span = high - low;
+  const minutes = [1 / 60, 1, 5, 15, 60, 180, 360, 720, 1440, 2880, 10080, 20160, 43200, 131040, 525600];
+  const power = 10 ** Math.floor(Math.log10(span / 6));
+  const steps = kind === "time" ? minutes.map((count) => 60 * count) : [1, 2, 5, 10].map((factor) => factor * power);
+  const step = steps.find((length) => span / length <= 6) ?? steps.at(-1);
+  const zone = kind === "time" ? 60 * new Date(1000 * low).getTimezoneOffset() : 0;
+  const style = step < 86400 ? { hour: "2-digit", minute: "2-digit" } : { dateStyle: "medium" };
+  const words = new Intl.DateTimeFormat(root.lang, style);
+  const ticks = [];
+  for (let value = Math.ceil((low - zone) / step) * step + zone; value <= high; value += step) {
+    const text = kind === "time" ? words.format(new Date(1000 * value)) : String(Number(value.toPrecision(6)));
+    ticks.push([(value - low) / span, text]);
   }
-  for (const shape of figure.layout.shapes || []) {
-    shape.line.color = color(colors[shape.name]);
-    shape.x0 = local(shape.x0);
-    shape.x1 = local(shape.x1);
-  }
-  const ink = color("ink");
-  const layout = { ...figure.layout, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)" };
-  layout.font = { color: ink, size: 12, family: getComputedStyle(document.body).fontFamily };
-  const top = layout.annotations?.length ? 24 : 8;
-  layout.margin = { l: 62, r: 14, t: layout.showlegend ? top + 26 : top + 8, b: 44 };
-  layout.legend = { orientation: "h", x: 0, y: 1, yanchor: "top", yref: "container", bgcolor: "rgba(0,0,0,0)" };
-  layout.hovermode = "closest";
-  layout.dragmode = matchMedia("(pointer: coarse)").matches ? false : "zoom";
-  layout.hoverlabel = { bgcolor: color("card"), bordercolor: color("line"), font: { color: ink } };
-  layout.uirevision = "same";
-  for (const name of Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key))) {
-    layout[name] = { ...layout[name], gridcolor: color("grid"), linecolor: color("line"), zerolinecolor: color("grid"), automargin: true };
-  }
-  return layout;
+  return ticks;
 }
 
-function thinMarks(figure, width) {
-  // names of lines that would overlap are left out, that of the shaft first
-  const [shaft, ...pistons] = figure.layout.annotations || [];
-  const end = figure.layout.xaxis.range?.[1];
-  const shown = [];
-  for (const mark of [...pistons, shaft].filter(Boolean)) {
-    if (shown.every((other) => (Math.abs(other.x - mark.x) / end) * width >= 34)) shown.push(mark);
+function showPart(drawing, [start, end]) {
+  const field = drawing.querySelector(".field");
+  const height = field.viewBox.baseVal.height;
+  field.setAttribute("viewBox", `${1000 * start} 0 ${1000 * (end - start)} ${height}`);
+  for (const name of drawing.querySelectorAll("[data-at]")) {
+    const share = (name.dataset.at - start) / (end - start);
+    name.setAttribute("x", percent(share));
+    name.setAttribute("visibility", share < 0 || share > 1 ? "hidden" : "visible");
   }
-  figure.layout.annotations = shown;
-}
-
-async function draw(holder) {
-  const plot = holder.querySelector(".plot");
-  try {
-    const answer = await fetch(holder.dataset.figure, { headers: { accept: "application/json" } });
-    if (answer.status === 404) holder.hidden = true; // a dead channel has no spectrum
-    if (!answer.ok) return;
-    const figure = await answer.json();
-    thinMarks(figure, plot.clientWidth - 76);
-    const layout = paint(figure);
-    const config = { displayModeBar: false, responsive: true, locale: root.lang, scrollZoom: false };
-    await Plotly.react(plot, figure.data, layout, config);
-    if (!holder.dataset.ready) {
-      plot.on("plotly_click", (event) => {
-        const identity = event.points[0].customdata;
-        if (Number.isInteger(identity)) location.href = `/recordings/${identity}`;
-      });
-    }
-    holder.dataset.ready = "yes";
-  } catch (error) {
-    if (!(error instanceof TypeError)) throw error; // no connection: the next change tries again
+  for (const tick of drawing.querySelectorAll(".tick")) tick.remove();
+  const { low, high, kind } = axisOf(drawing, "x");
+  const part = { low: low + start * (high - low), high: low + end * (high - low), kind };
+  for (const [share, text] of ticksOf(part)) {
+    const tick = document.createElementNS(drawing.namespaceURI, "text");
+    tick.setAttribute("class", "tick");
+    tick.setAttribute("x", percent(share));
+    tick.setAttribute("y", drawing.getAttribute("height") - 6);
+    tick.textContent = text;
+    drawing.append(tick);
   }
 }
 
-const drawAll = () => {
-  if (window.Plotly) for (const holder of document.querySelectorAll("[data-figure]")) draw(holder);
+function wordsAt(drawing, x, y) {
+  // the values of a point, of which the shares are known
+  const [across, up] = [axisOf(drawing, "x"), axisOf(drawing, "y")];
+  const place = across.low + x * (across.high - across.low);
+  const height = up.low + y * (up.high - up.low);
+  const value = Number((up.kind === "log" ? 10 ** height : height).toPrecision(3));
+  const order = drawing.dataset.shaft ? ` (${(place / drawing.dataset.shaft).toFixed(2)}×)` : "";
+  const format = new Intl.DateTimeFormat(root.lang, { dateStyle: "medium", timeStyle: "short" });
+  const where = across.kind === "time" ? format.format(new Date(1000 * place)) : `${place.toFixed(0)} Hz${order}`;
+  return `${where}: ${value} ${drawing.dataset.unit}`;
+}
+
+function follows(figure) {
+  // zoom by dragging, back by a double click, values at the pointer, and a recording by a click on its point
+  const name = figure.closest("[data-region]").dataset.region;
+  const drawings = [...figure.querySelectorAll(".drawing")];
+  const tip = figure.querySelector(".tip");
+  let from = null;
+  const show = (part) => {
+    windows[name] = part;
+    for (const drawing of drawings) showPart(drawing, part);
+  };
+  show(windows[name] ?? [0, 1]);
+  for (const drawing of drawings) {
+    const field = drawing.querySelector(".field");
+    const numbers = (field.querySelector(".main").getAttribute("d").match(/[\d.-]+/g) ?? []).map(Number);
+    const points = Array.from({ length: numbers.length / 2 }, (_, n) => [numbers[2 * n] / 1000, numbers[2 * n + 1]]);
+    const height = field.viewBox.baseVal.height;
+    const shareAt = (event) => {
+      const box = drawing.getBoundingClientRect();
+      const [start, end] = windows[name];
+      return start + ((end - start) * Math.min(Math.max(event.clientX - box.left, 0), box.width)) / box.width;
+    };
+    const nearest = (event) => {
+      const share = shareAt(event);
+      let best = 0;
+      points.forEach(([x], n) => { if (Math.abs(x - share) < Math.abs(points[best][0] - share)) best = n; });
+      return best;
+    };
+    drawing.addEventListener("pointermove", (event) => {
+      if (points.length) {
+        const [x, y] = points[nearest(event)];
+        tip.textContent = wordsAt(drawing, x, 1 - y / height);
+      }
+    });
+    drawing.addEventListener("pointerleave", () => { tip.textContent = ""; });
+    drawing.addEventListener("pointerdown", (event) => { from = [shareAt(event), event.clientX]; });
+    drawing.addEventListener("pointerup", (event) => {
+      if (from === null || event.pointerType === "touch") return;
+      const [start, end] = [from[0], shareAt(event)].sort((a, b) => a - b);
+      const ids = drawing.dataset.ids?.split(" ") ?? [];
+      if (Math.abs(event.clientX - from[1]) > 8) show([start, Math.max(end, start + 1e-3)]);
+      else if (event.detail < 2 && ids[nearest(event)] && event.target.matches(".dots")) location.href = `/recordings/${ids[nearest(event)]}`;
+      from = null;
+    });
+    drawing.addEventListener("dblclick", () => show([0, 1]));
+  }
+}
+
+const showFigures = (part) => {
+  for (const figure of part.querySelectorAll("figure.chart")) follows(figure);
 };
 
 function replaceRegion(region, fresh) {
@@ -102,6 +132,7 @@ function replaceRegion(region, fresh) {
   region.dataset.source = fresh.innerHTML;
   region.replaceChildren(...fresh.childNodes);
   showTimes(region);
+  showFigures(region);
   if (place >= 0) region.querySelectorAll(links)[place]?.focus({ preventScroll: true });
 }
 
@@ -114,7 +145,6 @@ async function refresh() {
     const other = fresh.querySelector(`[data-region="${region.dataset.region}"]`);
     if (other) replaceRegion(region, other);
   }
-  drawAll();
 }
 
 async function follow() {
@@ -139,6 +169,5 @@ async function follow() {
 
 for (const region of document.querySelectorAll("[data-region]")) region.dataset.source = region.innerHTML;
 showTimes(document);
-drawAll();
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+showFigures(document);
 follow();

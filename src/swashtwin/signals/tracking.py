@@ -99,7 +99,7 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
     line = _Line.of(recording, start, order, search)
     change = _ridge(line, start, search)
     for _ in range(_PASSES):
-        change = _ends_steady(change + np.unwrap(np.angle(line.strongest(change))) / order, round(line.per_turn))
+        change = _ends_steady(change + np.unwrap(np.angle(line.strongest(change)[0])) / order, round(line.per_turn))
     deviation, quality = _judged(line, change, recording.recording_id)
     if np.median(np.abs(np.gradient(change) / np.gradient(line.turn))) > 0.95 * search:
         raise DataError(
@@ -160,14 +160,13 @@ class _Line:
         sos = scipy.signal.butter(4, 2 * half_width / self.per_turn, output="sos")
         return scipy.signal.sosfiltfilt(sos, turned, axis=-1)
 
-    def weights(self, change: Float[np.ndarray, " kept"]) -> Complex[np.ndarray, " channel"]:
-        """Weights of the sum over the channels that holds most of the line's power."""
+    def strongest(
+        self, change: Float[np.ndarray, " kept"]
+    ) -> tuple[Complex[np.ndarray, " kept"], Complex[np.ndarray, " channel"]]:
+        """The line, of all channels together: the sum that holds most of its power, and the weights of that sum."""
         lines = self.near(change)
-        return np.linalg.eigh(lines @ lines.conj().T)[1][:, -1].conj()
-
-    def strongest(self, change: Float[np.ndarray, " kept"]) -> Complex[np.ndarray, " kept"]:
-        """The line, of all channels together."""
-        return self.weights(change) @ self.near(change)
+        weights = np.linalg.eigh(lines @ lines.conj().T)[1][:, -1].conj()
+        return weights @ lines, weights
 
 
 def _ridge(line: _Line, start: ShaftAngle, search: float) -> Float[np.ndarray, " kept"]:
@@ -232,10 +231,10 @@ def _judged(line: _Line, change: Float[np.ndarray, " kept"], name: str) -> tuple
     DataError
         It stands clear for less than half of the time.
     """
-    weights = line.weights(change)
+    strongest, weights = line.strongest(change)
     beside = [np.abs(weights @ line.near(change, _ASIDE, aside)) ** 2 for aside in (-0.5, 0.5)]
     level = float(np.mean([np.median(power) for power in beside])) / math.log(2)
-    power = np.abs(line.strongest(change)) ** 2
+    power = np.abs(strongest) ** 2
     noise = max(level * _BANDWIDTH / _ASIDE, _fluctuating(power, round(_RIDGE_TURNS * line.per_turn)), 1e-300)
     quality = float(np.mean(power > _CLEAR * noise))
     if quality < _LEAST_QUALITY:

@@ -137,7 +137,7 @@ def _split(folder: Path, rig: Path) -> None:
 
 def _calibrated(folder: Path, rig: Path) -> None:
     _split(folder, rig)
-    quick = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
+    quick = ("--set", "starts=1", "--set", "nuisances=none", "--set", "phases=false")
     run("calibrate", folder / "rig", "--specimen", "A", "--out", folder / "calibration.json", *quick)
 
 

@@ -54,7 +54,7 @@ def test_a_direction_of_the_mounting_that_was_not_searched_is_named(twin: Twin) 
     machine = recording_of(replace(twin, scales=Scales(mount_y=1.5)), np.ones(6))
     (warning,) = warnings(calibrate(twin, [machine], method=QUICK, **SIX_VALUES))
     assert "the mounting's stiffness along y is 1.5 times" in warning
-    assert "--nuisances by-axis" in warning
+    assert "nuisances=by-axis" in warning
 
 
 def test_a_misfit_beyond_the_model_error_leaves_no_value_identified(twin: Twin, recording: Recording) -> None:

@@ -42,7 +42,7 @@ def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(twin:
         stopped = calibrate(twin, [thick], method=QUICK, bounds=bounds, explain_misfit=False, **SIX_VALUES)
         assert stopped.estimate("C_sw").verdict == "at bound"
         assert stopped.estimate("C_sw").bounds == pytest.approx((1.86e5, 1.86e7))
-        assert any('--bounds "C_sw=' in note for note in stopped.notes)
+        assert any('--set "bounds=C_sw=' in note for note in stopped.notes)
 
 
 def test_bounds_of_a_right_twin_stay(twin: Twin) -> None:

@@ -72,9 +72,9 @@ def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: di
 
 
 def test_a_housing_that_bends_is_kept_by_the_calibrated_twin(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
-    freed = ("--no-phases", "--nuisances", "housing", "--set", "starts=1")
+    freed = ("--set", "phases=false", "--set", "nuisances=housing", "--set", "starts=1")
     train, out = chain["split"]["train"], tmp_path / "twin.json"
-    answer = run_json("calibrate", train, *AT_15, *DEFECT, *freed, "--bounds", 3, "--out", out)
+    answer = run_json("calibrate", train, *AT_15, *DEFECT, *freed, "--set", "bounds=3", "--out", out)
     assert answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
     twin = load_calibration(out).twin
     assert twin.path is not None
@@ -90,11 +90,11 @@ def test_synthetic_windows_carry_the_recordings_behind_them(chain: dict[str, dic
 
 def test_the_fidelity_of_synthetic_windows_is_printed(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
     words = ("synthesize", chain["calibrate"]["calibration"], "--like", chain["split"]["train"], "--count", 3)
-    facts = (*words, "--out", tmp_path / "made.safetensors", "--background", "none")
+    facts = (*words, "--out", tmp_path / "made.safetensors")
     printed = run(*facts).stdout
     assert "fidelity: " in printed
     assert "Features that tell them most" in printed
-    answer = run_json(*facts, "--nominal")
+    answer = run_json(*facts)
     assert {"auroc", "features", "spectral_distance_db"} <= set(answer["fidelity"])
 
 
@@ -282,7 +282,7 @@ def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, An
     assert nominal["label"] == calibrated["label"] == "swash_plate"
     assert nominal["rms_m_s2"] != calibrated["rms_m_s2"]
     assert swashtwin.load_recording(out).synthetic
-    assert "rms" in run(*words, "--solver", "rk4").stdout
+    assert "rms" in run(*words).stdout
 
 
 def test_a_simulated_calibration_keeps_its_fault(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:

@@ -72,16 +72,14 @@ def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(tmp_path
     assert re.search(r"piston +[89][09.]+ rev/min, 15 MPa +2 .* 1 +1 +0 +0", output)
     assert "Furthest off: loud (" in output
     assert "healthy7" not in output
-    assert "healthy7" in run("signal", "trend", tmp_path, "--all").stdout
     medians = run("signal", "features", tmp_path, "--tachometer", "tacho").stdout
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
     assert "healthy7" not in medians
-    assert "healthy7" in run("signal", "features", tmp_path, "--tachometer", "tacho", "--all").stdout
 
 
 def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, out, described = tmp_path / "whole.csv", tmp_path / "out.csv", []
-    words = ("signal", "features", folder, "--family", "statistics", "--family", "bands", "--out")
+    words = ("signal", "features", folder, "--out")
     run(*words, whole)
 
     def stopping(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
@@ -108,15 +106,16 @@ def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder:
     assert "loud" in said
 
 
-def test_bands_and_families_are_those_asked_for(folder: Path) -> None:
-    options = ("--family", "bands", "--band", "10-200 Hz", "--band", "0.5-1.5x", "--channels", "cover")
+def test_bands_are_those_asked_for(folder: Path) -> None:
+    options = ("--band", "10-200 Hz", "--band", "0.5-1.5x", "--channels", "cover")
     answer = run_json("signal", "features", folder / "loud.h5", *options)
-    assert [column["name"] for column in answer["columns"]] == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
+    names = [column["name"] for column in answer["columns"] if column["name"].startswith("band_rms")]
+    assert names == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
     assert answer["rows"][0]["values"]["band_rms 0.5-1.5x"] == pytest.approx(1.6 * 0.3 / math.sqrt(2), rel=0.02)
 
 
 def test_a_line_can_be_tracked_instead_of_a_tachometer(folder: Path) -> None:
-    options = ("--pistons", 7, "--track", "7", "--channels", "cover", "--family", "orders")
+    options = ("--pistons", 7, "--track", "7", "--channels", "cover")
     answer = run_json("signal", "features", folder / "loud.h5", *options)
     assert answer["rows"][0]["values"]["order_amplitude 7x"] == pytest.approx(1.6, rel=0.01)
     assert answer["rows"][0]["speed_rad_s"] == pytest.approx(2 * np.pi * SHAFT, rel=1e-3)
@@ -213,7 +212,7 @@ def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> N
         ("signal features", ("--channels", "cover"), "--channels"),
         ("signal features", ("--sample-rate", "1 kHz"), "--sample-rate"),
         ("inspect", ("--unit", "g"), "--unit"),
-        ("signal features", ("--pulses", 2, "--track", "7"), "--pulses"),
+        ("signal features", ("--tachometer", "tacho:2", "--track", "7"), "--track"),
         ("data split", ("--folds", 2, "--test-fraction", 0.3), "--test-fraction"),
         ("data split", ("--folds", 2, "--dealing", "each"), "--folds"),
     ],
@@ -227,11 +226,6 @@ def test_an_option_that_would_say_nothing_is_refused(
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        (("--resolution", 0), 3, "half the sample rate"),
-        (("--resolution", 1e9), 3, "half the sample rate"),
-        (("--top", 0), 3, "nothing to draw"),
-        (("--top", -5), 3, "nothing to draw"),
-        (("--top", "nan"), 3, "nothing to draw"),
         (("--track", "0"), 3, "is no line of the shaft"),
         (("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),
         (("--band", "100-900 Hz"), 2, "Invalid value for --band"),

@@ -14,7 +14,7 @@ from swashtwin.recordings import Recording
 
 AT_15 = "--speed '860 rpm' --pressure '15 MPa'"
 RECESS = "--fault swash_plate:length=30mm,width=24mm,depth=0.07mm"
-GAUSS_NEWTON = "--method gauss-newton --set starts=1 --nuisances none --no-phases"
+GAUSS_NEWTON = "--method gauss-newton --set starts=1 --set nuisances=none --set phases=false"
 NETWORK = (
     "--network spectral_bitcn --set epochs=12 --set batch_size=16 --set channels=8,8 --set dilations=1,2 "
     "--set hidden=16"

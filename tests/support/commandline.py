@@ -13,7 +13,7 @@ INTERRUPTED = 130
 AT_15 = ("--speed", "860 rpm", "--pressure", "15 MPa")
 TINY = ("--network", "bitcn", "--set", "epochs=1", "--set", "stride=32", "--set", "channels=8,8")
 DEFECT = ("--fault", "swash_plate:depth=0.08mm")
-QUICK = ("--set", "starts=1", "--nuisances", "none", "--no-phases")
+QUICK = ("--set", "starts=1", "--set", "nuisances=none", "--set", "phases=false")
 
 
 PYTHON_WORDS = re.compile(r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")

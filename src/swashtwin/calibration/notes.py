@@ -56,7 +56,7 @@ def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...
             low, high = (f"{bound:.3g}" for bound in estimate.bounds)
             yield (
                 f"{estimate.letter} was stopped by a bound ({low} to {high} {estimate.unit}): state wider ones "
-                f'(--bounds "{estimate.letter}=LEAST..GREATEST"), or correct the pump file'
+                f'(--set "bounds={estimate.letter}=LEAST..GREATEST"), or correct the pump file'
             )
     strained = strained_constants(objective.unknowns, search.point)
     if strained:

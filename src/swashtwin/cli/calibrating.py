@@ -1,7 +1,7 @@
 """The command that fits a twin to recordings: calibrate."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +10,6 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_target, resumable
-from swashtwin.cli.operating_points import OperatingPoints, OptionalTemperature, Pressures, Speeds
 from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
@@ -21,9 +20,6 @@ from swashtwin.cli.options import (
     PumpName,
     SampleRate,
     Seed,
-    Settings,
-    Solver,
-    SolverName,
     Source,
     Specimen,
     Unit,
@@ -34,21 +30,15 @@ from swashtwin.cli.options import (
     read_list,
     read_pairs,
     read_settings,
-    solver_from,
 )
 from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import is_collection, load_sources
 from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import (
-        Calibration,
-        Calibrator,
-        Estimate,
-        Nuisances,
-    )
-    from swashtwin.physics import SteadySolver, Twin
-    from swashtwin.pump import Pump
+    from swashtwin.calibration import Calibration, Estimate
+    from swashtwin.physics import Twin
+    from swashtwin.pump import Fault, Pump
     from swashtwin.recordings import Recording, Recordings
 
 
@@ -59,47 +49,20 @@ class Method(StrEnum):
     ipinn = "ipinn"
 
 
-class LineSet(StrEnum):
-    """Which lines are compared."""
-
-    piston = "piston"
-    shaft = "shaft"
-
-
-class Freed(StrEnum):
-    """Which constants are searched beside the six values."""
-
-    none = "none"
-    usual = "usual"
-    housing = "housing"
-    by_axis = "by-axis"
-
-
-FreedName = Annotated[
-    Freed | None,
-    typer.Option(
-        "--nuisances",
-        help="Unmeasured constants, searched as well: usual (mounting, bearings, excitation, sensors), housing (those, "
-        "each channel's gain, and two modes of the housing), by-axis (those, each direction of the mounting, each "
-        "bearing, and cross-talk), or none (the paper's).",
-    ),
-]
-Bounds = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Search each value within this factor of the nominal, such as 10, or one between limits, by letter or "
-        'parameter: "C_sw=1e4..1e8 N*s/m"; repeatable, or with commas. Bounds that nobody states widen by themselves.'
-    ),
-]
+_SPEED_TOLERANCE = 0.01  # as in a calibration, whose lines move with the speed
 
 
 def calibrate(
     source: Source,
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
-    speed: Speeds = None,
-    pressure: Pressures = None,
-    temperature: OptionalTemperature = None,
+    speed: Annotated[
+        str | None, typer.Option(help='Use recordings at this shaft speed only, such as "860 rpm".')
+    ] = None,
+    pressure: Annotated[
+        list[str] | None,
+        typer.Option(help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'),
+    ] = None,
     specimen: Specimen = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
@@ -108,19 +71,18 @@ def calibrate(
     method: Annotated[
         Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
     ] = None,
-    settings: Settings = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="A setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis (unmeasured "
+            "constants that are searched as well), phases=false, lines=shaft, solver=rk4, bounds=10 or "
+            '"bounds=C_sw=1e4..1e8 N*s/m"; repeatable.',
+        ),
+    ] = None,
     preset: PresetName = Preset.recommended,
     band: Annotated[str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')] = None,
-    lines: Annotated[
-        LineSet, typer.Option(help="piston-pass lines, or all shaft orders where one piston differs.")
-    ] = LineSet.piston,
-    phases: Annotated[
-        bool | None,
-        typer.Option("--phases/--no-phases", help="Compare the lines' phases too; the default, but not the paper's."),
-    ] = None,
-    nuisances: FreedName = None,
-    solver: SolverName = Solver.harmonic_balance,
-    bounds: Bounds = None,
     out: Annotated[
         Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
     ] = Path("calibration.json"),
@@ -133,42 +95,36 @@ def calibrate(
     Speed and pressure are those that the recordings state; several operating points are fitted together, with one set
     of values. Calibrating is training: the recordings used must not test a classifier later (swashtwin data split).
     """
+    import swashtwin.calibration as calibration
     from swashtwin import presets
-    from swashtwin.calibration import GaussNewton
     from swashtwin.pump import load_pump
 
     require_target(out, ".json")
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
-    usual = recipe.pop("method", GaussNewton())
-    method = method or next(name for name, kind in _kinds().items() if kind() == usual)
-    searcher = _method(method, settings, solver_from(solver))
-    edges = None if band is None else band_from(band)
-    points = OperatingPoints(speed, pressure or [], temperature)
+    kinds = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}
+    kind = type(recipe.pop("method", calibration.GaussNewton())) if method is None else kinds[method]
+    name = next(name for name in kinds if kinds[name] is kind)
+    arguments, own = _settings(settings, defaults_of(kind()), f"--method {name.value}")
+    recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
     drawing, defect = load_pump(pump), fault_from(fault)
-    facts = present(
-        sample_rate=sample_rate,
-        unit=unit,
-        calibration_factor=calibration_factor,
-        channels=channels,
-    )
+    facts = present(sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels)
     label = "normal" if defect is None else defect.label
-    recordings = points.select(_recordings(source, facts, points, label).where(specimen=specimen))
-    job = _Job(
-        start=points.twins(drawing, defect),
-        recordings=recordings,
-        options={
-            "fault": None if points.is_complete else defect,
-            "bounds": bounds_from(bounds),
-            "band": edges,
-            "lines": lines.value,
+    there = _recordings(source, facts, speed, pressure or [], label).where(specimen=specimen)
+    start, recordings = _start(drawing, defect, there, speed, pressure or [])
+    with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
+        result = calibration.calibrate(
+            start,
+            recordings,
+            fault=defect if start is drawing else None,
+            method=kind(**own),
+            seed=seed,
+            progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
             **recipe,
-            **present(phases=phases, nuisances=nuisances and nuisances_from(nuisances)),
-        },
-        seed=seed,
-        out=out,
-    )
-    result = job.search(searcher)
-    page = None if report is None else job.write_page(result, report)
+        )
+    page = None
+    if report is not None:
+        limits = calibration.identifiability(result, recordings)
+        page = write_page(report, result, limits, recordings=recordings, about={"Calibration": out})
     result.save(out)
     values = result.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
     shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
@@ -178,81 +134,90 @@ def calibrate(
     tell(answer, as_json, lambda: _show(result, out))
 
 
-def _recordings(source: Path, facts: dict[str, Any], points: OperatingPoints, label: str) -> "Recordings":
+def _recordings(
+    source: Path, facts: dict[str, Any], speed: str | None, pressures: Sequence[str], label: str
+) -> "Recordings":
     """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
     from swashtwin.recordings import Recordings, load_recordings
 
     if is_collection(source, facts):
         return load_recordings(source)
     (recording,) = load_sources([source], **facts)
-    if recording.condition is None and points.is_complete:
-        if len(points.pressures) > 1:
+    if recording.condition is None and speed is not None and pressures:
+        if len(pressures) > 1:
             raise typer.BadParameter(f"{source} is one recording, at one pressure.", param_hint="--pressure")
-        stated = {"speed": points.speed, "discharge_pressure": points.pressures[0]}
-        (recording,) = load_sources([source], **stated, **facts)
+        (recording,) = load_sources([source], speed=speed, discharge_pressure=pressures[0], **facts)
     if recording.label is None:
         note(f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class.")
         recording = recording.relabeled(label)
     return Recordings([recording])
 
 
-@dataclass(frozen=True)
-class _Job:
-    """A calibration."""
+def _start(
+    pump: "Pump", fault: "Fault | None", recordings: "Sequence[Recording]", speed: str | None, pressures: Sequence[str]
+) -> "tuple[Pump | Sequence[Twin], Sequence[Recording]]":
+    """Where the search starts, and the recordings: twins at the points that are named wholly, so that no recording has
+    to state one, or the pump, with the recordings within 1 % of the speed or 6 % of a pressure that is named alone."""
+    from swashtwin.foundation import DataError
+    from swashtwin.physics import Twin
+    from swashtwin.pump import PRESSURE_TOLERANCE, read_condition, values_match
 
-    start: "Pump | Sequence[Twin]"
-    recordings: Sequence["Recording"]
-    options: Mapping[str, Any]
-    seed: int
-    out: Path
-
-    def search(self, method: "Calibrator") -> "Calibration":
-        """Calibration by `method`."""
-        from swashtwin.calibration import calibrate
-
-        with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
-            return calibrate(
-                self.start,
-                self.recordings,
-                method=method,
-                seed=self.seed,
-                progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
-                **self.options,
-            )
-
-    def write_page(self, result: "Calibration", target: Path) -> Path | None:
-        """Page of the calibration and of what the recordings can determine."""
-        from swashtwin.calibration import identifiability
-
-        limits = identifiability(result, self.recordings)
-        return write_page(target, result, limits, recordings=self.recordings, about={"Calibration": self.out})
+    if speed is not None and pressures:
+        points = [read_condition(speed=speed, discharge_pressure=text) for text in pressures]
+        return [Twin(pump, point, fault) for point in points], recordings
+    turning = None if speed is None else parse(speed, "rad/s", name="--speed")
+    limits = [parse(text, "Pa", name="--pressure") for text in pressures]
+    if turning is None and not limits:
+        return pump, recordings
+    chosen = [
+        recording
+        for recording in recordings
+        if (condition := recording.condition) is not None
+        and (turning is None or values_match(condition.speed, turning, _SPEED_TOLERANCE))
+        and (not limits or any(values_match(condition.discharge_pressure, at, PRESSURE_TOLERANCE) for at in limits))
+    ]
+    if not chosen:
+        words = ", ".join(pressures) or speed
+        raise DataError(f"no recording states an operating point at {words}; swashtwin inspect shows what there is.")
+    return pump, chosen
 
 
-def _kinds() -> dict[Method, Any]:
-    """What makes each method, with its settings as arguments."""
-    from swashtwin.calibration import IPINN, GaussNewton
+def _settings(
+    texts: Sequence[str] | None, defaults: dict[str, Any], owner: str
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arguments of `calibrate` that ``--set`` names, and those of the method."""
+    from swashtwin.calibration import Nuisances
+    from swashtwin.physics import RK4
 
-    return {
-        Method.gauss_newton: GaussNewton,
-        Method.ipinn: IPINN,
-    }
+    words: dict[str, dict[str, Any]] = {
+        "lines": {"piston": "piston", "shaft": "shaft"},
+        "nuisances": {
+            "none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing(),
+            "by-axis": Nuisances.by_axis(),
+        },
+        "solver": {"harmonic-balance": None, "rk4": RK4()},
+    }  # fmt: skip
+    limits = [text.partition("=")[2] for text in texts or () if text.startswith("bounds=")]
+    others = [text for text in texts or () if not text.startswith("bounds=")]
+    usual = {"bounds": "10", "phases": True, **{name: next(iter(options)) for name, options in words.items()}}
+    chosen = read_settings(others, {**usual, **defaults}, owner)
+    for name in words.keys() & chosen.keys():
+        if chosen[name] not in words[name]:
+            reason = f"{name}={chosen[name]} must be {', '.join(words[name])}."
+            raise typer.BadParameter(reason, param_hint="--set")
+        chosen[name] = words[name][chosen[name]]
+    arguments: dict[str, Any] = {name: chosen.pop(name) for name in ("lines", "nuisances", "phases") if name in chosen}
+    if limits:
+        arguments["bounds"] = _bounds(limits)
+    return arguments, present(**chosen)
 
 
-def _method(name: Method, texts: list[str] | None, solver: "SteadySolver") -> "Calibrator":
-    """The method with its settings; one that it does not have is a wrong command line."""
-    kind = _kinds()[name]
-    defaults = defaults_of(kind())
-    settings = read_settings(texts, defaults, f"--method {name.value}")
-    calibrator: Calibrator = kind(solver=solver, **settings)
-    return calibrator
-
-
-def bounds_from(texts: Sequence[str] | None) -> dict[str, tuple[float, float]] | float | None:
+def _bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]] | float:
     """Bounds of the search: one factor, or limits by letter or parameter name; units may be left out."""
-    parts = [part.strip() for text in texts or () for part in text.split(",") if part.strip()]
+    parts = [part.strip() for text in texts for part in text.split(",") if part.strip()]
     if len(parts) == 1 and "=" not in parts[0]:
-        return (read_list(parts[0], float, "--bounds") or [0.0])[0]
-    return {name: _limits(name, text) for name, text in read_pairs(parts, "--bounds").items()} or None
+        return (read_list(parts[0], float, "--set") or [0.0])[0]
+    return {name: _limits(name, text) for name, text in read_pairs(parts, "--set").items()}
 
 
 def _limits(name: str, text: str) -> tuple[float, float]:
@@ -261,20 +226,11 @@ def _limits(name: str, text: str) -> tuple[float, float]:
     greatest, _, unit = rest.partition(" ")
     wanted = "N*s/m" if name.startswith("C") or name.endswith("damping") else "N/m"
     if not dots:
-        reason = f'{name}={text} must be two limits, such as "{name}=1e4..1e8 {wanted}".'
-        raise typer.BadParameter(reason, param_hint="--bounds")
+        reason = f'{name}={text} must be two limits, such as "bounds={name}=1e4..1e8 {wanted}".'
+        raise typer.BadParameter(reason, param_hint="--set")
     limits = (least if " " in least else f"{least} {unit or wanted}", f"{greatest} {unit or wanted}")
-    low, high = (parse(limit, wanted, name=f"--bounds {name}") for limit in limits)
+    low, high = (parse(limit, wanted, name=f"bounds of {name}") for limit in limits)
     return low, high
-
-
-def nuisances_from(name: Freed) -> "Nuisances":
-    """Constants to be searched, with their priors."""
-    from swashtwin.calibration import Nuisances
-
-    if name is Freed.by_axis:
-        return Nuisances.by_axis()
-    return {Freed.none: Nuisances(), Freed.usual: Nuisances.usual(), Freed.housing: Nuisances.housing()}[name]
 
 
 def _interval(estimate: "Estimate") -> str:

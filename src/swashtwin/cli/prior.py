@@ -7,7 +7,7 @@ import typer
 
 from swashtwin.cli.console import note, note_merged, progress, say, table, tell, with_bar
 from swashtwin.cli.exits import NO_VERDICT, require_target, resumable
-from swashtwin.cli.options import Index, Jobs, Json, PumpName, Seed
+from swashtwin.cli.options import Index, Json, PumpName, Seed
 from swashtwin.cli.pages import write_page
 from swashtwin.foundation import plural
 
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recording
 
 
+_FEW = 200
+"""Virtual pumps for which no further processes are worth their start."""
+
+
 def prior(
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("prior.safetensors"),
     pump: PumpName = "25scy14-1b",
@@ -25,7 +29,6 @@ def prior(
     speed: Annotated[str | None, typer.Option(help='Speeds of the pumps, such as "800 rpm to 1200 rpm".')] = None,
     pressure: Annotated[str | None, typer.Option(help='Their discharge pressures, such as "4 MPa to 17 MPa".')] = None,
     seed: Seed = 0,
-    jobs: Jobs = 1,
     as_json: Json = False,
 ) -> None:
     """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
@@ -40,7 +43,7 @@ def prior(
         pressure=_range(pressure, "Pa", "--pressure") or PumpPrior.pressure,
     )
     with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
-        changes = simulate_changes(drawing, count, seed=seed, jobs=jobs, progress=bar)
+        changes = simulate_changes(drawing, count, seed=seed, jobs=-1 if count > _FEW else 1, progress=bar)
     n_pumps = len(set(changes.pump.tolist()))
     model = fit_prior(
         changes.bands,

@@ -27,10 +27,6 @@ def severity(
             metavar="KIND[:NAME=QUANTITY,...]", help="Kind of fault; a dimension that is given is a fixed one."
         ),
     ],
-    free: Annotated[
-        list[str] | None,
-        typer.Option(help="Further dimension to search, such as length; repeatable. The usual ones by default."),
-    ] = None,
     healthy: Annotated[
         Path | None,
         typer.Option(help="Index of further healthy recordings; those of INDEX that are labeled normal always count."),
@@ -70,7 +66,7 @@ def severity(
     fixed = fault_dimensions(fault)[1]
     usual = [name for name in search_of(defect).free if name not in fixed]
     with progress("searching severities"):
-        trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=free or usual)
+        trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
     result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
     tell(result, as_json, lambda: _show_severity(trend, len(sound)))
 

@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recording
     from swashtwin.signals import ShaftAngle
 
-Tachometer = Annotated[str | None, typer.Option(help="Channel with the pulses of a tachometer.")]
-Pulses = Annotated[int | None, typer.Option(min=1, help="Pulses of the tachometer per turn; 1 by default.")]
+Tachometer = Annotated[
+    str | None,
+    typer.Option(metavar="CHANNEL[:PULSES]", help='Channel with the pulses of a tachometer; "tacho:60" has 60 a turn.'),
+]
 Track = Annotated[
     str | None,
     typer.Option(metavar="ORDERS", help='Follow the clearest line of these orders for the shaft angle: "7,14,28".'),
@@ -24,14 +26,11 @@ class Shaft:
     """Where a recording's shaft angle comes from; options that contradict each other are a wrong command line."""
 
     tachometer: str | None
-    pulses: int | None
     track: str | None
 
     def __post_init__(self) -> None:
         if self.tachometer is not None and self.track is not None:
             raise typer.BadParameter("give either --tachometer or --track, not both.", param_hint="--track")
-        if self.pulses is not None and self.tachometer is None:
-            raise typer.BadParameter("needs the channel that has them: --tachometer.", param_hint="--pulses")
         read_list(self.track, int, "--track")
 
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
@@ -39,7 +38,7 @@ class Shaft:
         if self.tachometer is not None:
             from swashtwin.signals import tachometer_speed
 
-            return tachometer_speed(recording, self.tachometer, self.pulses or 1)
+            return tachometer_speed(recording, *self._tachometer_of(recording))
         orders = read_list(self.track, int, "--track")
         if orders is None:
             return None
@@ -49,4 +48,15 @@ class Shaft:
 
     def vibration_of(self, recording: "Recording") -> "Recording":
         """The recording without the tachometer."""
-        return recording.picked([name for name in recording.channels if name != self.tachometer])
+        if self.tachometer is None:
+            return recording
+        channel, _ = self._tachometer_of(recording)
+        return recording.picked([name for name in recording.channels if name != channel])
+
+    def _tachometer_of(self, recording: "Recording") -> tuple[str, int]:
+        """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a colon."""
+        assert self.tachometer is not None
+        channel, colon, pulses = self.tachometer.rpartition(":")
+        if self.tachometer in recording.channels or not (colon and pulses.isdigit() and int(pulses) > 0):
+            return self.tachometer, 1
+        return channel, int(pulses)

@@ -14,7 +14,6 @@ from swashtwin.cli.options import (
     CalibrationFactor,
     Channels,
     Json,
-    Resample,
     SampleRate,
     Sources,
     StatedPressure,
@@ -22,9 +21,9 @@ from swashtwin.cli.options import (
     Unit,
     band_from,
 )
-from swashtwin.cli.shaft import Pulses, Shaft, Tachometer, Track
+from swashtwin.cli.shaft import Shaft, Tachometer, Track
 from swashtwin.cli.sources import file_facts, load_distinct, load_sources, refuse_source
-from swashtwin.cli.summaries import MOST_ROWS, All, number_or_none, show_medians, show_trend
+from swashtwin.cli.summaries import MOST_ROWS, number_or_none, show_medians, show_trend
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -63,20 +62,14 @@ def features(
     out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
     pistons: Pistons = None,
     band: Bands = None,
-    family: Annotated[
-        list[str] | None, typer.Option(help="Only this family (statistics, velocity, bands, ...); repeatable.")
-    ] = None,
     tachometer: Tachometer = None,
-    pulses: Pulses = None,
     track: Track = None,
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
-    resample: Resample = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
     channels: Channels = None,
-    show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
@@ -88,22 +81,22 @@ def features(
         require_target(out, ".csv")
         refuse_source(out, source)
     facts = file_facts(locals())
-    shaft = Shaft(tachometer, pulses, track)
+    shaft = Shaft(tachometer, track)
     recordings = load_distinct(source, **facts)
     if out is None:
-        indicators = _indicators_of(recordings, pistons, band, family, shaft)
+        indicators = _indicators_of(recordings, pistons, band, shaft)
     else:
         from swashtwin.foundation import partial_results, write_text
 
-        settings = {"pistons": pistons, "bands": band, "families": family, "shaft": asdict(shaft), "facts": facts}
+        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "facts": facts}
         partial = out.with_name(f"{out.name}.partial")
         with (
             resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
             partial_results(partial, {**settings, "sources": _stamps(source)}) as results,
         ):
-            indicators = _indicators_of(recordings, pistons, band, family, shaft, results)
+            indicators = _indicators_of(recordings, pistons, band, shaft, results)
             write_text(out, indicators.csv)
-    tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out, show_all))
+    tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out))
 
 
 def _stamps(sources: Sequence[Path]) -> list[tuple[str, int, int]]:
@@ -114,7 +107,7 @@ def _stamps(sources: Sequence[Path]) -> list[tuple[str, int, int]]:
     return [(str(file.absolute()), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
 
 
-def _show_indicators(indicators: "IndicatorTable", out: Path | None, show_all: bool) -> None:
+def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
     columns = [
         (index, column)
         for index, column in enumerate(indicators.columns)
@@ -122,7 +115,7 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None, show_all: b
     ]
     values = [[row[index] * column.shown[0] for index, column in columns] for row in indicators.values.tolist()]
     names = [_header(column) for _, column in columns]
-    if show_all or len({row.recording_id for row in indicators.rows}) <= MOST_ROWS:
+    if len({row.recording_id for row in indicators.rows}) <= MOST_ROWS:
         pairs = zip(indicators.rows, values, strict=True)
         rows = [(row.recording_id, row.channel, *map(number_or_none, numbers)) for row, numbers in pairs]
         table(f"{len(indicators.rows)} rows", ("recording", "channel", *names), rows)
@@ -142,16 +135,10 @@ def spectrum(
     band: Annotated[
         str | None, typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.')
     ] = None,
-    resolution: Annotated[
-        float | None, typer.Option(help="Spacing of lines in Hz, or in orders; the whole recording at once by default.")
-    ] = None,
-    top: Annotated[float | None, typer.Option(help="End of the drawn axis, in its unit (Hz, orders).")] = None,
     tachometer: Tachometer = None,
-    pulses: Pulses = None,
     track: Track = None,
     speed: StatedSpeed = None,
     pressure: StatedPressure = None,
-    resample: Resample = None,
     sample_rate: SampleRate = None,
     unit: Unit = None,
     calibration_factor: CalibrationFactor = None,
@@ -167,7 +154,7 @@ def spectrum(
     csv_file = _csv_beside(target, [file])
     if band is not None and kind is not SpectrumKind.envelope:
         raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
-    shaft = Shaft(tachometer, pulses, track)
+    shaft = Shaft(tachometer, track)
     edges = None if band is None else band_from(band)
     facts = file_facts(locals())
     recordings = load_sources([file], **facts)
@@ -179,9 +166,8 @@ def spectrum(
         angle=shaft.angle_of(recordings[0]),
         pistons=pistons,
         band=edges,
-        resolution=resolution,
     )
-    drawing = spectrum_drawing(lines, top=top)
+    drawing = spectrum_drawing(lines)
     data = write_text(csv_file, drawing.csv)
     write_text(target, drawing.svg)
     marks = [
@@ -228,7 +214,6 @@ def trend(
         typer.Option(help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")] = None,
-    show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """An indicator over recordings, against the machine's own healthy baseline at the same speed and pressure.
@@ -240,7 +225,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source)
-    indicators = _indicators_of(load_distinct(source), None, None, None, Shaft(None, None, None))
+    indicators = _indicators_of(load_distinct(source), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)
@@ -248,7 +233,7 @@ def trend(
         write_text(out, drawing.svg)
 
     def show() -> None:
-        show_trend(result, show_all)
+        show_trend(result)
         counts = [point.count for point in result.points if point.status != "no baseline"]
         if without := len(result.points) - len(counts):
             count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
@@ -267,7 +252,6 @@ def _indicators_of(
     recordings: "Sequence[Recording]",
     pistons: int | None,
     bands: list[str] | None,
-    families: list[str] | None,
     shaft: Shaft,
     results: tuple[list[Any], Callable[[Any], None]] | None = None,
 ) -> "IndicatorTable":
@@ -292,12 +276,12 @@ def _indicators_of(
     refusals: list[str] = []
 
     def describe(recording: "Recording") -> "IndicatorTable":
-        angle, names = None, families or list(FAMILIES)
+        angle, names = None, list(FAMILIES)
         try:
             angle = shaft.angle_of(recording)
         except (DataError, InputError) as refusal:
             refusals.append(str(refusal))
-            names = [name for name in names if name != "orders"]
+            names.remove("orders")
         vibration = shaft.vibration_of(recording)
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 

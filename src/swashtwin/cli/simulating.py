@@ -15,18 +15,13 @@ from swashtwin.cli.options import (
     Pressure,
     PumpName,
     Seed,
-    Solver,
-    SolverName,
     Speed,
-    Temperature,
-    condition_from,
     fault_from,
-    solver_from,
 )
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.physics import SteadySolver, Twin
+    from swashtwin.physics import Twin
     from swashtwin.pump import OperatingCondition
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Variation
@@ -47,26 +42,20 @@ def simulate(
         Path | None,
         typer.Option(help="Use the twin and the fault of this calibration, at the speed and pressure given."),
     ] = None,
-    temperature: Temperature = None,
     fault: OptionalFault = None,
     duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "4 s",
     sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
     count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
-    vary: Annotated[
-        bool,
-        typer.Option(
-            help="Draw speed, pressure, temperature, interface values, a fault's severity and place anew each time."
-        ),
-    ] = True,
     seed: Seed = 0,
-    solver: SolverName = Solver.harmonic_balance,
     as_json: Json = False,
 ) -> None:
     """Write what the accelerometers of a twin measure, as synthetic recordings.
 
-    With --count, the shaft's phase is drawn for each recording, and the same command continues an interrupted run.
+    With --count, speed, pressure, temperature, interface values, a fault's severity and place, and the shaft's phase
+    are drawn for each recording, and the same command continues an interrupted run.
     """
     from swashtwin.foundation import parse
+    from swashtwin.pump import read_condition
     from swashtwin.recordings import WRITABLE
 
     if count == 1:
@@ -76,16 +65,16 @@ def simulate(
     require_files([calibration])
     seconds = parse(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
-    twin = _twin(pump, calibration, condition_from(speed, pressure, temperature))
+    twin = _twin(pump, calibration, read_condition(speed=speed, discharge_pressure=pressure))
     twin = twin.with_fault(defect) if fault is not None or calibration is None else twin
     notes = list(twin.notes())
     for text in notes:
         note(f"note: {text}")
-    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), solver_from(solver), seed, notes)
+    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), seed, notes)
     if count == 1:
         _write_one(plan, out, as_json)
     else:
-        _write_many(plan, out, count, _variation(temperature) if vary else None, as_json)
+        _write_many(plan, out, count, as_json)
 
 
 @dataclass(frozen=True)
@@ -95,7 +84,6 @@ class _Plan:
     twin: "Twin"
     duration: float
     sample_rate: float
-    solver: "SteadySolver"
     seed: int
     notes: list[str]
 
@@ -106,22 +94,19 @@ class _Plan:
 
     def blocks(self, twin: "Twin", phase: float, name: str) -> "Iterator[Recording]":
         """One recording of `twin`, a variation of the plan's twin."""
-        return twin.blocks(self.duration, self.sample_rate, solver=self.solver, phase=phase, recording_id=name)
+        return twin.blocks(self.duration, self.sample_rate, phase=phase, recording_id=name)
 
-    def settings(self, variation: "Variation | None") -> dict[str, Any]:
+    def settings(self, variation: "Variation") -> dict[str, Any]:
         """Everything that the recordings of a run depend on, but for their count."""
         from dataclasses import asdict
 
         from swashtwin.calibration import twin_to_dict
-        from swashtwin.physics import RK4
 
         return {
             "twin": twin_to_dict(self.twin),
             "duration_s": self.duration,
             "sample_rate_hz": self.sample_rate,
-            "solver": (Solver.rk4 if isinstance(self.solver, RK4) else Solver.harmonic_balance).value,
-            "step_s": self.solver.step if isinstance(self.solver, RK4) else None,
-            "variation": None if variation is None else asdict(variation),
+            "variation": asdict(variation),
             "seed": self.seed,
         }
 
@@ -133,17 +118,6 @@ def _twin(pump: str, calibration: Path | None, condition: "OperatingCondition") 
     from swashtwin.pump import load_pump
 
     return Twin(load_pump(pump), condition) if calibration is None else load_calibration(calibration).twin.at(condition)
-
-
-def _variation(temperature: str | None) -> "Variation":
-    """The usual spread; a temperature that was given does not vary."""
-    from swashtwin.foundation import parse
-    from swashtwin.synthesis import Variation
-
-    if temperature is None:
-        return Variation()
-    kelvin = parse(temperature, "K", name="--temperature")
-    return Variation(temperature=(kelvin, kelvin))
 
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
@@ -181,13 +155,15 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     tell(result, as_json, lambda: table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
 
 
-def _write_many(plan: _Plan, folder: Path, count: int, variation: "Variation | None", as_json: bool) -> None:
+def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
     from swashtwin.foundation import stream
     from swashtwin.recordings import write_series
-    from swashtwin.synthesis import draw_twin
+    from swashtwin.synthesis import Variation, draw_twin
+
+    variation = Variation()
 
     def blocks_of(number: int) -> "Iterator[Recording]":
-        twin = plan.twin if variation is None else draw_twin(plan.twin, variation, plan.seed, number)
+        twin = draw_twin(plan.twin, variation, plan.seed, number)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
         return plan.blocks(twin, phase, folder.name)
 

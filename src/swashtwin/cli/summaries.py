@@ -186,12 +186,12 @@ def show_medians(rows: "Sequence[Row]", values: list[list[float]], names: list[s
         for group in _group(entries, lambda entry: (entry[0].label, entry[1], entry[0].channel))
     ]  # fmt: skip
     header = ("class", "condition", "channel", "recordings", *names)
-    table(f"{len(rows)} rows, medians by class and condition (--all shows each)", header, medians)
+    table(f"{len(rows)} rows, medians by class and condition (--out or --json has each)", header, medians)
 
 
-def show_trend(trend: "Trend", show_all: bool) -> None:
+def show_trend(trend: "Trend") -> None:
     """Print each recording of a trend, or how many lie within their baseline."""
-    if show_all or len(trend.points) <= MOST_ROWS:
+    if len(trend.points) <= MOST_ROWS:
         _show_points(trend)
     else:
         _show_trend_summary(trend)
@@ -220,7 +220,7 @@ def _show_trend_summary(trend: "Trend") -> None:
              _range(factor * point.median for point in points), *counts)
         )  # fmt: skip
     header = ("class", "condition", "recordings", f"{trend.indicator.name} [{unit or '1'}]", "baseline", *_STATUS)
-    table(f"{trend.indicator.name} of {trend.channel} by class and condition (--all shows each)", header, rows)
+    table(f"{trend.indicator.name} of {trend.channel} by class and condition (--json has each)", header, rows)
     distances = {point.row.recording_id: abs(point.value - point.median) / point.spread for point in trend.flagged}
     furthest = sorted(distances, key=lambda name: -distances[name])[:_FURTHEST]
     if furthest:

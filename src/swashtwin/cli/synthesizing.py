@@ -1,6 +1,5 @@
 """The command that makes windows with a calibrated twin: synthesize."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,13 +13,6 @@ if TYPE_CHECKING:
     from swashtwin.synthesis import Fidelity
 
 
-class Background(StrEnum):
-    """What synthetic windows are laid over."""
-
-    spectrum = "spectrum"
-    none = "none"
-
-
 def synthesize(
     calibration: CalibrationFile,
     like: Annotated[Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")],
@@ -31,23 +23,15 @@ def synthesize(
     pressure: Annotated[
         str | None, typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".')
     ] = None,
-    nominal: Annotated[bool, typer.Option("--nominal", help="Use the twin as it was before calibration.")] = False,
-    draws: Annotated[
-        bool, typer.Option(help="Draw the values of each window from the posterior, or use the estimates.")
-    ] = True,
-    background: Annotated[
-        Background,
-        typer.Option(help="What the windows are laid over: noise with the measured spectrum, or nothing."),
-    ] = Background.spectrum,
     window: UsualWindow = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
 
-    Their noise is that of the recordings of --like, which are training data from then on: give train.toml of a split.
-    Where --like has measured windows of the class, the answer says how well they are told from the synthetic ones
-    (AUROC, 0.5 is not at all), and by which features.
+    The values of each window are drawn from the posterior. Its noise is that of the recordings of --like, which are
+    training data from then on: give train.toml of a split. Where --like has measured windows of the class, the answer
+    says how well they are told from the synthetic ones (AUROC, 0.5 is not at all), and by which features.
     """
     import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
@@ -58,7 +42,6 @@ def synthesize(
     require_target(out)
     require_files([calibration, like])
     result = load_calibration(calibration)
-    is_drawn = draws and not nominal
     with progress("synthesizing"):
         windows = synthesis.synthesize(
             result,
@@ -68,8 +51,6 @@ def synthesize(
             seed=seed,
             speed=None if speed is None else parse(speed, "rad/s", name="--speed"),
             pressure=None if pressure is None else parse(pressure, "Pa", name="--pressure"),
-            values="nominal" if nominal else "drawn" if draws else "calibrated",
-            background=background.value,
             window=window,
         )
         fidelity = windows.fidelity
@@ -77,14 +58,14 @@ def synthesize(
     save_windows(windows, out)
     answer = {
         "windows": out, "label": label, "count": len(windows), "length": windows.length,
-        "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed, "draws": is_drawn,
-        "background": background, "notes": windows.notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
+        "manifest": list(windows.manifest), "classes": windows.classes, "seed": seed,
+        "notes": windows.notes, "fidelity": None if fidelity is None else fidelity.to_dict(),
     }  # fmt: skip
 
     def show() -> None:
         for text in windows.notes:
             note(f"note: {text}")
-        say(f"{out}: {plural(len(windows), 'window')} of {label} over background {background.value}")
+        say(f"{out}: {plural(len(windows), 'window')} of {label}")
         show_fidelity(fidelity, label)
         say(f"Next: swashtwin train {like} --add {out} --test-fraction 0 --out model.safetensors")
 

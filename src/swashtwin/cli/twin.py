@@ -32,9 +32,6 @@ def plan_next(
         str | None,
         typer.Option(help='Absolute discharge pressures that can be run: "5 MPa, 15 MPa"; by default as the speeds.'),
     ] = None,
-    lengths: Annotated[
-        str | None, typer.Option(help='Lengths of a recording: "2 s, 20 s"; by default that of those calibrated on.')
-    ] = None,
     sensors: Annotated[
         list[str] | None,
         typer.Option(
@@ -44,25 +41,19 @@ def plan_next(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """What to record next: which operating point, length and sensors narrow the calibrated values' intervals most.
+    """What to record next: which operating point and sensors narrow the calibrated values' intervals most.
 
-    Each combination counts as one further recording in the same state, healthy where the calibration is. Name what your
-    machine can run.
+    Each combination counts as one further recording as long as those before and in the same state, healthy where the
+    calibration is. Name what your machine can run.
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
-    speed, pressure, length = (
-        _quantities(text, unit, option)
-        for text, unit, option in (
-            (speeds, "rad/s", "--speeds"),
-            (pressures, "Pa", "--pressures"),
-            (lengths, "s", "--lengths"),
-        )
-    )
+    speed = _quantities(speeds, "rad/s", "--speeds")
+    pressure = _quantities(pressures, "Pa", "--pressures")
     sets = [read_words(text) for text in sensors] if sensors else None
     calibrated = load_calibration(calibration)
     with progress("expected widths"):
-        plan = plan_recording(calibrated, speeds=speed, pressures=pressure, durations=length, sensors=sets)
+        plan = plan_recording(calibrated, speeds=speed, pressures=pressure, sensors=sets)
     tell({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
 
 
@@ -110,9 +101,6 @@ def new_pump(
     pressure: Annotated[
         str | None, typer.Option(help='Discharge pressure that the port timing is made for, such as "280 bar".')
     ] = None,
-    swash_angle: Annotated[
-        str | None, typer.Option(help='Largest swash angle, such as "17 deg"; that of --pump by default.')
-    ] = None,
     out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
     as_json: Json = False,
 ) -> None:
@@ -122,7 +110,7 @@ def new_pump(
     """
     import swashtwin.pump as pump
 
-    plate = _nameplate(displacement, pistons, speed, pressure, swash_angle)
+    plate = _nameplate(displacement, pistons, speed, pressure)
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
     result: dict[str, Any] = {"pump": path}
     if plate is not None:
@@ -141,21 +129,19 @@ _MOST_EFFECTS = 12
 
 
 def _nameplate(
-    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None, swash_angle: str | None
+    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None
 ) -> "Nameplate | None":
     """Nameplate of the options; None where none of them is there, and a wrong command line where some are missing."""
     from swashtwin.pump import read_nameplate
 
     if displacement is None or pistons is None or speed is None or pressure is None:
         options = {"--displacement": displacement, "--pistons": pistons, "--speed": speed, "--pressure": pressure}
-        stated = [option for option, value in {**options, "--swash-angle": swash_angle}.items() if value is not None]
+        stated = [option for option, value in options.items() if value is not None]
         if stated:
             missing = [option for option, value in options.items() if value is None]
             raise typer.BadParameter(f"a nameplate needs {', '.join(missing)} too.", param_hint=stated[0])
         return None
-    return read_nameplate(
-        displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, swash_angle=swash_angle
-    )
+    return read_nameplate(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure)
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:

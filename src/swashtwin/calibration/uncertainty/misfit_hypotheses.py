@@ -141,7 +141,7 @@ def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypoth
         offs = {name: float(point[unknowns.names.index(name)]) for name in names}
         words = [f"{words_of_constant(n)} is {np.exp(x):.2g} times the twin's" for n, x in offs.items() if abs(x) > 0.1]
         if words:
-            yield MisfitHypothesis(f"{', '.join(words)}: search each (--nuisances by-axis)", misfit, before)
+            yield MisfitHypothesis(f"{', '.join(words)}: search each (--set nuisances=by-axis)", misfit, before)
 
 
 def words_of_constant(name: str) -> str:

@@ -72,8 +72,7 @@ def test_inspect_convert_and_signal_take_the_same_facts(folder: Path, tmp_path: 
     file = folder / "normal_0.csv"
     facts = (*FACTS, "--speed", "1200 rpm", "--pressure", "15 MPa")
     assert run_json("inspect", file, *facts)["recordings"][0]["sample_rate"] == 2000.0
-    facts = (*facts, "--resample", "1 kHz")
-    run("data", "convert", file, "--out", tmp_path / "s.h5", *facts)
+    run("data", "convert", file, "--out", tmp_path / "s.h5", *facts, "--resample", "1 kHz")
     row = run_json("signal", "features", file, *facts)["rows"][0]
     assert row["recording"] == "normal_0"
     assert "is for single files, and" in message("inspect", folder, "--pressure", "15 MPa")

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import swashtwin
 from swashtwin.cli import app, console
 from swashtwin.cli.application import FIRST, GROUPS, PUMPS
+from swashtwin.cli.options import READING
 
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 
@@ -87,15 +88,11 @@ def test_the_first_screen_has_at_most_twelve_commands_in_the_order_of_a_user_s_w
     assert list(GROUPS) == ["data", "signal", "twin", "history", "model"]
 
 
-FACTS = {"sample_rate", "unit", "calibration_factor", "channels", "names", "resample"}
-"""Facts of a bare file, which are the same options in every command that reads one."""
-
-
 @pytest.mark.parametrize(("command", "most"), [("train", 18), ("calibrate", 24)])
 def test_a_command_has_few_options_since_set_takes_the_rest(command: str, most: int) -> None:
     parameters = get_command(app).commands[command].params  # type: ignore[attr-defined]
     options = [parameter for parameter in parameters if parameter.param_type_name == "option"]
-    assert sum(option.name not in FACTS for option in options) <= most
+    assert sum(option.name not in READING for option in options) <= most
 
 
 def kinds_of_options() -> dict[str, set[str]]:

@@ -83,7 +83,7 @@ def test_index_says_where_a_flag_gives_way_to_names(tmp_path: Path) -> None:
     for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
         (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
     answer = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["fact_sources"]
-    (pressure,) = [text for text in answer if text.startswith("discharge_pressure")]
+    (pressure,) = [text for text in answer if text.startswith("pressure")]
     assert "15 MPa (1), says the option" in pressure
     assert "the option's 15 MPa gives way in 2 of 3 files" in pressure
     assert not any("gives way" in text for text in answer if text is not pressure)

@@ -64,8 +64,10 @@ def test_the_advice_about_another_rate_works_as_printed(folder: Path, tmp_path: 
     file = write_tone(tmp_path / "fast.csv", 300, count=1200, rate=4000)
     words = ("diagnose", folder / "m.safetensors", file, "--sample-rate", "4 kHz", "--unit", "g")
     refused = run(*words, code=3)
-    assert '--resample "2000 Hz"' in refused.stdout + refused.stderr
-    assert run_json(*words, "--resample", "2000 Hz")["diagnoses"][0]["label"] in ("normal", "piston")
+    assert 'swashtwin data convert FILE --resample "2000 Hz" --out NEW.h5' in refused.stdout + refused.stderr
+    run("data", "convert", file, "--resample", "2000 Hz", "--out", tmp_path / "new.h5", *words[3:])
+    answer = run_json("diagnose", folder / "m.safetensors", tmp_path / "new.h5")
+    assert answer["diagnoses"][0]["label"] in ("normal", "piston")
 
 
 def test_inspect_convert_and_signal_take_the_same_facts(folder: Path, tmp_path: Path) -> None:

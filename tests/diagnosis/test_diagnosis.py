@@ -167,9 +167,9 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; bring it to the .* --resample "1000 Hz"'),
+        ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; bring it to the .* --resample "1000 Hz" --out'),
         ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
-        ({"unit": "g"}, "against g; state what a sample is: --calibration-factor"),
+        ({"unit": "g"}, "against g; state what a sample is: --sensitivity"),
         ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
     ],
 )

@@ -167,8 +167,8 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
                 'decimal = "x"': "decimal = 'x' must be",
                 'label = ""': "label = '' must be text",
                 "label = 2020-01-01": "label = .* must be text",
-                "calibration_factor = 3": "calibration_factor = 3 must be text",
-                "calibration_factor = [1]": "calibration_factor = .* must be text",
+                "sensitivity = 3": "sensitivity = 3 must be text",
+                "sensitivity = [1]": "sensitivity = .* must be text",
                 "attributes = {a = {b = 1}}": "attributes = .* must be a table of texts",
                 "attributes = 3": "attributes = 3 must be a table",
                 "speed = nan": "speed is the bare number nan",
@@ -269,7 +269,7 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
     assert sentences == (
         "label: normal (1), swash_plate (1), says its name",
         "speed: 860 rpm (2), says its name",
-        "discharge_pressure: 15 MPa (2), says its name",
+        "pressure: 15 MPa (2), says its name",
         "sample_rate: 25.6 kHz (2), says the option",
         "unit: m/s^2 (2), says the option",
         "channels: x, y (2), says the file",
@@ -417,7 +417,7 @@ def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_pat
     [
         ({"sample_rate": "25600"}, "sample_rate = '25600' has no unit"),
         ({"unit": "gg"}, "unit = 'gg' is none of"),
-        ({"discharge_pressure": "15 MNa"}, "discharge_pressure = '15 MNa'"),
+        ({"pressure": "15 MNa"}, "pressure = '15 MNa'"),
     ],
 )
 def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_made(
@@ -463,7 +463,7 @@ def touch(folder: Path, *names: str, text: str = "x,y\n1.5,2.5\n3.5,4.5\n") -> d
     ("options", "message"),
     [
         ({"unit": "m/s^2"}, "says 'x' is in g, the index says m/s\\^2"),
-        ({"calibration_factor": "0.1 g"}, "a calibration factor is for integers without a scale"),
+        ({"sensitivity": "0.1 g"}, "'x' is in g already, as the file says"),
         ({"sample_rate": "1 kHz"}, "its sample rate is 2000 Hz, the index says 1000 Hz"),
     ],
 )
@@ -494,14 +494,14 @@ def test_a_number_in_a_name_takes_the_unit_beside_it(name: str, pressure: str, t
     facts = touch(tmp_path, f"{name}.csv")
     pattern = r"(?P<label>[a-z]+?)[_a-zA-Z]*_(?P<pressure>\d+(,\d+)?)"
     index = propose_index(tmp_path, label_pattern=pattern, **facts).index
-    assert index["recording"][0]["discharge_pressure"] == pressure
+    assert index["recording"][0]["pressure"] == pressure
 
 
 def test_a_pressure_in_a_name_is_no_part_of_the_class(tmp_path: Path) -> None:
     facts = touch(tmp_path, "normal_120 bar_1.csv", "piston_120_bar_1500_rpm.csv")
     index = propose_index(tmp_path, **facts).index
     assert index["classes"] == ["normal", "piston"]
-    assert index["defaults"]["discharge_pressure"] == "120 bar"
+    assert index["defaults"]["pressure"] == "120 bar"
     assert index["recording"][1]["speed"] == "1500 rpm"
 
 
@@ -514,7 +514,7 @@ def test_a_pressure_without_a_unit_is_asked_for(tmp_path: Path) -> None:
         propose_index(tmp_path, **arguments, pressure_unit="bar").index,
         propose_index(tmp_path, **arguments, ask=lambda key, question: {"pressure_unit": "bar"}[key]).index,
     ):
-        assert index["recording"][0]["discharge_pressure"] == "120 bar"
+        assert index["recording"][0]["pressure"] == "120 bar"
     with pytest.raises(UnitError, match="pressure_unit"):
         propose_index(tmp_path, **arguments, pressure_unit="furlong")
 
@@ -525,8 +525,8 @@ def test_facts_in_headers_are_proposed(tmp_path: Path) -> None:
     (tmp_path / "bearing").mkdir()
     scipy_io.savemat(tmp_path / "bearing" / "a.mat", {"X105_DE_time": np.arange(9.0), "X105RPM": 1797.0})
     proposal = propose_index(tmp_path, sample_rate="20 kHz", unit="g")
-    assert {key: proposal.index["recording"][1][key] for key in ("speed", "discharge_pressure", "oil_temperature")} == {
-        "speed": "1500 1/min", "discharge_pressure": "120 bar", "oil_temperature": "45 °C",
+    assert {key: proposal.index["recording"][1][key] for key in ("speed", "pressure", "oil_temperature")} == {
+        "speed": "1500 1/min", "pressure": "120 bar", "oil_temperature": "45 °C",
     }  # fmt: skip
     assert proposal.index["recording"][0]["speed"] == "1797 rpm"
     assert "speed: 1797 rpm (1), 1500 1/min (1), says the file" in proposal.facts
@@ -568,7 +568,7 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
     monkeypatch.chdir(tmp_path)
     columns = {"discharge_pressure": "p [bar]"}
     index = propose_index(data, table=papers / "facts.csv", columns=columns, **facts).index
-    assert [(entry["file"], entry["discharge_pressure"]) for entry in index["recording"]] == [
+    assert [(entry["file"], entry["pressure"]) for entry in index["recording"]] == [
         ("deep/1.csv", "120 bar"), ("deep/2.csv", "220 bar"),
     ]  # fmt: skip
     (papers / "facts.csv").write_text("file,label\n/elsewhere/9.csv,gut\n")

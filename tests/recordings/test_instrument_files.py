@@ -12,7 +12,7 @@ import soundfile
 from recording_files import write_uff
 from scipy.io import savemat
 
-from swashtwin.foundation import DataError, UnitError
+from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, inspect_recording, load_recording
 
 RATE = 10_000.0
@@ -153,11 +153,8 @@ def test_volts_become_accelerations_by_the_sensitivity(tmp_path: Path) -> None:
     assert load_recording(path).unit == "mV"
     assert_noise(load_recording(path, sensitivity="99.7 mV/g"))
     assert_noise(load_recording(path, sensitivity="0.0997 V/(m/s^2)"), factor=1)
-    with pytest.raises(UnitError, match=r'such as "99\.7 mV/g"'):
+    with pytest.raises(DataError, match="is for channels in pC"):
         load_recording(path, sensitivity="99.7 pC/g")
-    other = text(tmp_path / "b.csv", "time [s],x [g]", *rows(seconds(), NOISE))
-    with pytest.raises(DataError, match="sensitivity is for channels in volts"):
-        load_recording(other, sensitivity="99.7 mV/g")
 
 
 # ---- containers

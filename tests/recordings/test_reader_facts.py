@@ -41,9 +41,9 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     import soundfile
 
     soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
-    with pytest.raises(DataError, match="calibration_factor"):
+    with pytest.raises(DataError, match="sensitivity"):
         load_recording(tmp_path / "a.wav", unit="g")
-    loaded = load_recording(tmp_path / "a.wav", calibration_factor=["50 m/s^2", "10 g"])
+    loaded = load_recording(tmp_path / "a.wav", sensitivity=["50 m/s^2", "10 g"])
     np.testing.assert_allclose(loaded.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
     assert load_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
 
@@ -68,9 +68,13 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
             DataError,
             "must exceed",
         ),
-        ({"calibration_factor": "much", "sample_rate": 1000}, UnitError, "number with its unit"),
-        ({"calibration_factor": ["1 g"], "sample_rate": 1000}, DataError, "1 calibration factors for 2 channels"),
-        ({"calibration_factor": "1 g", "sample_rate": 1000}, DataError, "'a' holds fractions"),
+        ({"sensitivity": "much", "sample_rate": 1000}, UnitError, "number with its unit"),
+        ({"sensitivity": ["1 g"] * 3, "sample_rate": 1000}, DataError, "3 sensitivities for 2 channels"),
+        ({"sensitivity": "1 furlong/count", "sample_rate": 1000, "channels": ["a"]}, UnitError, "number with its unit"),
+        ({"sensitivity": "1 mV/g", "sample_rate": 1000}, DataError, 'add unit = "V" or "mV"'),
+        ({"sensitivity": "1 mV/g", "unit": "g", "sample_rate": 1000}, DataError, "is for channels in mV"),
+        ({"sensitivity": "1 g", "unit": "g", "sample_rate": 1000}, DataError, "'a' is in g already"),
+        ({"sensitivity": ["c=1 g"], "sample_rate": 1000}, DataError, "names no channel"),
         ({"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"}, DataError, "ratio of whole numbers"),
         ({"unit": "g", "sample_rate": 1000, "resample": "1e308 Hz"}, DataError, "no rate of a measurement"),
         ({"unit": "g", "sample_rate": 1000, "sha256": "0" * 64}, DataError, "not the file that was indexed"),
@@ -100,16 +104,33 @@ def test_a_unit_that_contradicts_the_file_names_both(recording: Recording, tmp_p
         load_recording(path, unit="g")
 
 
-def test_a_calibration_factor_scales_integers_without_a_scale_only(recording: Recording, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("a,b\n1,2\n-3,4\n")
-    scaled = load_recording(tmp_path / "a.csv", sample_rate=1000, calibration_factor="0.5 g")
-    np.testing.assert_allclose(scaled.signal, np.array([[1, -3], [2, 4]]) * 0.5 * 9.80665)
-    with pytest.raises(DataError, match="different units"):
-        load_recording(tmp_path / "a.csv", sample_rate=1000, calibration_factor=["1 g", "1 Pa"])
+@pytest.mark.parametrize(
+    ("sensitivity", "unit", "factors"),
+    [
+        ("0.5 g", None, (0.5, 0.5)),
+        ("0.488 mg/count", None, (4.88e-4, 4.88e-4)),
+        ("256 LSB/g", None, (1 / 256, 1 / 256)),
+        (["100 mV/g", "0.05 V/g"], "V", (10, 20)),
+        (["10 g/V"], "mV", (0.01, 0.01)),
+        (["b=2 g", "a=1 g"], "1", (1, 2)),
+        (["second=2 g", "fi*=1 g"], "1", (1, 2)),
+    ],
+)
+def test_a_sensitivity_says_what_numbers_stand_for(
+    sensitivity: str | list[str], unit: str | None, factors: tuple[float, float], tmp_path: Path
+) -> None:
+    names = ["first", "second"] if "second" in str(sensitivity) else ["a", "b"]
+    (tmp_path / "a.csv").write_text("first,b\n1,2\n-3,4\n" if "second" in str(sensitivity) else "a,b\n1,2\n-3,4\n")
+    facts = {"sample_rate": 1000, "sensitivity": sensitivity, "names": names} | ({"unit": unit} if unit else {})
+    scaled = load_recording(tmp_path / "a.csv", **facts)
+    np.testing.assert_allclose(scaled.signal, 9.80665 * np.array([[1, -3], [2, 4]]) * np.array(factors)[:, None])
+
+
+def test_a_sensitivity_is_refused_where_the_file_states_a_unit(recording: Recording, tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=np.arange(9), unit="g", fs=1000.0)
     for path in (write_recording(recording, tmp_path / "a.h5"), tmp_path / "a.npz"):
-        with pytest.raises(DataError, match=r"is in (m/s\^2|g); a calibration factor is for integers") as caught:
-            load_recording(path, calibration_factor="1 g")
+        with pytest.raises(DataError, match=r"is in (m/s\^2|g) already, as the file says") as caught:
+            load_recording(path, sensitivity="1 g")
         assert "\n" not in str(caught.value)
 
 

@@ -11,18 +11,15 @@ import typer
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.options import (
-    CalibrationFactor,
-    Channels,
     FaultText,
     Json,
     Preset,
     PresetName,
     PumpName,
-    SampleRate,
+    Reading,
     Seed,
     Source,
     Specimen,
-    Unit,
     band_from,
     defaults_of,
     fault_from,
@@ -30,6 +27,7 @@ from swashtwin.cli.options import (
     read_list,
     read_pairs,
     read_settings,
+    reads_files,
 )
 from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.sources import is_collection, load_sources
@@ -52,8 +50,10 @@ class Method(StrEnum):
 _SPEED_TOLERANCE = 0.01  # as in a calibration, whose lines move with the speed
 
 
+@reads_files
 def calibrate(
     source: Source,
+    reading: Reading,
     pump: PumpName = "25scy14-1b",
     fault: FaultText = "normal",
     speed: Annotated[
@@ -64,10 +64,6 @@ def calibrate(
         typer.Option(help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'),
     ] = None,
     specimen: Specimen = None,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
     method: Annotated[
         Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
     ] = None,
@@ -107,9 +103,8 @@ def calibrate(
     arguments, own = _settings(settings, defaults_of(kind()), f"--method {name.value}")
     recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
     drawing, defect = load_pump(pump), fault_from(fault)
-    facts = present(sample_rate=sample_rate, unit=unit, calibration_factor=calibration_factor, channels=channels)
     label = "normal" if defect is None else defect.label
-    there = _recordings(source, facts, speed, pressure or [], label).where(specimen=specimen)
+    there = _recordings(source, reading, speed, pressure or [], label).where(specimen=specimen)
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
     with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
         result = calibration.calibrate(
@@ -135,18 +130,18 @@ def calibrate(
 
 
 def _recordings(
-    source: Path, facts: dict[str, Any], speed: str | None, pressures: Sequence[str], label: str
+    source: Path, reading: Reading, speed: str | None, pressures: Sequence[str], label: str
 ) -> "Recordings":
     """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
     from swashtwin.recordings import Recordings, load_recordings
 
-    if is_collection(source, facts):
+    if is_collection(source, reading):
         return load_recordings(source)
-    (recording,) = load_sources([source], **facts)
+    (recording,) = load_sources([source], **reading)
     if recording.condition is None and speed is not None and pressures:
         if len(pressures) > 1:
             raise typer.BadParameter(f"{source} is one recording, at one pressure.", param_hint="--pressure")
-        (recording,) = load_sources([source], speed=speed, discharge_pressure=pressures[0], **facts)
+        (recording,) = load_sources([source], speed=speed, pressure=pressures[0], **reading)
     if recording.label is None:
         note(f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class.")
         recording = recording.relabeled(label)

@@ -9,23 +9,18 @@ import typer
 from swashtwin.cli.console import progress, say, tell
 from swashtwin.cli.exits import refuse_existing, require_target
 from swashtwin.cli.options import (
-    CalibrationFactor,
-    Channels,
     GroupName,
     Index,
     Json,
-    Names,
     Overwrite,
+    Reading,
     Resample,
-    SampleRate,
     Seed,
     Sources,
-    StatedPressure,
-    StatedSpeed,
-    Unit,
+    present,
+    reads_files,
 )
 from swashtwin.cli.sources import (
-    file_facts,
     load_sources,
     refuse_source,
 )
@@ -46,16 +41,11 @@ class Dealing(StrEnum):
     shuffled = "shuffled"
 
 
+@reads_files
 def convert(
     paths: Sources,
     out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is complete.")],
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
-    names: Names = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
+    reading: Reading,
     resample: Resample = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -66,8 +56,7 @@ def convert(
     require_target(out)
     refuse_source(out, paths)
     refuse_existing(out, overwrite)
-    facts = file_facts(locals())
-    recordings = load_sources(paths, **facts)
+    recordings = load_sources(paths, **reading, **present(resample=resample))
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
     seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size

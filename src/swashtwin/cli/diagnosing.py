@@ -10,22 +10,16 @@ from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
 from swashtwin.cli.detecting import diagnose_anomalies
 from swashtwin.cli.exits import NO_VERDICT, require_files
 from swashtwin.cli.options import (
-    CalibrationFactor,
-    Channels,
     Json,
     ModelFile,
-    Names,
-    Resample,
-    SampleRate,
+    Reading,
     Sources,
-    StatedPressure,
-    StatedSpeed,
-    Unit,
     as_folder,
+    reads_files,
 )
 from swashtwin.cli.pages import Report, write_page
 from swashtwin.cli.prior import diagnose_with_prior
-from swashtwin.cli.sources import file_facts, load_distinct
+from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -38,17 +32,11 @@ EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
 
 
+@reads_files
 def diagnose(
     model: ModelFile,
     paths: Sources,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
-    names: Names = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
-    resample: Resample = None,
+    reading: Reading,
     error_rate: Annotated[
         float | None,
         typer.Option(help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."),
@@ -63,9 +51,8 @@ def diagnose(
     """
     import swashtwin.diagnosis as diagnosis
 
-    facts = file_facts(locals())
     classifier = diagnosis.load_model(model)
-    recordings = load_distinct(paths, **facts)
+    recordings = load_distinct(paths, **reading)
     if isinstance(classifier, diagnosis.PriorClassifier):
         diagnose_with_prior(classifier, model, recordings, report, as_json)
         return

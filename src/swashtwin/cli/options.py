@@ -1,10 +1,12 @@
 """Options that several commands share, and what their texts mean."""
 
+import inspect
 import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import StrEnum
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -154,8 +156,6 @@ class Solver(StrEnum):
 
 SolverName = Annotated[Solver, typer.Option(help="Method that solves the equations; rk4 is the paper's.")]
 
-SampleRate = Annotated[str | None, typer.Option(help='Sample rate where files do not state it: "25.6 kHz".')]
-
 
 def _sample_unit(text: str | None) -> str | None:
     """The same unit, refused before any work where no sensor has it."""
@@ -170,23 +170,61 @@ def _sample_unit(text: str | None) -> str | None:
     return text
 
 
-Unit = Annotated[
-    str | None,
-    typer.Option(help='Unit of the samples where files do not state it: "g", "m/s^2", "1".', callback=_sample_unit),
-]
-CalibrationFactor = Annotated[
-    str | None,
-    typer.Option(help='Quantity of one unit in the file (full scale of an integer WAV): "50 m/s^2".'),
-]
-Channels = Annotated[list[str] | None, typer.Option(help="Recording channel to read, by name or pattern; repeatable.")]
-StatedSpeed = Annotated[
-    str | None, typer.Option("--speed", help='Shaft speed where a file does not state it: "860 rpm".')
-]
-StatedPressure = Annotated[
-    str | None, typer.Option("--pressure", help='Absolute discharge pressure where a file does not state it: "15 MPa".')
-]
+def _reading(help_text: str, kind: Any = str, **more: Any) -> Any:
+    return Annotated[kind | None, typer.Option(help=help_text, rich_help_panel="What a file does not say", **more)]
+
+
+READING = {
+    "sample_rate": _reading('Sample rate: "25.6 kHz".'),
+    "unit": _reading('Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_sample_unit),
+    "sensitivity": _reading(
+        'What they stand for: "99.7 mV/g", "0.488 mg/count", "50 m/s^2" (full scale of WAV), NAME=...; repeatable.',
+        list[str],
+    ),
+    "channels": _reading("Channel to read, by name, pattern or number; repeatable.", list[str]),
+    "names": _reading("New name of each channel, in order; repeatable.", list[str]),
+    "time_column": _reading("Column with the time, by name or number from 0."),
+    "time_unit": _reading('Unit of that column: "us".'),
+    "header_lines": _reading("Lines before the first sample of a text file.", int, min=0),
+    "separator": _reading('Character between two columns of a text file, or "tab".'),
+    "decimal": _reading('Decimal mark of a text file: "." or ",".'),
+    "speed": _reading('Shaft speed: "860 rpm".'),
+    "pressure": _reading('Absolute discharge pressure: "15 MPa".'),
+}
+"""Options that state for single files what keys of an index state for many: the fields of `Options`."""
+Reading = dict[str, Any]
+"""What the options of `reads_files` state, for ``load_recordings(path, **reading)``."""
+
+
+def reads_files(command: Callable[..., None]) -> Callable[..., None]:
+    """A command with the options that say how to read a file, which it gets together as ``reading``.
+
+    An option of its own by the same name stays the command's.
+    """
+    signature = inspect.signature(command)
+    added = [name for name in READING if name not in signature.parameters]
+
+    @wraps(command)
+    def with_reading(**values: Any) -> None:
+        reading = present(**{name: values.pop(name, None) for name in added})
+        if reading.get("separator") in ("tab", "\\t"):
+            reading["separator"] = "\t"
+        if reading.get("time_column", "").isdecimal():
+            reading["time_column"] = int(reading["time_column"])
+        command(**values, reading=reading)
+
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in signature.parameters.items():
+        if name == "reading":
+            parameters += [inspect.Parameter(key, keyword, default=None, annotation=READING[key]) for key in added]
+        else:
+            parameters.append(parameter.replace(kind=keyword))
+    with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return with_reading
+
+
 Resample = Annotated[str | None, typer.Option(help='Rate to resample to, such as "12 kHz".')]
-Names = Annotated[list[str] | None, typer.Option(help="New name of each channel, in order; repeatable.")]
 
 
 def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:

@@ -10,22 +10,18 @@ import typer
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH, refuse_existing
 from swashtwin.cli.options import (
-    CalibrationFactor,
-    Channels,
     Index,
     Json,
-    Names,
     Overwrite,
+    Reading,
     Resample,
-    SampleRate,
     Sources,
-    StatedPressure,
-    StatedSpeed,
-    Unit,
     Window,
+    present,
     read_pairs,
+    reads_files,
 )
-from swashtwin.cli.sources import file_facts, load_distinct, single_file_options
+from swashtwin.cli.sources import load_distinct, single_file_options
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
 
@@ -33,8 +29,10 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Finding
 
 
+@reads_files
 def index(
     folder: Annotated[Path, typer.Argument(help="Folder of measurements; it is only read.")],
+    reading: Reading,
     out: Annotated[Path | None, typer.Option(help="Index file; recordings.toml in the folder by default.")] = None,
     label_pattern: Annotated[
         str | None, typer.Option(help="Regular expression searched in each path; its named groups become facts.")
@@ -45,14 +43,7 @@ def index(
         typer.Option("--column", metavar="KEY=COLUMN", help="Column of the table that holds a key; repeatable."),
     ] = None,
     include: Annotated[list[str] | None, typer.Option(help="Pattern of paths to include; repeatable.")] = None,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    channels: Channels = None,
-    names: Names = None,
-    calibration_factor: CalibrationFactor = None,
     resample: Resample = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
     pressure_unit: Annotated[
         str | None, typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".')
     ] = None,
@@ -75,17 +66,11 @@ def index(
             table=csv_table,
             columns=read_pairs(columns, "--column"),
             include=include or [],
-            sample_rate=sample_rate,
-            unit=unit,
-            channels=channels or None,
-            names=names or None,
-            calibration_factor=calibration_factor,
-            resample=resample,
-            speed=speed,
-            discharge_pressure=pressure,
             pressure_unit=pressure_unit,
             index_folder=path.parent,
             ask=ask,
+            **reading,
+            **present(resample=resample),
         )
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
@@ -112,14 +97,10 @@ def _ask(key: str, question: str) -> str | None:
     return answer.strip() or None
 
 
+@reads_files
 def inspect(
     paths: Sources,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
+    reading: Reading,
     window: Window = 2048,
     show_all: All = False,
     as_json: Json = False,
@@ -127,10 +108,9 @@ def inspect(
     """Look for what is wrong with recordings. Exit code 3 where a recording must not be used."""
     from swashtwin.recordings import inspect_recordings
 
-    facts = file_facts(locals())
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_distinct(paths, unreadable, **facts)
+        recordings = load_distinct(paths, unreadable, **reading)
         report = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     tell(result, as_json, lambda: show_inspection(report, recordings, show_all))

@@ -11,18 +11,14 @@ import typer
 from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.options import (
-    CalibrationFactor,
-    Channels,
     Json,
-    SampleRate,
+    Reading,
     Sources,
-    StatedPressure,
-    StatedSpeed,
-    Unit,
     band_from,
+    reads_files,
 )
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
-from swashtwin.cli.sources import file_facts, load_distinct, load_sources, refuse_source
+from swashtwin.cli.sources import load_distinct, load_sources, refuse_source
 from swashtwin.cli.summaries import MOST_ROWS, number_or_none, show_medians, show_trend
 from swashtwin.foundation import plural
 
@@ -57,19 +53,15 @@ class Order(StrEnum):
     name = "name"
 
 
+@reads_files
 def features(
     source: Sources,
+    reading: Reading,
     out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
     pistons: Pistons = None,
     band: Bands = None,
     tachometer: Tachometer = None,
     track: Track = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
     as_json: Json = False,
 ) -> None:
     """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
@@ -80,15 +72,14 @@ def features(
     if out is not None:
         require_target(out, ".csv")
         refuse_source(out, source)
-    facts = file_facts(locals())
     shaft = Shaft(tachometer, track)
-    recordings = load_distinct(source, **facts)
+    recordings = load_distinct(source, **reading)
     if out is None:
         indicators = _indicators_of(recordings, pistons, band, shaft)
     else:
         from swashtwin.foundation import partial_results, write_text
 
-        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "facts": facts}
+        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "facts": reading}
         partial = out.with_name(f"{out.name}.partial")
         with (
             resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
@@ -125,8 +116,10 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
     say(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
 
 
+@reads_files
 def spectrum(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to look at.")],
+    reading: Reading,
     kind: Annotated[SpectrumKind, typer.Option(help="Which spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
         Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it; FILE_KIND.svg here.")
@@ -137,12 +130,6 @@ def spectrum(
     ] = None,
     tachometer: Tachometer = None,
     track: Track = None,
-    speed: StatedSpeed = None,
-    pressure: StatedPressure = None,
-    sample_rate: SampleRate = None,
-    unit: Unit = None,
-    calibration_factor: CalibrationFactor = None,
-    channels: Channels = None,
     as_json: Json = False,
 ) -> None:
     """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and SVG."""
@@ -156,8 +143,7 @@ def spectrum(
         raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
     shaft = Shaft(tachometer, track)
     edges = None if band is None else band_from(band)
-    facts = file_facts(locals())
-    recordings = load_sources([file], **facts)
+    recordings = load_sources([file], **reading)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
     lines = spectrum_of(
@@ -199,8 +185,10 @@ def _show_lines(lines: "LineSpectrum", title: str) -> None:
         note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
 
 
+@reads_files
 def trend(
     source: Sources,
+    reading: Reading,
     indicator: Annotated[
         str, typer.Option(help="Indicator to follow, such as rms; swashtwin signal features lists them.")
     ] = "rms",
@@ -225,7 +213,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source)
-    indicators = _indicators_of(load_distinct(source), None, None, Shaft(None, None))
+    indicators = _indicators_of(load_distinct(source, **reading), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

@@ -2,24 +2,18 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from swashtwin.cli.options import present
+from swashtwin.cli.options import READING
 from swashtwin.foundation import SwashTwinError
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Finding, Recording
-
-
-SINGLE_FILE_OPTIONS = {"sample_rate": "--sample-rate", "unit": "--unit", "channels": "--channels", "names": "--names"}
-SINGLE_FILE_OPTIONS |= {"calibration_factor": "--calibration-factor", "speed": "--speed"}
-SINGLE_FILE_OPTIONS |= {"discharge_pressure": "--pressure", "resample": "--resample"}
-"""Options that state for a single file what keys of an index state for many."""
 
 
 @contextmanager
@@ -28,15 +22,14 @@ def single_file_options() -> Iterator[None]:
     try:
         yield
     except SwashTwinError as cause:
-        text = re.sub(r"\b([a-z_]+) = (?=[\"'\[])", _as_option, str(cause))
+        text = re.sub(rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])", _as_option, str(cause))
         text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
         text = text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
         raise type(cause)(text) from cause
 
 
 def _as_option(match: re.Match[str]) -> str:
-    option = SINGLE_FILE_OPTIONS.get(match[1])
-    return match[0] if option is None else f"{option} "
+    return f"--{match[1].replace('_', '-')} "
 
 
 def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
@@ -81,12 +74,6 @@ def _with_folders(
     return pairs
 
 
-def file_facts(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Facts of a single file that are stated among the options of a command, its ``locals()``."""
-    names = {**options, "discharge_pressure": options["pressure"]}
-    return present(**{fact: names.get(fact) for fact in SINGLE_FILE_OPTIONS})
-
-
 def refuse_source(target: Path, paths: list[Path]) -> None:
     """Refuse to write a file that is also read."""
     from swashtwin.foundation import InputError
@@ -104,7 +91,7 @@ def is_collection(path: Path, facts: dict[str, Any]) -> bool:
     if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
         return False
     if facts:
-        option = SINGLE_FILE_OPTIONS[next(iter(facts))]
+        option = f"--{next(iter(facts)).replace('_', '-')}"
         remedy = "convert its files anew" if is_store(path) else "edit its index"
         raise typer.BadParameter(f"is for single files, and {path} says it itself; {remedy}.", param_hint=option)
     return True

@@ -26,9 +26,9 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
 def _advice(difference: str, rate: float) -> str:
     """What to do about a difference of layouts."""
     if difference.startswith("sample rate"):
-        return f'bring it to the model\'s rate with --resample "{rate:g} Hz", or resample = "..." in its index'
+        return f'bring it to the model\'s rate: swashtwin data convert FILE --resample "{rate:g} Hz" --out NEW.h5'
     if difference.startswith("unit"):
-        return 'state what a sample is: --calibration-factor with its unit, such as "50 m/s^2", or --unit'
+        return 'state what a sample is: --sensitivity with its unit, such as "50 m/s^2", or --unit'
     return (
         "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
         "for each"

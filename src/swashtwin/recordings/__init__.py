@@ -14,7 +14,7 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
     label = "normal"
     specimen = "A"
     speed = "860 rpm"
-    discharge_pressure = "15 MPa"
+    pressure = "15 MPa"
     channels = ["X105_DE_time"]       # names, patterns such as "*_DE_time", or numbers from 0
     names = ["drive_end"]
 """

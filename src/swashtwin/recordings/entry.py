@@ -7,12 +7,13 @@ from difflib import get_close_matches
 from typing import Any
 
 from swashtwin.foundation import DataError, UnitError
+from swashtwin.recordings.formats.raw import Options
 
 QUANTITIES = {
     "sample_rate": "Hz",
     "resample": "Hz",
     "speed": "rad/s",
-    "discharge_pressure": "Pa",
+    "pressure": "Pa",
     "suction_pressure": "Pa",
     "case_pressure": "Pa",
     "oil_temperature": "K",
@@ -20,8 +21,8 @@ QUANTITIES = {
 """Keys of an entry that are written with a unit, and the SI unit each is kept in."""
 
 
-@dataclass(frozen=True)
-class Entry:
+@dataclass(frozen=True, kw_only=True)
+class Entry(Options):
     """Facts of one file in an index; quantities are text with their unit."""
 
     file: str
@@ -32,41 +33,14 @@ class Entry:
     """Class."""
     specimen: str | None = None
     """Machine, bearing or part that was measured."""
-    speed: str | None = None
-    """Speed of the shaft, such as ``"860 rpm"``; without `discharge_pressure` it is kept as an attribute."""
-    discharge_pressure: str | None = None
-    """Absolute pressure at the outlet, such as ``"15 MPa"``."""
     suction_pressure: str | None = None
     """Absolute pressure at the inlet."""
     case_pressure: str | None = None
     """Absolute pressure in the housing."""
     oil_temperature: str | None = None
     """Oil temperature, such as ``"45 degC"``."""
-    channels: tuple[str | int, ...] | None = None
-    """Columns or variables to read: names, patterns such as ``"*_DE_time"``, or numbers from 0; all where None."""
-    names: tuple[str, ...] | None = None
-    """What to call the channels; as in the file where None."""
-    unit: str | None = None
-    """Unit of the samples; ``"1"`` where the scale is unknown."""
-    sample_rate: str | None = None
-    """Samples per second, such as ``"25.6 kHz"``, where the file does not say it."""
-    calibration_factor: str | tuple[str, ...] | None = None
-    """Quantity that one unit of integers without a scale stands for, such as ``"0.1 g"`` (full scale of an integer
-    WAV), or one each channel. Other samples have their `unit`."""
-    sensitivity: str | tuple[str, ...] | None = None
-    """What an accelerometer gives for one unit, such as ``"99.7 mV/g"``, for channels in volts; or one each channel."""
     resample: str | None = None
     """Rate to resample to with `scipy.signal.resample_poly`, such as ``"12 kHz"``."""
-    separator: str | None = None
-    """Character between the columns of a text file."""
-    decimal: str | None = None
-    """Decimal mark of a text file."""
-    header_lines: int | None = None
-    """Lines before the first sample of a text file."""
-    time_column: str | int | None = None
-    """Column with the time."""
-    time_unit: str | None = None
-    """Unit of the time column, such as ``"us"``, where neither its heading nor its size says it."""
     sha256: str | None = None
     """Checksum the file must have."""
     synthetic: bool = False
@@ -74,10 +48,16 @@ class Entry:
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Further facts."""
 
+    @property
+    def options(self) -> Options:
+        """How the file is read."""
+        return Options(**{field.name: getattr(self, field.name) for field in fields(Options)})
+
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":
         """Entry of one table of an index, refused with `where` in the message where a key or a value cannot be."""
         keys = {field.name for field in fields(cls)}
+        values = {"pressure" if key == "discharge_pressure" else key: value for key, value in values.items()}
         for key, value in values.items():
             if key not in keys:
                 near = get_close_matches(key, keys, n=1)
@@ -124,7 +104,6 @@ _RULES: dict[str, tuple[Callable[[Any], bool], str]] = {
     **dict.fromkeys(("file", "id", "label", "specimen", "unit", "sha256", "time_unit"), _TEXT),
     "channels": (lambda value: _all(value, _is_text, _is_count), "a list of texts or whole numbers from 0, not empty"),
     "names": (lambda value: _all(value, _is_text), "a list of texts, not empty"),
-    "calibration_factor": (lambda value: _is_text(value) or _all(value, _is_text), 'text such as "0.1 g", or a list'),
     "sensitivity": (lambda value: _is_text(value) or _all(value, _is_text), 'text such as "99.7 mV/g", or a list'),
     "separator": (lambda value: isinstance(value, str) and len(value) == 1, "one character"),
     "decimal": (lambda value: value in (".", ","), '"." or ","'),

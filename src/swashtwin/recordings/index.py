@@ -227,7 +227,8 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     if recording.condition is not None:
         condition = recording.condition
         entry["speed"] = f"{condition.speed * 30 / math.pi:.15g} rpm"
-        for name in ("discharge_pressure", "suction_pressure", "case_pressure"):
+        entry["pressure"] = f"{condition.discharge_pressure / 1e6:.15g} MPa"
+        for name in ("suction_pressure", "case_pressure"):
             entry[name] = f"{getattr(condition, name) / 1e6:.15g} MPa"
         entry["oil_temperature"] = f"{condition.oil_temperature - 273.15:.15g} degC"
     if recording.synthetic:
@@ -236,6 +237,8 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     if suffix_of(file) not in _LOSSLESS:
         entry |= {"names": list(recording.channels), "sample_rate": rate_text(recording.sample_rate)}
         entry["unit"] = recording.unit
+        if "discharge_pressure" in attributes:
+            attributes["pressure"] = attributes.pop("discharge_pressure")
         stated = [key for key in QUANTITIES if _is_positive(attributes.get(key), QUANTITIES[key])]
         entry |= {key: attributes.pop(key) for key in stated}
         if attributes:

@@ -1,6 +1,5 @@
 """A recording from a file and from what its entry of an index says."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -9,29 +8,26 @@ from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from swashtwin.foundation import DataError, InputError, UnitError, parse, sha256_of
+from swashtwin.foundation import DataError, InputError, parse, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor, plain_unit
+from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.resampling import resampled, resampling_of
 from swashtwin.recordings.samples import Columns, Samples
+from swashtwin.recordings.scaling import scale
 
-_PUMP_KEYS = ("discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature")
+_PUMP_KEYS = {
+    "speed": "speed",
+    "pressure": "discharge_pressure",
+    "suction_pressure": "suction_pressure",
+    "case_pressure": "case_pressure",
+    "oil_temperature": "oil_temperature",
+}
+"""Keys of an entry, and the fields of an `OperatingCondition` that they state."""
 _RATE_TOLERANCE = 1e-3
-_FIRST = 4096
-"""Samples that show whether a channel holds integers."""
-_OTHER_QUANTITY = re.compile(
-    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment)"
-    r"(?:[^a-z]|$)",
-    re.IGNORECASE,
-)
-"""Names of channels that are no vibration."""
-_FACTOR = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
 def load_recording(path: str | Path, **facts: Any) -> Recording:
@@ -51,7 +47,7 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
     DataError
         The file is missing, damaged, or contradicts a fact; or a fact is missing.
     """
-    for name, unit in QUANTITIES.items():
+    for name, unit in {**QUANTITIES, "discharge_pressure": "Pa"}.items():
         if isinstance(facts.get(name), (int, float)):
             facts[name] = f"{float(facts[name])!r} {unit}"
     return recording_of(Path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording"))
@@ -61,7 +57,7 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
     stamp = file_stamp(path)
     _require_checksum(path, entry)
-    raw = open_raw(path, _options(entry))
+    raw = open_raw(path, entry.options)
     view = _view(raw, entry, path)
     names = entry.names or view.names
     if len(names) != len(view.names):
@@ -111,11 +107,7 @@ def _view(raw: RawFile, entry: Entry, path: Path) -> _View:
 
 def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
     require_unchanged(path, stamp)
-    return _view(open_raw(path, _options(entry)), entry, path).columns
-
-
-def _options(entry: Entry) -> Options:
-    return Options(entry.separator, entry.decimal, entry.header_lines, entry.time_column, entry.time_unit)
+    return _view(open_raw(path, entry.options), entry, path).columns
 
 
 def _require_checksum(path: Path, entry: Entry) -> None:
@@ -199,127 +191,6 @@ def _positive(rate: float | None, where: str) -> float:
     return rate
 
 
-def scale(raw: RawFile, entry: Entry, chosen: Sequence[str], where: str) -> tuple[list[float], str]:
-    """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself otherwise."""
-    if entry.calibration_factor is not None:
-        pairs = _calibration(entry, len(chosen), where)
-        for name in chosen:
-            _require_no_scale(raw, name, where)
-    else:
-        if raw.full_scale and entry.unit != "1":
-            raise DataError(
-                f'{where} holds integers without a scale; add calibration_factor = "50 m/s^2" (what full scale stands '
-                'for), or unit = "1" where nobody knows.'
-            )
-        if entry.unit is not None and entry.channels is None and len(chosen) > 1:
-            _require_vibration(raw, entry.unit, chosen, where)
-        pairs = [(1.0, _unit(raw.units.get(name), entry.unit, name, where)) for name in chosen]
-    if entry.sensitivity is not None:
-        pairs = _sensed(pairs, entry.sensitivity, where)
-    factors: list[float] = []
-    names: dict[str, list[str]] = {}
-    for (number, unit), name in zip(pairs, chosen, strict=True):
-        factor = acceleration_factor(unit)
-        factors.append(number * (1.0 if factor is None else factor))
-        names.setdefault(unit if factor is None else "m/s^2", []).append(name)
-    if len(names) > 1:
-        listed = "; ".join(f"{unit}: {', '.join(names[unit])}" for unit in sorted(names))
-        raise DataError(
-            f"{where}: the channels have different units ({listed}); name those of one unit with channels = [...]."
-        )
-    return factors, next(iter(names))
-
-
-def _require_vibration(raw: RawFile, unit: str, chosen: Sequence[str], where: str) -> None:
-    """Refuse to give the unit of an acceleration to all channels of a file where some are of another quantity."""
-    others = [
-        name
-        for name in chosen
-        if (name in raw.units and acceleration_factor(raw.units[name]) is None)
-        or (name not in raw.units and _OTHER_QUANTITY.search(name))
-    ]
-    if acceleration_factor(unit) is not None and others and len(others) < len(chosen):
-        vibration = [name for name in chosen if name not in others]
-        raise DataError(
-            f"{where}: {others[0]!r} is no acceleration, and unit = {unit!r} is for all channels; name the others with "
-            f"channels = [...]: {', '.join(vibration[:6])}."
-        )
-
-
-def _unit(in_file: str | None, in_index: str | None, name: str, where: str) -> str:
-    if in_index is None and in_file is None:
-        raise DataError(
-            f'{where} does not say the unit of {name!r}; add unit = "g", "m/s^2", or "1" where nobody knows.'
-        )
-    if in_index is None or in_file is None:
-        return in_index or str(in_file)
-    factors = acceleration_factor(in_index), acceleration_factor(in_file)
-    if factors[0] != factors[1] or (factors[0] is None and in_index != in_file):
-        raise DataError(
-            f"{where} says {name!r} is in {in_file}, the index says {in_index}; remove unit, or correct the file."
-        )
-    return in_index
-
-
-def _require_no_scale(raw: RawFile, name: str, where: str) -> None:
-    """Refuse a calibration factor for a channel that is no integers without a scale."""
-    column = raw.columns[name]
-    if name in raw.units or "unit" in raw.facts:
-        unit = raw.units.get(name, raw.facts.get("unit"))
-        raise DataError(
-            f"{where} says {name!r} is in {unit}; a calibration factor is for integers without a scale. "
-            "Leave out calibration_factor, or correct the unit in the file."
-        )
-    if raw.full_scale:
-        return
-    first = np.asarray(column[0 : min(len(column), _FIRST)], dtype=np.float64)
-    if not (np.isnan(first) | (first == np.round(first))).all():
-        raise DataError(
-            f"{where}: {name!r} holds fractions, and a calibration factor is for integers without a scale; state what "
-            'its numbers are in with unit = "g", "m/s^2", "V" (or "1" where nobody knows) instead.'
-        )
-
-
-def _sensed(
-    pairs: Sequence[tuple[float, str]], sensitivity: str | tuple[str, ...], where: str
-) -> list[tuple[float, str]]:
-    """Factor and unit of each channel, with those in volts as the accelerations that a sensor turned into them."""
-    texts = sensitivity if isinstance(sensitivity, tuple) else (sensitivity,) * len(pairs)
-    if len(texts) != len(pairs):
-        raise DataError(f"{where}: {len(texts)} sensitivities for {len(pairs)} channels.")
-    sensed = []
-    for (factor, unit), text in zip(pairs, texts, strict=True):
-        match = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*([mµμu]?V)\s*/\s*\(?(.+?)\)?\s*", text)
-        acceleration = None if match is None else acceleration_factor(match[3])
-        if match is None or acceleration is None or float(match[1]) == 0:
-            raise UnitError(f'{where}: sensitivity = {text!r} must be volts for an acceleration, such as "99.7 mV/g".')
-        try:
-            volts = parse(f"1 {unit}", "V")
-        except UnitError:
-            sensed.append((factor, unit))
-            continue
-        sensed.append((factor * volts / parse(f"{match[1]} {plain_unit(match[2])}", "V"), plain_unit(match[3])))
-    if list(sensed) == list(pairs):
-        raise DataError(f'{where}: sensitivity is for channels in volts, and none is; state unit = "V" if they are.')
-    return sensed
-
-
-def _calibration(entry: Entry, count: int, where: str) -> list[tuple[float, str]]:
-    stated = entry.calibration_factor
-    texts = stated if isinstance(stated, tuple) else (stated,) * count
-    if len(texts) != count:
-        raise DataError(f"{where}: {len(texts)} calibration factors for {count} channels.")
-    pairs = []
-    for text in texts:
-        match = _FACTOR.fullmatch(text) if isinstance(text, str) else None
-        if match is None or float(match[1]) == 0:
-            raise UnitError(
-                f'{where}: calibration_factor = {text!r} must be a number with its unit, such as "0.1 m/s^2", or "1 1".'
-            )
-        pairs.append((float(match[1]), match[2] or "1"))
-    return pairs
-
-
 def _condition(
     entry: Entry, in_file: OperatingCondition | None, where: str, attributes: dict[str, str]
 ) -> OperatingCondition | None:
@@ -327,14 +198,14 @@ def _condition(
 
     A speed, or pressures, alone go to the attributes.
     """
-    values = {}
-    for name in ("speed", *_PUMP_KEYS):
-        text = getattr(entry, name)
-        if text is None:
-            continue
-        values[name] = parse(text, QUANTITIES[name], name=f"{where}: {name}")
-    if values.get("speed", 1.0) <= 0:
-        raise DataError(f"{where}: speed = {entry.speed!r} must be above zero.")
+    values = {
+        field: parse(text, QUANTITIES[key], name=f"{where}: {key}")
+        for key, field in _PUMP_KEYS.items()
+        if (text := getattr(entry, key)) is not None
+    }
+    for key in ("speed", "pressure"):
+        if values.get(_PUMP_KEYS[key], 1.0) <= 0:
+            raise DataError(f"{where}: {key} = {getattr(entry, key)!r} must be above zero.")
     if in_file is not None or {"speed", "discharge_pressure"} <= values.keys():
         try:
             condition = OperatingCondition(**values) if in_file is None else replace(in_file, **values)
@@ -346,9 +217,7 @@ def _condition(
                 "correct the index."
             )
         return condition
-    if values.get("discharge_pressure", 1.0) <= 0:
-        raise DataError(f"{where}: discharge_pressure = {entry.discharge_pressure!r} must be above zero.")
-    attributes |= {name: str(getattr(entry, name)) for name in values}
+    attributes |= {field: str(getattr(entry, key)) for key, field in _PUMP_KEYS.items() if field in values}
     return None
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
-from swashtwin.recordings.entry import Entry
-from swashtwin.recordings.formats.raw import Options, RawFile, require_sample_unit
+from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.index import path_from
-from swashtwin.recordings.loading import choose_columns, rate_in_file, scale, stated_rate
+from swashtwin.recordings.loading import choose_columns, rate_in_file, stated_rate
+from swashtwin.recordings.scaling import scale
 from swashtwin.recordings.stated_facts import (
     bare_pressures,
     facts_of_header,
@@ -47,17 +48,10 @@ def propose_index(
     table: str | Path | None = None,
     columns: Mapping[str, str] | None = None,
     include: Sequence[str] = (),
-    sample_rate: str | None = None,
-    unit: str | None = None,
-    channels: Sequence[str | int] | None = None,
-    names: Sequence[str] | None = None,
-    resample: str | None = None,
-    speed: str | None = None,
-    discharge_pressure: str | None = None,
     pressure_unit: str | None = None,
-    calibration_factor: str | None = None,
     index_folder: str | Path | None = None,
     ask: Callable[[str, str], str | None] | None = None,
+    **facts: Any,
 ) -> IndexProposal:
     """Index of every file below `folder` that can be read.
 
@@ -73,13 +67,12 @@ def propose_index(
     columns : which column of the table holds which key of an entry, such as ``{"specimen": "bearing_id"}``; keys that
         no entry has become attributes. ``file`` and ``label`` need no naming. A number takes the unit in the heading.
     include : patterns of relative paths to keep, such as ``"normal_48k/*"``; all where empty.
-    sample_rate, unit, channels, names, resample, speed, discharge_pressure, calibration_factor : facts for every file
-        that does not say them itself.
     pressure_unit : unit of pressures in names, tables and headers that have none; bare speeds are in rpm, rates in Hz,
         temperatures in degC.
     index_folder : where the index will lie, if not in `folder`.
     ask : called with ``sample_rate``, ``unit``, ``pressure_unit`` or ``label_pattern`` and a question, where
         that fact is missing; gives the answer, or None. By default a missing fact is an error.
+    facts : keys of an entry for every file that does not say them itself, such as ``unit="g"``.
 
     Raises
     ------
@@ -89,11 +82,9 @@ def propose_index(
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder.")
-    options = {"unit": unit, "channels": list(channels or []) or None, "names": list(names or []) or None}
-    options |= {"sample_rate": sample_rate, "resample": resample, "calibration_factor": calibration_factor}
-    options |= {"speed": speed, "discharge_pressure": discharge_pressure}
-    defaults = {key: value for key, value in options.items() if value is not None}
-    _require_quantities(defaults)
+    defaults = {key: list(value) if isinstance(value, tuple) else value for key, value in facts.items()}
+    defaults = {key: value for key, value in defaults.items() if value is not None}
+    _require_defaults(defaults)
     if pressure_unit is not None:
         parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
@@ -157,7 +148,7 @@ def _survey(
     for name in names:
         path = folder / name
         try:
-            raw = open_raw(path, Options())
+            raw = open_raw(path, Entry.from_mapping({"file": name, **defaults}, str(path)).options)
         except MissingFileError:
             raise
         except DataError as cause:
@@ -192,7 +183,7 @@ def _survey(
             _origins(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
         )
         survey.entries.append({"file": name, **values})
-        if entry.discharge_pressure is not None and entry.speed is None and "condition" not in raw.facts:
+        if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
             survey.notes.append(_NO_SPEED)
     return survey
 
@@ -218,13 +209,14 @@ _QUESTIONS = {
 }
 
 
-def _require_quantities(defaults: Mapping[str, object]) -> None:
+def _require_defaults(defaults: Mapping[str, Any]) -> None:
     """Refuse a fact that no reader of the index would understand, before anything is written."""
-    for name, unit in (("sample_rate", "Hz"), ("resample", "Hz"), ("speed", "rad/s"), ("discharge_pressure", "Pa")):
+    Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
+    for name, unit in QUANTITIES.items():
         if name in defaults:
             parse(defaults[name], unit, name=name)
-    if isinstance(defaults.get("unit"), str):
-        require_sample_unit(str(defaults["unit"]))
+    if "unit" in defaults:
+        require_sample_unit(defaults["unit"])
 
 
 def _ask(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
@@ -252,7 +244,7 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
     has_units = all(name in raw.units for name in columns)
     missing = {
         "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
-        "unit": not has_units and entry.unit is None and entry.calibration_factor is None,
+        "unit": not has_units and entry.unit is None and entry.sensitivity is None,
         "label": not entry.label and not raw.facts.get("label"),
     }
     return [key for key, is_missing in missing.items() if is_missing]
@@ -260,7 +252,7 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
 
 def _require_agreement(raw: RawFile, columns: list[str], entry: Entry, stated: set[str], where: str) -> None:
     """Refuse options that a file contradicts; `stated` are those given for all files."""
-    if "calibration_factor" in stated or "unit" in stated:
+    if "sensitivity" in stated or "unit" in stated:
         scale(raw, entry, columns, where)
     if "sample_rate" in stated:
         stated_rate(raw, columns, entry, where)
@@ -293,7 +285,7 @@ def _index_of(
     return index
 
 
-_FACTS_FIRST = ("label", "specimen", "speed", "discharge_pressure", "sample_rate", "unit", "channels")
+_FACTS_FIRST = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
 """Facts that are listed before the others."""
 _FLAG = "the option"
 _MOST = 6

@@ -17,11 +17,11 @@ from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.formats.registry import stem_of
 from swashtwin.recordings.formats.tables import header_pairs, split_unit
 
-PRESSURES = ("discharge_pressure", "suction_pressure", "case_pressure")
+PRESSURES = ("pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no usual unit: MPa and bar are both in use."""
 _BARE_UNITS = {"speed": "rpm", "sample_rate": "Hz", "resample": "Hz", "oil_temperature": "degC"}
-_GROUPS = {"pressure": "discharge_pressure", "temperature": "oil_temperature"}
-"""Short names that a pattern may use."""
+_GROUPS = {"discharge_pressure": "pressure", "temperature": "oil_temperature"}
+"""Other names of keys that a pattern or a table may use."""
 _PRESSURE_UNIT = r"(?:MPa|kPa|hPa|mbar|bar|psi)"
 _SPEED_UNIT = r"(?:rpm|r_min|U_min|1_min|min-1|Upm)"
 _UNITS_OF = dict.fromkeys(PRESSURES, _PRESSURE_UNIT)
@@ -34,11 +34,11 @@ _UNITS_OF |= {
 _NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
 _IN_NAMES = {
     "speed": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_SPEED_UNIT})(?![A-Za-z])",
-    "discharge_pressure": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_PRESSURE_UNIT})(?![A-Za-z])",
+    "pressure": rf"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _-]?({_PRESSURE_UNIT})(?![A-Za-z])",
 }
 _IN_HEADERS = {
     "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
-    "discharge_pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
+    "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
     "sample_rate": r"abtast(?:rate|frequenz)|sampl\w*[ _-]?(?:rate|freq)",
 }
@@ -119,6 +119,7 @@ def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dic
     head = text.partition("\n")[0]
     rows = list(csv.DictReader(io.StringIO(text, newline=""), delimiter=max(",;\t", key=head.count)))
     header = [name for name in rows[0] if name] if rows else []
+    columns = {_GROUPS.get(key, key): column for key, column in columns.items()}
     mapping = {"file": "file", "label": "label", **columns}
     for key, column in mapping.items():
         if column not in header:

@@ -112,6 +112,20 @@ class Machine(Entries, frozen=True, kw_only=True):
     """Rate of files that state none [Hz]."""
     unit: Text | None = None
     """Unit of files that state none."""
+    sensitivity: Text | tuple[Text, ...] | None = None
+    """What the numbers of files stand for, as in an index: ``"99.7 mV/g"``."""
+    names: tuple[Text, ...] = ()
+    """New name of each of `channels`, in their order."""
+    time_column: Text | int | None = None
+    """Column with the time, by name or number from 0."""
+    time_unit: Text | None = None
+    """Unit of that column."""
+    header_lines: int | None = None
+    """Lines before the first sample of a text file."""
+    separator: Text | None = None
+    """Character between two columns of a text file."""
+    decimal: Text | None = None
+    """Decimal mark of a text file."""
 
     def __post_init__(self) -> None:
         if len(set(self.channels)) < len(self.channels):

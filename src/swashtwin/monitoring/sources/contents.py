@@ -90,15 +90,16 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     return recording
 
 
+_READING = (
+    "sample_rate", "unit", "sensitivity", "channels", "names", "time_column", "time_unit", "header_lines", "separator",
+    "decimal",
+)  # fmt: skip
+"""Facts of a machine's files, by the names that they have in an index."""
+
+
 def _load_file(file: SpoolFile, facts: dict[str, Any], machine: Machine) -> Recording:
     """The recording of a whole file; what the configuration says counts where the file says nothing."""
-    usual: dict[str, Any] = {}
-    if machine.channels:
-        usual["channels"] = list(machine.channels)
-    if machine.sample_rate is not None and "sample_rate" not in facts:
-        usual["sample_rate"] = machine.sample_rate
-    if machine.unit is not None and "unit" not in facts:
-        usual["unit"] = machine.unit
+    usual = {key: value for key in _READING if (value := getattr(machine, key)) not in (None, ()) and key not in facts}
     if "speed" not in facts:  # a pressure alone is joined with a speed afterwards
         facts = {key: value for key, value in facts.items() if key != "discharge_pressure"}
     try:

@@ -103,7 +103,7 @@ def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
         ("channels", "channels", lambda recording: ", ".join(recording.channels),
          'pick the same in each with channels = ["..."], and give them the same names = ["..."] in the index'),
         ("unit", "units", lambda recording: recording.unit,
-         'state what one sample is in each with calibration_factor = "..." in the index'),
+         'state what one sample is in each with sensitivity = "..." in the index'),
     ):  # fmt: skip
         groups = _by_value((words(recording), recording) for recording in recordings)
         if len(groups) > 1:
@@ -221,7 +221,7 @@ def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[Chann
             names = _listed([recording.recording_id for _, recording in odd])
             message = (
                 f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
-                f"{label or 'no class'}: another unit, range or calibration factor?"
+                f"{label or 'no class'}: another unit, range or sensitivity?"
             )
             yield Finding("level", "warning", name, message)
 

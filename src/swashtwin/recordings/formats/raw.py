@@ -23,20 +23,39 @@ _PACKING = 100
 """How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead channel to more."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to read a file that does not say it itself."""
+    """What a file does not say of itself: the keys of an index, and the options of every command that reads a file.
 
-    separator: str | None = None
-    """Character between two columns of a text file; detected where None."""
-    decimal: str | None = None
-    """Decimal mark of a text file, ``"."`` or ``","``; detected where None."""
-    header_lines: int | None = None
-    """Lines before the first sample of a text file; detected where None."""
+    Quantities are text with their unit.
+    """
+
+    sample_rate: str | None = None
+    """Samples per second, such as ``"25.6 kHz"``."""
+    unit: str | None = None
+    """Unit of the numbers in the file; ``"1"`` where the scale is unknown."""
+    sensitivity: str | tuple[str, ...] | None = None
+    """What the numbers in the file stand for: ``"99.7 mV/g"`` for channels in volts, ``"0.488 mg/count"`` or ``"256
+    LSB/g"`` for those of a converter, ``"0.1 g"`` for one unit of the file (full scale of an integer WAV). One for all
+    channels, one for each, or ``"NAME=99.7 mV/g"`` for those that are named."""
+    channels: tuple[str | int, ...] | None = None
+    """Columns or variables to read: names, patterns such as ``"*_DE_time"``, or numbers from 0; all where None."""
+    names: tuple[str, ...] | None = None
+    """What to call the channels; as in the file where None."""
     time_column: str | int | None = None
     """Name or number (from 0) of the column with the time; found by its name, or as it rises evenly, where None."""
     time_unit: str | None = None
     """Unit of that column, such as ``"us"``; its heading or its size say it where None."""
+    header_lines: int | None = None
+    """Lines before the first sample of a text file; detected where None."""
+    separator: str | None = None
+    """Character between two columns of a text file; detected where None."""
+    decimal: str | None = None
+    """Decimal mark of a text file, ``"."`` or ``","``; detected where None."""
+    speed: str | None = None
+    """Speed of the shaft, such as ``"860 rpm"``; without `pressure` it is kept as an attribute."""
+    pressure: str | None = None
+    """Absolute pressure at the outlet, such as ``"15 MPa"``."""
 
 
 @dataclass(frozen=True)

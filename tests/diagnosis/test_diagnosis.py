@@ -258,7 +258,7 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     assert "Diagnosis of spiked" in page
     assert "<h2>No verdict</h2>" in page
     text = run(*words, code=4).output
-    assert "no verdict on spiked: the model's answer to 1 of 6 windows is no finite number" in text
+    assert "spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
     run(*words[:3])
 
 
@@ -274,7 +274,7 @@ def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_i
     answer = run_json("evaluate", saved, tmp_path / "other" / "index.toml")
     assert answer["recordings"] == ["normal 0", "piston 0"]
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", code=3)
-    assert "all 2 recordings had a part in the classifier" in one_line(refused)
+    assert "all 2 recordings had a part in the model" in one_line(refused)
     refused = run("evaluate", saved, tmp_path / "same" / "index.toml", "--id", "renamed 0", code=3)
     assert "recording renamed 0, which holds the same samples as normal 0, had a part" in one_line(refused)
     said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]

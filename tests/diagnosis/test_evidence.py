@@ -40,13 +40,13 @@ def classifier() -> FittedClassifier:
     return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
 
 
-def evidence_of(classifier: FittedClassifier, recording: Recording, **options: int) -> Evidence:
-    return explain(classifier, recording, diagnose(classifier, recording), **options)
+def evidence_of(classifier: FittedClassifier, recording: Recording) -> Evidence:
+    return explain(classifier, recording, diagnose(classifier, recording))
 
 
 @pytest.fixture(scope="module")
 def evidence(classifier: FittedClassifier) -> Evidence:
-    return evidence_of(classifier, recording("new", "valve_plate"), pistons=7)
+    return evidence_of(classifier, recording("new", "valve_plate").replace(attributes={"pistons": "7"}))
 
 
 def test_moments_and_lines_each_add_up_to_the_answer(evidence: Evidence) -> None:

@@ -34,7 +34,8 @@ def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
     network = LevelNetwork(2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16)
     classifier = fit(network, train, settings=TrainingSettings(epochs=1, normalization="set"))
     new = recording("new", "valve_plate")
-    return explain(classifier, new, diagnose(classifier, new), pistons=9)
+    new = new.replace(attributes={**new.attributes, "pistons": "9"})
+    return explain(classifier, new, diagnose(classifier, new))
 
 
 @pytest.fixture(scope="module")

@@ -259,10 +259,8 @@ def test_a_diagnosis_says_that_its_confidence_was_cross_fitted(bare: FittedClass
     train = windows(several("train", 10))
     answers = cross_fitted_confidence(bare.predict_proba(train), train.recording_id, train.target, np.arange(20.0))
     diagnosis = diagnose(replace(bare, confidence=answers), recording("new piston", "piston"))
-    trust = diagnosis.trust
-    assert "by 20 training recordings answered by models trained without them" in trust.sentence()
-    assert trust.to_dict()["cross_fitted"]
-    assert trust.to_dict()["scarce_classes"] == []
+    assert "by 20 training recordings answered by models trained without them" in diagnosis.sentence()
+    assert diagnosis.scarce_classes == ()
     assert diagnosis.probabilities["piston"] == pytest.approx(
         pooled_probabilities(bare.predict_proba(windows([recording("new piston", "piston")])), answers)[1]
     )
@@ -292,23 +290,23 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: 
 
 
 def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedClassifier) -> None:
-    trust = diagnose(taught, recording("new piston", "piston")).trust
-    assert trust.prediction_set == ("piston",)
-    assert not trust.unknown
-    assert trust.ood_score <= trust.ood_threshold
-    assert "No other class is plausible at an error rate of 10 %" in trust.sentence()
-    strange = diagnose(taught, recording("new howl", "howl").relabeled(None)).trust
+    known = diagnose(taught, recording("new piston", "piston"))
+    assert known.prediction_set == ("piston",)
+    assert known.verdict == "piston"
+    assert known.score <= known.threshold
+    assert "no other class is plausible at an error rate of 10 %" in known.sentence()
+    strange = diagnose(taught, recording("new howl", "howl").relabeled(None))
     assert strange.unknown
-    assert strange.ood_score > strange.ood_threshold
+    assert strange.score > strange.threshold
     assert strange.sentence().startswith("Unknown: its vibration is further from every trained class")
-    json.dumps(strange.to_dict(), allow_nan=False)
+    assert next(iter(json.loads(json.dumps(strange.to_dict(), allow_nan=False)).items())) == ("verdict", "unknown")
 
 
 def test_a_recording_is_unknown_exactly_beyond_the_threshold(taught: FittedClassifier) -> None:
     for noise in (0.3, 0.4, 0.5, 0.7, 1.0):
         for rate in (0.05, 0.1, 0.2):
-            trust = diagnose(taught, recording(f"new {noise}", "normal", noise), error_rate=rate).trust
-            assert trust.unknown == (trust.ood_score > trust.ood_threshold)
+            answer = diagnose(taught, recording(f"new {noise}", "normal", noise), error_rate=rate)
+            assert answer.unknown == (answer.score > answer.threshold)
 
 
 def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
@@ -318,7 +316,7 @@ def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bar
     assert loaded.training_reference.recording_id == taught.training_reference.recording_id
     loaded = load_classifier(save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors"))
     assert loaded.training_reference is None
-    assert diagnose(loaded, piston).trust is None
+    assert diagnose(loaded, piston).error_rate is None
     with pytest.raises(DataError, match="train it with measured recordings"):
         learn_confidence(loaded, windows(several("validation", 10)))
 
@@ -383,7 +381,7 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     assert scored["unknown_auroc"] is None
     assert "Confidence, by recording" in run("evaluate", answer["model"], folder).stdout
     (diagnosis,) = run_json("diagnose", answer["model"], files[0], "--error-rate", 0.2)["diagnoses"]
-    assert diagnosis["trust"]["error_rate"] == 0.2
+    assert diagnosis["error_rate"] == 0.2
     shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
     assert "could be" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")

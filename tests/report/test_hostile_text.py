@@ -16,7 +16,6 @@ def test_a_report_of_hostile_names_is_well_formed(tmp_path: Path) -> None:
         label=HOSTILE,
         probabilities={"normal": 0.1, HOSTILE: 0.9},
         window_labels=(HOSTILE, "normal"),
-        agreement=0.5,
         notes=(HOSTILE,),
     )
     page = write_report(diagnosis, folder=tmp_path).read_text(encoding="utf-8")

@@ -39,7 +39,9 @@ def spectrum(level: float = 3.0) -> HealthySpectrum:
 def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diagnosis:
     facts = RecordingFacts("pump 3", "2026-03-01", "860 rev/min, 15 MPa", "line/a.h5", "", 14.3, 7)
     probabilities = {"normal": 0.1, "piston": 0.9}
-    verdict = Diagnosis(name, label, probabilities, ("piston",) * 4, 1.0, (), facts=facts, spectrum=spectrum())
+    verdict = Diagnosis(
+        name, label=label, probabilities=probabilities, window_labels=("piston",) * 4, facts=facts, spectrum=spectrum()
+    )
     return replace(verdict, **changes)  # type: ignore[arg-type]
 
 
@@ -200,11 +202,11 @@ def test_an_option_is_never_broken_and_figures_of_a_table_are_explained() -> Non
 
 
 def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> None:
-    faulty = ClassAlarms("piston", 12, 0, 9, math.nan)
+    faulty = ClassAlarms("piston", False, 12, 0, 9, None, 0.75, (0.5, 0.9), None)
     page = page_text(AlarmScores(0.05, (faulty,)))
     assert "9 of 12 faulty recordings raised an alarm" in page
     assert "No healthy recording was tested" in page
-    healthy = replace(faulty, label="normal", n_alarms=1)
+    healthy = replace(faulty, label="normal", is_healthy=True, n_alarms=1)
     assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(AlarmScores(0.05, (healthy, faulty)))
 
 

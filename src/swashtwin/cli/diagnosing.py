@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
-from swashtwin.cli.detecting import diagnose_anomalies
 from swashtwin.cli.exits import NO_VERDICT, require_files
 from swashtwin.cli.options import (
     Json,
@@ -18,14 +17,11 @@ from swashtwin.cli.options import (
     reads_files,
 )
 from swashtwin.cli.pages import Report, write_page
-from swashtwin.cli.prior import diagnose_with_prior
 from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from swashtwin.diagnosis import Diagnosis
 
 EXPLAINED = 10
@@ -49,69 +45,58 @@ def diagnose(
 
     The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
     """
-    import swashtwin.diagnosis as diagnosis
+    from swashtwin.diagnosis import FaultClassifier, explain, load_model
 
-    classifier = diagnosis.load_model(model)
+    trained = load_model(model)
     recordings = load_distinct(paths, **reading)
-    if isinstance(classifier, diagnosis.PriorClassifier):
-        diagnose_with_prior(classifier, model, recordings, report, as_json)
-        return
-    if isinstance(classifier, diagnosis.AnomalyDetector):
-        diagnose_anomalies(classifier, model, recordings, error_rate, report, as_json)
-        return
-    verdicts = [
-        classifier.diagnose(recording, error_rate=error_rate) for recording in with_bar(recordings, "diagnosing")
-    ]
+    rate = {} if error_rate is None else {"error_rate": error_rate}
+    verdicts = [trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")]
     if pistons is not None:
         verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
-    page, evidence = None, []
-    if report is not None:
+    evidence = {}
+    if report is not None and isinstance(trained, FaultClassifier):
         pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
-        evidence = [
-            diagnosis.explain(classifier.fitted_, recording, verdict, pistons=pistons)
-            for recording, verdict in with_bar(pairs, "collecting evidence")
-        ]
-        by_id = {item.recording_id: item for item in evidence}
-        items = [item for verdict in verdicts for item in (verdict, by_id.get(verdict.recording_id))]
-        page = write_page(report, *(item for item in items if item is not None), about={"Model": model})
+        for recording, verdict in with_bar(pairs, "collecting evidence"):
+            evidence[verdict.recording_id] = explain(trained.fitted_, recording, verdict)
+    items = [item for verdict in verdicts for item in (verdict, evidence.get(verdict.recording_id)) if item is not None]
+    page = write_page(report, *items, about={"Model": model})
 
     def show() -> None:
-        _show_verdicts(verdicts, len(classifier.fitted_.manifest))
-        _note_reasons(verdicts)
-        if report is not None and len(verdicts) > EXPLAINED:
+        table(plural(len(verdicts), "recording"), _HEADERS[verdicts[0].kind], [_row(verdict) for verdict in verdicts])
+        if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
+            advice = confidence_advice(len(trained.manifest))
+            note(f"note: the model's confidence is not calibrated; {advice}.")
+        doubtful = [verdict for verdict in verdicts if verdict.label is None or verdict.unknown]
+        for verdict in doubtful:
+            note(f"{verdict.recording_id}: {verdict.sentence()}")
+        note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
+        if evidence and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
         if page is not None:
             say(str(page))
 
     result = {"model": model, "diagnoses": [verdict.to_dict() for verdict in verdicts], "report": page}
-    tell({**result, "evidence": [item.to_dict() for item in evidence]}, as_json, show)
+    tell({**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
 
 
-def _note_reasons(verdicts: "Sequence[Diagnosis]") -> None:
-    for verdict in verdicts:
-        if verdict.no_verdict is not None:
-            note(f"no verdict on {verdict.recording_id}: {verdict.no_verdict}")
-    note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
+_HEADERS = {
+    "classifier": ("recording", "verdict", "probability", "share of windows that agree", "could be"),
+    "detector": ("recording", "verdict", "p-value", "what moved"),
+    "prior": ("recording", "verdict", "share of the trees"),
+}
 
 
-def _show_verdicts(verdicts: "Sequence[Diagnosis]", n_trained: int) -> None:
-    rows: list[tuple[object, ...]] = []
-    for verdict in verdicts:
-        trust = verdict.trust
-        could_be = "" if trust is None else "unknown" if trust.unknown else ", ".join(trust.prediction_set)
-        if verdict.label is None:
-            rows.append((verdict.recording_id, "no verdict", None, None, ""))
-        else:
-            highest = max(verdict.probabilities.values())
-            rows.append((verdict.recording_id, verdict.label, highest, f"{verdict.agreement:.0%}", could_be))
-    calibrated = all(verdict.trust is not None or verdict.label is None for verdict in verdicts)
-    header = ("recording", "class", "probability", "share of windows that agree", "could be")
-    columns = len(header) if calibrated else len(header) - 1
-    table(plural(len(rows), "recording"), header[:columns], [row[:columns] for row in rows])
-    if not calibrated:
-        note(f"note: the model's confidence is not calibrated; {confidence_advice(n_trained)}.")
+def _row(verdict: "Diagnosis") -> tuple[object, ...]:
+    """A diagnosis in the columns of its kind; no class, share or alternative stands beside an unknown one."""
+    if verdict.kind == "detector":
+        answer = {True: "ALARM", False: "no alarm", None: "no verdict"}[verdict.alarm]
+        return verdict.recording_id, answer, verdict.p_value, verdict.moved if verdict.alarm else ""
+    if verdict.label is None or verdict.unknown:
+        return verdict.recording_id, verdict.verdict, *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2]
+    row = (verdict.recording_id, verdict.label, verdict.probabilities[verdict.label])
+    return row if verdict.kind == "prior" else (*row, f"{verdict.agreement:.0%}", ", ".join(verdict.prediction_set))
 
 
 def report(

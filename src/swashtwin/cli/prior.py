@@ -1,22 +1,14 @@
-"""The pump prior: swashtwin twin prior, model adapt, and what diagnose does with one."""
+"""The pump prior: swashtwin twin prior and model adapt."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from swashtwin.cli.console import note, note_merged, progress, say, table, tell, with_bar
-from swashtwin.cli.exits import NO_VERDICT, require_target, resumable
+from swashtwin.cli.console import note, progress, say, tell
+from swashtwin.cli.exits import require_target, resumable
 from swashtwin.cli.options import Index, Json, PumpName, Seed
-from swashtwin.cli.pages import write_page
 from swashtwin.foundation import plural
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from swashtwin.diagnosis import Diagnosis, PriorClassifier
-    from swashtwin.recordings import Recording
-
 
 _FEW = 200
 """Virtual pumps for which no further processes are worth their start."""
@@ -110,33 +102,3 @@ def adapt(
         say(f"Next: swashtwin diagnose {out} FILE")
 
     tell(result, as_json, show)
-
-
-def diagnose_with_prior(
-    classifier: "PriorClassifier",
-    model: Path,
-    recordings: "Sequence[Recording]",
-    report: Path | None,
-    as_json: bool,
-) -> None:
-    """Name the class of each recording from its changes against the healthy ones; exit code 4 without a verdict."""
-    verdicts = [classifier.diagnose(recording) for recording in with_bar(recordings, "diagnosing")]
-    page = write_page(report, *verdicts, about={"Model": model})
-
-    def show() -> None:
-        rows = [(verdict.recording_id, verdict.label or "no verdict", _highest(verdict)) for verdict in verdicts]
-        table(plural(len(rows), "recording"), ("recording", "class", "share of the trees"), rows)
-        for verdict in verdicts:
-            if verdict.no_verdict is not None:
-                note(f"no verdict on {verdict.recording_id}: {verdict.no_verdict}")
-        note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
-        if page is not None:
-            say(str(page))
-
-    tell({"model": model, "diagnoses": [item.to_dict() for item in verdicts], "report": page}, as_json, show)
-    if any(verdict.label is None for verdict in verdicts):
-        raise typer.Exit(NO_VERDICT)
-
-
-def _highest(verdict: "Diagnosis") -> float | None:
-    return max(verdict.probabilities.values(), default=None)

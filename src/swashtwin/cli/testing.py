@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.detecting import evaluate_detector
 from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import Index, Json, ModelFile, Seed
 from swashtwin.cli.pages import Report, page_entry, write_page
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
+    from swashtwin.diagnosis import AlarmScores, FaultClassifier
     from swashtwin.learning import ConfidenceScores, Scores
+    from swashtwin.recordings import Recording, Recordings
 
 
 def evaluate(
@@ -29,57 +30,64 @@ def evaluate(
 ) -> None:
     """Score a model on the recordings of an index that had no part in it."""
     import swashtwin.learning as learning
-    from swashtwin.diagnosis import AnomalyDetector, PriorClassifier, load_model
+    from swashtwin.diagnosis import FaultClassifier, load_model
     from swashtwin.recordings import load_recordings
 
     if level is not None and level not in learning.LEVELS:
         raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
-    trained = load_model(model)
-    recordings = load_recordings(source)
-    if isinstance(trained, AnomalyDetector):
-        evaluate_detector(trained, model, recordings, ids, report, as_json)
-        return
-    if isinstance(trained, PriorClassifier):
-        raise typer.BadParameter("is a pump prior, which diagnose asks; it has no evaluation.", param_hint="MODEL")
-    classifier = trained.fitted_
+    trained, recordings = load_model(model), load_recordings(source)
+    confidence: ConfidenceScores | None = None
+    scores: Scores | AlarmScores
     with progress("evaluating"):
-        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(classifier, recordings)
-        test = learning.cut_windows(
-            chosen, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True
-        )
-        scores = learning.evaluate(classifier, test, level=level, seed=seed)
-        confidence = learning.score_confidence(classifier, test) if classifier.confidence is not None else None
-    reference = classifier.training_reference
-    actual = None if level is None or reference is None else learning.level_between(reference, chosen)
-    if actual not in (None, level):
-        note(f"level {level} is stated; by machines and operating points these recordings are {actual}: "
-             f"{learning.LEVELS[str(actual)]}.")  # fmt: skip
-    if confidence is not None and confidence.called_unknown > 0:
-        note(
-            f"diagnose would call {confidence.called_unknown:.0%} of these recordings unknown; the scores count the "
-            "likeliest class of each, not that answer."
-        )
-    names = [recording.recording_id for recording in chosen]
-    if not ids and len(names) < len(recordings):
-        note(f"left out: {plural(len(recordings) - len(names), 'recording')} that had a part in the model.")
-    result = {"model": model, "recordings": names, **scores.to_dict()}
-    result["confidence"] = None if confidence is None else confidence.to_dict()
+        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(trained.manifest, recordings)
+        if isinstance(trained, FaultClassifier):
+            test = trained.cut_windows(chosen)
+            scores = trained.evaluate(test, level=level, seed=seed)
+            if trained.fitted_.confidence is not None:
+                confidence = learning.score_confidence(trained.fitted_, test)
+        else:
+            scores = trained.evaluate(chosen)
+    if not ids and len(chosen) < len(recordings):
+        note(f"left out: {plural(len(recordings) - len(chosen), 'recording')} that had a part in the model.")
+    if level is not None and isinstance(trained, FaultClassifier):
+        _note_level(trained, chosen, level)
     page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})
-    result |= page_entry(page)
 
     def show() -> None:
-        _show_scores(scores)
-        if confidence is not None:
-            _show_confidence(confidence)
+        if isinstance(scores, learning.Scores):
+            _show_scores(scores, confidence)
+        else:
+            _show_alarms(scores)
         if page is not None:
             say(str(page))
 
-    tell(result, as_json, show)
+    names = [recording.recording_id for recording in chosen]
+    sure = {"confidence": confidence and confidence.to_dict()} if isinstance(trained, FaultClassifier) else {}
+    tell({"model": model, "recordings": names, **scores.to_dict(), **sure, **page_entry(page)}, as_json, show)
 
 
-def _show_confidence(confidence: "ConfidenceScores") -> None:
-    rows = [(_name(name), value) for name, value in confidence.to_dict().items() if isinstance(value, int | float)]
-    table("Confidence, by recording", ("figure", "value"), rows)
+def _note_level(trained: "FaultClassifier", tested: "list[Recording] | Recordings", stated: str) -> None:
+    from swashtwin.learning import LEVELS, level_between
+
+    reference = trained.fitted_.training_reference
+    actual = None if reference is None else level_between(reference, tested)
+    if actual not in (None, stated):
+        note(
+            f"level {stated} is stated; by machines and operating points these recordings are {actual}: "
+            f"{LEVELS[str(actual)]}."
+        )
+
+
+def _show_alarms(scores: "AlarmScores") -> None:
+    rows = [
+        (item.label, item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
+         f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_named)
+        for item in scores.classes
+    ]  # fmt: skip
+    header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC against healthy", "named")
+    rate = "" if scores.error_rate is None else f" at a false-alarm rate of {scores.error_rate:g}"
+    columns = len(header) if scores.error_rate is None else len(header) - 1
+    table(f"Alarms{rate}", header[:columns], [row[:columns] for row in rows])
 
 
 def _name(score: str) -> str:
@@ -87,7 +95,7 @@ def _name(score: str) -> str:
     return score.replace("ece_", "calibration_error_").removeprefix("n_").replace("_", " ")
 
 
-def _show_scores(scores: "Scores") -> None:
+def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> None:
     names = ("accuracy", "recording_accuracy", "macro_recall", "macro_f1", "g_mean", "g_mean_laplace",
              "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
     rows = [(_name(name), getattr(scores, name), scores.reasons.get(name, "")) for name in names]
@@ -99,6 +107,16 @@ def _show_scores(scores: "Scores") -> None:
     counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
     without = ("no verdict",) if scores.confusion.shape[1] > len(scores.classes) else ()
     table("Windows of each class (row) by predicted class (column)", ("", *scores.classes, *without), counts)
+    if confidence is None:
+        return
+    figures = confidence.to_dict().items()
+    sure = [(_name(name), value) for name, value in figures if isinstance(value, int | float)]
+    table("Confidence, by recording", ("figure", "value"), sure)
+    if confidence.called_unknown > 0:
+        note(
+            f"diagnose would call {confidence.called_unknown:.0%} of these recordings unknown; the scores count the "
+            "likeliest class of each, not that answer."
+        )
 
 
 def export(

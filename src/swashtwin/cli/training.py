@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.detecting import are_healthy, train_detector
 from swashtwin.cli.exits import require_files, require_target, resumable
 from swashtwin.cli.options import (
     GroupName,
@@ -24,7 +23,7 @@ from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import Choice
 
 _TEST_FRACTION = 0.2
@@ -95,9 +94,10 @@ def train(
     """
     is_chosen = network is None and preset is Preset.recommended
     _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
-    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.foundation import parse
     from swashtwin.learning import load_windows
+    from swashtwin.pump import is_healthy
     from swashtwin.recordings import declared_classes, load_recordings
 
     if resume and checkpoint is None:
@@ -109,13 +109,23 @@ def train(
         recipe["budget"] = parse(budget, "s", name="--budget")
     added = [load_windows(path) for path in add or ()]
     recordings = load_recordings(source)
-    if not added and are_healthy(recordings):
+    if not added and recordings and all(map(is_healthy, recordings.labels)):
         classifier_options = {
-            "test_fraction": test_fraction, "validation_fraction": validation_fraction, "network": network,
-            "set": settings, "checkpoint": checkpoint, "window_stride": window_stride, "window": window,
-            "budget": budget, "preset": preset is Preset.paper, "group": group != "recording",
+            "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
+            "--set": settings, "--checkpoint": checkpoint, "--window-stride": window_stride, "--window": window,
+            "--budget": budget, "--preset": preset is Preset.paper, "--group": group != "recording",
         }  # fmt: skip
-        train_detector(recordings, source, out, error_rate, as_json, **classifier_options)
+        for name, value in classifier_options.items():
+            if value:
+                raise typer.BadParameter(
+                    f"belongs to a classifier, and every recording of {source} is healthy, so train makes an anomaly "
+                    "detector from all of them; leave it out, or add recordings of a fault.",
+                    param_hint=name,
+                )
+        with progress("measuring levels") as bar:
+            detector = AnomalyDetector(error_rate=error_rate).fit(recordings, progress=bar)
+        detector.save(out)
+        _tell_detector(detector, out, as_json)
         return
     _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
     classifier = FaultClassifier(
@@ -193,6 +203,27 @@ def _check_classes(labels: set[str | None], source: Path) -> None:
             "record another, or add synthetic windows of one with --add; healthy recordings alone make an anomaly "
             "detector."
         )
+
+
+def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
+    healthy, n_levels = detector.fitted_, len(detector.layout.levels)
+    result = {
+        "model": out, "kind": "anomaly detector", "recordings": sorted(detector.manifest),
+        "operating_points": len(healthy.points), "levels": n_levels, "error_rate": detector.error_rate_,
+        "notes": detector.notes_,
+    }  # fmt: skip
+
+    def show() -> None:
+        say(
+            f"{out}: anomaly detector from {plural(healthy.n_recordings, 'healthy recording')} at "
+            f"{plural(len(healthy.points), 'operating point')}, {n_levels} levels, false-alarm rate "
+            f"{detector.error_rate_:g}"
+        )
+        for text in detector.notes_:
+            note(f"note: {text}")
+        say(f"Next: swashtwin diagnose {out} FILE")
+
+    tell(result, as_json, show)
 
 
 def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool) -> None:

@@ -1,11 +1,10 @@
 """Names that other rooms import, and where each lives."""
 
 from .alarm_scores import AlarmScores as AlarmScores
-from .alarm_scores import score_alarms as score_alarms
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
-from .anomaly_detector import AnomalyVerdict as AnomalyVerdict
 from .checklist import Check as Check
 from .checklist import next_checks as next_checks
+from .diagnosing import diagnose as diagnose
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .evidence_bands import Band as Band
@@ -16,10 +15,9 @@ from .level_change import LevelChange as LevelChange
 from .level_change import level_changes as level_changes
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
-from .persistence import persistent_alarms as persistent_alarms
 from .prior_classifier import PriorClassifier as PriorClassifier
 from .prior_classifier import fit_prior as fit_prior
+from .reasons import few_machines as few_machines
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
 from .verdict import Diagnosis as Diagnosis
-from .verdict import diagnose as diagnose

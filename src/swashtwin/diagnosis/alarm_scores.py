@@ -1,17 +1,13 @@
-"""How well an anomaly detector does on recordings with labels: false alarms, and alarms for each fault."""
+"""How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for each fault."""
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sklearn.metrics import roc_auc_score
-
-from swashtwin.diagnosis.anomaly_detector import AnomalyDetector, AnomalyVerdict
-from swashtwin.foundation import DataError, LeakError
-from swashtwin.learning import wilson_interval
-from swashtwin.pump import is_healthy
-from swashtwin.recordings import Recording, manifest_of, say_seen, seen_recordings
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import DataError, LeakError, to_table
+from swashtwin.pump import is_healthy, is_same_class
+from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
 
 
 @dataclass(frozen=True)
@@ -20,102 +16,93 @@ class ClassAlarms:
 
     label: str
     """Class."""
+    is_healthy: bool
+    """Whether the class is the healthy one."""
     n_recordings: int
     """Recordings with a verdict."""
     n_no_verdict: int
     """Recordings without one."""
     n_alarms: int
     """Recordings with an alarm."""
-    auroc: float
-    """Area under the curve of this class against the healthy ones, by the nonconformity score; NaN for these, and
-    where one of both has no verdict."""
-
-    @property
-    def share(self) -> float:
-        """Share of the recordings with an alarm; NaN where none has a verdict."""
-        return self.n_alarms / self.n_recordings if self.n_recordings else math.nan
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 % interval of the share (Wilson 1927); 0 to 1 where none has a verdict."""
-        return wilson_interval(self.share, self.n_recordings) if self.n_recordings else (0.0, 1.0)
+    n_named: int | None
+    """Recordings whose class was named; None of a detector, which names none."""
+    share: float | None
+    """Share of the recordings with an alarm; None where none has a verdict."""
+    interval: tuple[float, float]
+    """95 % interval of the share (Wilson 1927); 0 to 1 where none has a verdict."""
+    auroc: float | None
+    """Area under the curve of this class against the healthy ones, by `Diagnosis.score`; None for these, and where one
+    of both has no verdict."""
 
 
 @dataclass(frozen=True)
 class AlarmScores:
-    """Scores of an anomaly detector by class, the healthy class first."""
+    """Scores of a model by class, the healthy class first."""
 
-    error_rate: float
-    """False-alarm rate that the detector states."""
+    error_rate: float | None
+    """False-alarm rate that a detector states; None of a prior."""
     classes: tuple[ClassAlarms, ...]
     """Alarms of each class."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, words and lists that JSON can hold."""
-        return {
-            "error_rate": self.error_rate,
-            "classes": [
-                {
-                    "label": item.label,
-                    "is_healthy": is_healthy(item.label),
-                    "n_recordings": item.n_recordings,
-                    "n_no_verdict": item.n_no_verdict,
-                    "n_alarms": item.n_alarms,
-                    "share": item.share,
-                    "interval": list(item.interval),
-                    "auroc": item.auroc,
-                }
-                for item in self.classes
-            ],
-        }
+        table: dict[str, Any] = to_table(self)
+        return table
 
 
-def score_alarms(detector: AnomalyDetector, recordings: Sequence[Recording]) -> AlarmScores:
-    """Alarms on recordings with labels, all healthy names as one class.
+def labeled_unseen(recordings: Sequence[Recording], manifest: Manifest) -> list[Recording]:
+    """Measured recordings with a label, none of which had a part in a model.
 
     Raises
     ------
     LeakError
-        A recording had a part in the detector.
+        One had.
     DataError
         None has a label.
     """
     labeled = [recording for recording in recordings if recording.label is not None and not recording.synthetic]
     if not labeled:
         raise DataError("no measured recording has a label; label them in the index.")
-    if seen := seen_recordings(detector.manifest, manifest_of(labeled)):
-        raise LeakError(f"{say_seen(seen)} had a part in the detector (its manifest); test on others.")
-    pairs = [(str(recording.label), detector.diagnose(recording)) for recording in labeled]
-    return alarm_scores(pairs, detector.error_rate)
+    if seen := seen_recordings(manifest, manifest_of(labeled)):
+        raise LeakError(f"{say_seen(seen)} had a part in the model (its manifest); test on others.")
+    return labeled
 
 
-def alarm_scores(pairs: Iterable[tuple[str, AnomalyVerdict]], error_rate: float) -> AlarmScores:
-    """Alarms by class of (label, verdict) pairs of one machine's detector."""
-    by_class: dict[str, list[AnomalyVerdict]] = {}
-    healthy_label = ""
-    for label, verdict in pairs:
-        if is_healthy(label):
-            healthy_label = label = healthy_label or label
-        by_class.setdefault(label, []).append(verdict)
-    scores = {
-        label: [verdict.deviation.score for verdict in verdicts if verdict.deviation is not None]
-        for label, verdicts in by_class.items()
-    }
-    healthy = scores.get(healthy_label, [])
-    classes = [
-        ClassAlarms(
-            label,
-            len(scores[label]),
-            len(verdicts) - len(scores[label]),
-            sum(verdict.alarm is True for verdict in verdicts),
-            math.nan if label == healthy_label else _auroc(healthy, scores[label]),
+def alarm_scores(labels: Sequence[str], answers: Sequence[Diagnosis], error_rate: float | None) -> AlarmScores:
+    """Alarms by class, all healthy names as one class."""
+    from swashtwin.learning import wilson_interval
+
+    healthy = next((label for label in labels if is_healthy(label)), "")
+    by_class: dict[str, list[Diagnosis]] = {}
+    for label, answer in zip(labels, answers, strict=True):
+        by_class.setdefault(healthy if is_healthy(label) else label, []).append(answer)
+    usual = [answer.score for answer in by_class.get(healthy, []) if answer.score is not None]
+    classes = []
+    for label, members in sorted(by_class.items(), key=lambda item: (item[0] != healthy, item[0])):
+        judged = [answer for answer in members if answer.label is not None]
+        scores = [answer.score for answer in judged if answer.score is not None]
+        n_alarms = sum(bool(answer.alarm) for answer in judged)
+        share = n_alarms / len(judged) if judged else None
+        is_detector = any(answer.kind == "detector" for answer in members)
+        classes.append(
+            ClassAlarms(
+                label=label,
+                is_healthy=label == healthy,
+                n_recordings=len(judged),
+                n_no_verdict=len(members) - len(judged),
+                n_alarms=n_alarms,
+                n_named=None if is_detector else sum(is_same_class(answer.label, label) for answer in judged),
+                share=share,
+                interval=(0.0, 1.0) if share is None else wilson_interval(share, len(judged)),
+                auroc=None if label == healthy else _auroc(usual, scores),
+            )
         )
-        for label, verdicts in by_class.items()
-    ]
-    return AlarmScores(error_rate, tuple(sorted(classes, key=lambda item: (item.label != healthy_label, item.label))))
+    return AlarmScores(error_rate, tuple(classes))
 
 
-def _auroc(healthy: list[float], faulty: list[float]) -> float:
+def _auroc(healthy: list[float], faulty: list[float]) -> float | None:
     if not healthy or not faulty:
-        return math.nan
+        return None
+    from sklearn.metrics import roc_auc_score
+
     return float(roc_auc_score([False] * len(healthy) + [True] * len(faulty), healthy + faulty))

@@ -2,144 +2,83 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, detector_spectrum
-from swashtwin.diagnosis.layout import require_layout
-from swashtwin.diagnosis.level_change import LevelChange, level_changes
-from swashtwin.foundation import DataError, InputError, load_artifact, save_artifact
+from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
+from swashtwin.diagnosis.classifier_input import as_recordings, relabeled
+from swashtwin.diagnosis.diagnosing import require_layout
+from swashtwin.diagnosis.estimator import Estimator
+from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
+from swashtwin.diagnosis.level_change import level_changes
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.learning import (
     USUAL_ERROR_RATE,
-    Deviation,
     HealthyLevels,
-    Level,
     LevelLayout,
     allowed_error_rate,
     least_validation,
     measure_healthy,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import (
-    Manifest,
-    Recording,
-    RecordingFacts,
-    facts_of,
-    manifest_of,
-    seen_recordings,
-    stated_speed,
-)
+from swashtwin.recordings import Manifest, Recording, facts_of, manifest_of, seen_recordings, stated_speed
 
 _VERSION = 2
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 
 
 @dataclass(frozen=True, eq=False)
-class AnomalyVerdict:
-    """Whether a recording deviates from the healthy ones of its machine."""
+class _Card:
+    """What is saved of a detector."""
 
-    recording_id: str
-    """The recording that was judged."""
-    alarm: bool | None
-    """Whether it is further from the healthy recordings than the false-alarm rate allows; None without a verdict."""
-    p_value: float
-    """Chance that a healthy recording is as far, 1 / (n + 1) at least; NaN without a verdict."""
+    healthy: HealthyLevels
     error_rate: float
-    """False-alarm rate: an alarm is raised where `p_value` is at most this."""
-    n_healthy: int
-    """Number of healthy recordings that it was compared with."""
-    shifts: tuple[str, ...]
-    """Channels that moved as a whole, in words."""
-    changes: tuple[LevelChange, ...]
-    """Levels that moved, furthest first; also without an alarm."""
     notes: tuple[str, ...]
-    """What a reader should know before trusting it."""
-    no_verdict: str | None = None
-    """Why there is no verdict; None where there is one."""
-    deviation: Deviation | None = None
-    """All levels' changes; None without a verdict."""
-    levels: tuple[Level, ...] = ()
-    """What each level is."""
-    facts: RecordingFacts = field(default_factory=RecordingFacts)
-    """Machine, date, condition and file of the recording, as far as it states them."""
-    spectrum: HealthySpectrum | None = None
-    """Its levels over those of the healthy recordings; None without a verdict."""
 
-    def __repr__(self) -> str:
-        return f"<AnomalyVerdict on {self.recording_id}: {self.sentence()}>"
-
-    def sentence(self) -> str:
-        """The verdict in one sentence."""
-        if self.alarm is None:
-            return f"no verdict. {self.no_verdict}"
-        rate, least = f"{100 * self.error_rate:.3g} %", 1 / (self.n_healthy + 1)
-        less = "or less" if self.p_value <= least * (1 + 1e-9) else ""
-        p_value = f"p = {self.p_value:.3g} {less}".rstrip()
-        moved = "; ".join((*self.shifts, *(change.sentence for change in self.changes[:3])))
-        moved = f" Moved: {moved}." if moved else ""
-        if self.alarm:
-            return f"alarm at a false-alarm rate of {rate} ({p_value}, {self.n_healthy} healthy recordings).{moved}"
-        return f"no alarm at a false-alarm rate of {rate} ({p_value}, {self.n_healthy} healthy recordings)."
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold."""
-        deviation = self.deviation
-        return {
-            "recording_id": self.recording_id,
-            "alarm": self.alarm,
-            "p_value": None if deviation is None else self.p_value,
-            "score": None if deviation is None else deviation.score,
-            "error_rate": self.error_rate,
-            "n_healthy": self.n_healthy,
-            "point": None if deviation is None else deviation.point,
-            "shifts": list(self.shifts),
-            "changes": [change.to_dict() for change in self.changes],
-            "notes": list(self.notes),
-            "no_verdict": self.no_verdict,
-        }
+    def __post_init__(self) -> None:
+        _require_allowed(self.healthy.n_recordings, self.error_rate)
 
 
-@dataclass(frozen=True, eq=False)
-class AnomalyDetector:
-    """Levels of healthy recordings, and the false-alarm rate; `fit` makes it."""
+class AnomalyDetector(Estimator):
+    """Detector of deviations from healthy recordings, with a stated false-alarm rate.
+
+    Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
+    operating point; how much they scatter is learned from all points together (docs/explanation/diagnosis.md). It takes
+    recordings, no arrays, which do not state machine and operating point.
+
+    Parameters
+    ----------
+    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow: 20 allow a rate
+        of 0.05, n of them 1 / (n + 1).
+
+    Attributes
+    ----------
+    fitted_ : `HealthyLevels`, what a recording is compared with.
+    error_rate_ : the false-alarm rate.
+    notes_ : what was left out, and what so many recordings cannot give.
+    """
 
     KIND: ClassVar[str] = "anomaly detector"
     """Kind of its file."""
 
-    healthy: HealthyLevels
-    """What a recording is compared with."""
-    error_rate: float
-    """False-alarm rate."""
-    notes: tuple[str, ...] = ()
-    """What was left out, and what so many recordings cannot give."""
+    fitted_: HealthyLevels
+    error_rate_: float
+    notes_: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        require_allowed(self.healthy.n_recordings, self.error_rate)
+    def __init__(self, *, error_rate: float | None = None) -> None:
+        self.error_rate = error_rate
 
-    def __repr__(self) -> str:
-        return (
-            f"<AnomalyDetector: {self.healthy.n_recordings} healthy recordings at {len(self.healthy.points)} operating "
-            f"point(s), false-alarm rate {self.error_rate:g}>"
-        )
-
-    @classmethod
     def fit(
-        cls,
-        recordings: Sequence[Recording],
-        *,
-        error_rate: float | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        self, X: Sequence[Recording], y: Any = None, *, progress: Callable[[int, int], None] | None = None
     ) -> "AnomalyDetector":
-        """Detector of deviations from healthy recordings, with a stated false-alarm rate.
-
-        Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
-        operating point; how much they scatter is learned from all points together (docs/explanation/diagnosis.md).
+        """The same detector, with the levels of healthy recordings.
 
         Parameters
         ----------
-        recordings : healthy ones, labeled so or not at all; 20 allow a rate of 0.05, n of them 1 / (n + 1).
-        error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow.
+        X : healthy recordings, labeled so or not at all.
+        y : not used.
         progress : called with the number of recordings that are done, and of all.
 
         Raises
@@ -147,37 +86,46 @@ class AnomalyDetector:
         DataError
             A recording has a label that is not healthy, or they are unfit, do not fit together, or are too few.
         InputError
-            A false-alarm rate that the recordings are too few for.
+            A false-alarm rate that the recordings are too few for, or no recordings.
         """
+        recordings = _recordings(X)
         for recording in recordings:
             if recording.label is not None and not is_healthy(recording.label):
                 raise DataError(
                     f"{recording.recording_id} is labeled {recording.label!r}; an anomaly detector learns from healthy "
                     "recordings alone: leave the others out, or train a classifier on two classes or more."
                 )
-        if error_rate is not None:
-            require_allowed(len(recordings), error_rate)
+        if self.error_rate is not None:
+            _require_allowed(len(recordings), self.error_rate)
         healthy, notes = measure_healthy(recordings, progress=progress)
-        allowed = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE) if error_rate is None else error_rate
-        if error_rate is None and allowed > USUAL_ERROR_RATE:
-            few = (
-                f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {allowed:g}; "
-                f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
-            )
-            notes = (*notes, few)
-        return cls(healthy, allowed, notes)
+        rate = self.error_rate
+        if rate is None:
+            rate = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE)
+            if rate > USUAL_ERROR_RATE:
+                few = (
+                    f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {rate:g}; "
+                    f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
+                )
+                notes = (*notes, few)
+        return self._set(_Card(healthy, rate, notes))
+
+    def _set(self, card: _Card) -> "AnomalyDetector":
+        self.fitted_, self.error_rate_, self.notes_ = card.healthy, card.error_rate, card.notes
+        return self
 
     @property
     def layout(self) -> LevelLayout:
         """What recordings must have in common with the healthy ones, and which levels are compared."""
-        return self.healthy.layout
+        self._require_fitted()
+        return self.fitted_.layout
 
     @property
     def manifest(self) -> Manifest:
         """The healthy recordings, by id and content."""
-        return self.healthy.manifest
+        self._require_fitted()
+        return self.fitted_.manifest
 
-    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> AnomalyVerdict:
+    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
         """Whether a recording deviates from the healthy ones of its machine at its operating point, and in what.
 
         A recording that cannot be used, or of a machine or operating point without healthy recordings, has no verdict.
@@ -193,46 +141,66 @@ class AnomalyDetector:
         InputError
             A false-alarm rate that the healthy recordings are too few for.
         """
-        rate = self.error_rate if error_rate is None else error_rate
-        require_allowed(self.healthy.n_recordings, rate)
+        self._require_fitted()
+        healthy, rate = self.fitted_, self.error_rate_ if error_rate is None else error_rate
+        _require_allowed(healthy.n_recordings, rate)
         require_layout(self.layout, recording)
+        result = Diagnosis(
+            recording.recording_id,
+            "detector",
+            error_rate=rate,
+            basis=plural(healthy.n_recordings, "healthy recording"),
+            n_basis=healthy.n_recordings,
+            facts=facts_of([recording]),
+        )
         try:
-            deviation = self.healthy.deviation(recording)
+            deviation = healthy.deviation(recording)
             seen = seen_recordings(self.manifest, manifest_of([recording]))
         except DataError as cause:
-            return self._no_verdict(recording, rate, str(cause))
+            return replace(result, no_verdict=str(cause))
         if not math.isfinite(deviation.score):
             reason = "its levels are no finite numbers: a sample is far too large; cut it out or repair the file."
-            return self._no_verdict(recording, rate, reason)
-        notes = deviation.notes
-        if seen:
-            notes = (
-                "It is one of the healthy recordings that made the detector; this proves nothing.",
-                *notes,
-            )
+            return replace(result, no_verdict=reason)
+        own = ("It is one of the healthy recordings that made the detector; this proves nothing.",) if seen else ()
         shifts, changes = level_changes(deviation, self.layout.levels, stated_speed(recording))
-        return AnomalyVerdict(
-            recording_id=recording.recording_id,
-            alarm=deviation.p_value <= rate * (1 + 1e-9),
+        is_alarm = deviation.p_value <= rate * (1 + 1e-9)
+        return replace(
+            result,
+            label="abnormal" if is_alarm else "normal",
             p_value=deviation.p_value,
-            error_rate=rate,
-            n_healthy=self.healthy.n_recordings,
+            score=deviation.score,
             shifts=shifts,
             changes=changes,
-            notes=notes,
+            notes=(*own, *deviation.notes),
             deviation=deviation,
             levels=self.layout.levels,
-            facts=facts_of([recording]),
-            spectrum=detector_spectrum(self.layout, deviation, self.healthy.members(recording)),
+            spectrum=detector_spectrum(self.layout, deviation, healthy.members(recording)),
         )
 
-    def _no_verdict(self, recording: Recording, rate: float, reason: str) -> AnomalyVerdict:
-        count, facts = self.healthy.n_recordings, facts_of([recording])
-        return AnomalyVerdict(recording.recording_id, None, math.nan, rate, count, (), (), (), reason, facts=facts)
+    def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
+        """False alarms, and alarms of each fault, on recordings that had no part in it.
+
+        Parameters
+        ----------
+        X : recordings with labels.
+        y : class of each recording; its own label by default.
+
+        Raises
+        ------
+        LeakError
+            A recording had a part in the detector.
+        DataError
+            None has a label.
+        """
+        labeled = labeled_unseen(relabeled(_recordings(X), y), self.manifest)
+        answers = [self.diagnose(recording) for recording in labeled]
+        return alarm_scores([str(recording.label) for recording in labeled], answers, self.error_rate_)
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the detector was written to it whole."""
-        return save_artifact(path, self.KIND, _VERSION, self, may_be_nan=_MAY_BE_NAN)
+        self._require_fitted()
+        card = _Card(self.fitted_, self.error_rate_, self.notes_)
+        return save_artifact(path, self.KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
     @classmethod
     def load(cls, path: Path | str) -> "AnomalyDetector":
@@ -246,10 +214,20 @@ class AnomalyDetector:
             It is damaged, no detector, or of another version.
         """
         advice = "swashtwin train, or its method save, writes a detector"
-        return load_artifact(path, cls, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+        card = load_artifact(path, _Card, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+        return cls(error_rate=card.error_rate)._set(card)
 
 
-def require_allowed(n_healthy: int, error_rate: float) -> None:
+def _recordings(X: Any) -> Sequence[Recording]:
+    recordings = as_recordings(X)
+    if recordings is None:
+        raise InputError(
+            f"a detector takes recordings, which state machine and operating point; X is a {type(X).__name__}."
+        )
+    return recordings
+
+
+def _require_allowed(n_healthy: int, error_rate: float) -> None:
     """Refuse a false-alarm rate that so many healthy recordings cannot state."""
     needed = least_validation(error_rate)
     if n_healthy < needed:

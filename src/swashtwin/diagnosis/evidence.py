@@ -9,10 +9,10 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis.checklist import Check, next_checks
 from swashtwin.diagnosis.contributions import contributions
+from swashtwin.diagnosis.diagnosing import fit_to_recording
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
-from swashtwin.diagnosis.trust import Trust
-from swashtwin.diagnosis.verdict import Diagnosis, fit_to_recording
-from swashtwin.foundation import InputError
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import InputError, to_table
 from swashtwin.learning import FittedClassifier, cut_windows
 from swashtwin.recordings import Recording, stated_speed
 
@@ -45,6 +45,8 @@ class Evidence:
     """The class that was named."""
     rival: str
     """The next likeliest class: evidence is for the one against the other."""
+    unknown: bool
+    """Whether the recording is unlike the training, so that neither class is named."""
     baseline: str
     """What the samples are compared with, in words: silence, or the mean of the training for a network on levels."""
     margin: float
@@ -120,7 +122,8 @@ class Evidence:
             f"{self.describe(band)} on {channel}{f' ({100 * share:.0f} %)' if self.adds_up else ''}"
             for channel, band, share in self.strongest()
         ]
-        sentences = [f"What speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."]
+        about = "No class is named. Of those trained, what" if self.unknown else "What"
+        sentences = [f"{about} speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."]
         if self.remark:
             sentences.append(self.remark)
         if self.margin <= 0:
@@ -132,48 +135,27 @@ class Evidence:
         if self.nearest:
             neighbors = [f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]]
             same = sum(near.label == self.label for near in self.nearest)
-            sentences.append(
-                f"Nearest training recordings: {', '.join(neighbors)}; {same} of the {len(self.nearest)} nearest are "
-                f"{label}."
-            )
+            count = "" if self.unknown else f"; {same} of the {len(self.nearest)} nearest are {label}"
+            sentences.append(f"Nearest training recordings: {', '.join(neighbors)}{count}.")
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers, words and lists that JSON can hold."""
         strongest = [
-            {
-                "channel": channel,
-                "band": band.name,
-                "low_hz": band.low,
-                "high_hz": band.high,
-                "share": share if self.adds_up else None,
-            }
+            {"channel": channel, "band": band.name, "low_hz": band.low, "high_hz": band.high,
+             "share": share if self.adds_up else None}
             for channel, band, share in self.strongest(10)
-        ]
+        ]  # fmt: skip
+        names = ("recording_id", "unknown", "label", "rival", "margin", "gap", "adds_up", "nearest", "checks")
         return {
-            "recording_id": self.recording_id,
-            "label": self.label,
-            "rival": self.rival,
-            "margin": self.margin,
-            "gap": self.gap,
+            **to_table({name: getattr(self, name) for name in names}),
             "total": self.total if math.isfinite(self.total) else None,
-            "adds_up": self.adds_up,
             "strongest": strongest,
-            "nearest": [
-                {"recording_id": n.recording_id, "label": n.label, "distance": n.distance} for n in self.nearest
-            ],
-            "checks": [{"what": check.what, "why": check.why} for check in self.checks],
             "sentences": list(self.sentences()),
         }
 
 
-def explain(
-    classifier: FittedClassifier,
-    recording: Recording,
-    diagnosis: Diagnosis,
-    *,
-    pistons: int | None = None,
-) -> Evidence:
+def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagnosis) -> Evidence:
     """What the verdict on a recording rests on, by integrated gradients over the windows that speak most for it.
 
     It says what the network looks at, which is not yet why the pump vibrates so: docs/explanation/diagnosis.md has the
@@ -181,8 +163,7 @@ def explain(
 
     Parameters
     ----------
-    diagnosis : of this recording, by this classifier.
-    pistons : number of pistons, to name the piston-pass line.
+    diagnosis : of this recording, by this classifier. Where its `facts` state the number of pistons, lines are named.
 
     Raises
     ------
@@ -213,6 +194,7 @@ def explain(
         recording_id=recording.recording_id,
         label=ranked[0],
         rival=ranked[1],
+        unknown=diagnosis.unknown,
         baseline=adds.baseline,
         margin=adds.margin,
         gap=abs(adds.total - adds.margin) / max(abs(adds.margin), 1e-12),
@@ -225,17 +207,10 @@ def explain(
         bands=adds.bands,
         lines=adds.lines,
         rms=band_rms(samples, adds.bands, classifier.sample_rate),
-        pistons=pistons,
+        pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),
-        checks=_checks(diagnosis.label, diagnosis.trust),
+        checks=next_checks(*(diagnosis.prediction_set[:2] or ranked[:1]), unknown=diagnosis.unknown),
     )
-
-
-def _checks(label: str, trust: Trust | None) -> tuple[Check, ...]:
-    """Those of the class named, and of the next where that one cannot be ruled out."""
-    if trust is None:
-        return next_checks(label)
-    return next_checks(*trust.prediction_set[:2], unknown=trust.unknown)
 
 
 def _best_run(margin: Float64[np.ndarray, " window"]) -> int:

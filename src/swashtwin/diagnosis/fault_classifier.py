@@ -16,10 +16,12 @@ from swashtwin.diagnosis.classifier_input import (
     windows_of_array,
     with_synthetic,
 )
+from swashtwin.diagnosis.diagnosing import diagnose, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.held_out import copy_notes, hold_out_validation, refuse_seen
+from swashtwin.diagnosis.reasons import few_machines
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
-from swashtwin.diagnosis.verdict import Diagnosis, diagnose, recording_probability
+from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError
 from swashtwin.learning import (
     RECOMMENDED_TRAINING,
@@ -28,7 +30,7 @@ from swashtwin.learning import (
     WindowSet,
     require_verdicts,
 )
-from swashtwin.recordings import Recording, join_manifests, recording_groups, usual_window
+from swashtwin.recordings import Manifest, Recording, join_manifests, recording_groups, usual_window
 
 Progress = Callable[[str, int, int], None]
 
@@ -216,7 +218,8 @@ class FaultClassifier(Estimator):
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
-        self.notes_ = (*notes, *copy_notes(windows))
+        few = few_machines(fitted.training_reference) if as_recordings(X) is not None else ""
+        self.notes_ = (*notes, *copy_notes(windows), *([few] if few else []))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
@@ -281,13 +284,20 @@ class FaultClassifier(Estimator):
         recordings = as_recordings(X)
         if recordings is None:
             raise InputError("evaluate takes recordings or a window set; an array is scored with score(X, y).")
-        windows = learning.cut_windows(
-            relabeled(recordings, y),
-            length=self.fitted_.layout.length,
-            classes=self.fitted_.classes,
-            allow_partial_revolution=True,
+        return learning.evaluate(self.fitted_, self.cut_windows(relabeled(recordings, y)), level=level, seed=seed)
+
+    def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:
+        """Windows of recordings as the trained classifier takes them."""
+        self._require_fitted()
+        return learning.cut_windows(
+            recordings, length=self.fitted_.length, classes=self.fitted_.classes, allow_partial_revolution=True
         )
-        return learning.evaluate(self.fitted_, windows, level=level, seed=seed)
+
+    @property
+    def manifest(self) -> Manifest:
+        """Every recording that had a part in it, by id and content."""
+        self._require_fitted()
+        return self.fitted_.manifest
 
     def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
         """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`."""

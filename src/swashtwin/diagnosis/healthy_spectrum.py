@@ -3,16 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64
+from jaxtyping import Float, Float64
 
-from swashtwin.diagnosis.observation import Observation
-from swashtwin.learning import (
-    Deviation,
-    DiagnosingClassifier,
-    LevelLayout,
-    TrainingReference,
-    level_spectrum,
-)
+from swashtwin.learning import Deviation, LevelLayout, TrainingReference, WindowLayout, level_spectrum
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
 
 _LEAST = 5
@@ -65,38 +58,41 @@ class HealthySpectrum:
         )
 
 
-def classifier_spectrum(classifier: DiagnosingClassifier, observation: Observation) -> HealthySpectrum | None:
+def classifier_spectrum(
+    reference: TrainingReference | None,
+    layout: WindowLayout,
+    features: Float[np.ndarray, " feature"],
+    specimen: str,
+    condition: Float64[np.ndarray, " quantity"],
+) -> HealthySpectrum | None:
     """Levels of a recording over the healthy recordings of the training; None where there are none.
 
     Those of the same machine and operating point are taken, or else of the same point, or else all.
+
+    Parameters
+    ----------
+    features : means over the windows of the recording (`DiagnosingClassifier.answer`).
+    specimen : its machine; empty where not stated.
+    condition : its speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
     """
-    reference = classifier.training_reference
-    if reference is None:
+    healthy = np.array([] if reference is None else [is_healthy(label) for label in reference.label], dtype=bool)
+    if reference is None or not healthy.any():
         return None
-    chosen, basis = _healthy_rows(reference, observation)
-    if not chosen.any():
-        return None
-    layout = classifier.layout
-    rows = np.vstack([observation.features.mean(axis=0), reference.features[chosen].astype(np.float64)])
-    low, high, density = level_spectrum(rows, len(layout.channels), layout.length, layout.sample_rate)
-    return HealthySpectrum(layout.channels, layout.unit, low, high, density[0], density[1:], basis)
-
-
-def _healthy_rows(reference: TrainingReference, observation: Observation) -> tuple[Bool[np.ndarray, " recording"], str]:
-    """(which recordings of the training are compared with, what they are in words)."""
-    healthy = np.array([is_healthy(label) for label in reference.label])
     at_point = np.ones(len(healthy), dtype=bool)
     for column, tolerance in enumerate((SPEED_TOLERANCE, PRESSURE_TOLERANCE)):
-        if np.isfinite(observation.condition[column]):
-            at_point &= values_match(reference.condition[:, column], observation.condition[column], tolerance)
-    of_machine = np.array([bool(name) and name == observation.specimen for name in reference.specimen])
+        if np.isfinite(condition[column]):
+            at_point &= values_match(reference.condition[:, column], condition[column], tolerance)
+    of_machine = np.array([bool(name) and name == specimen for name in reference.specimen])
     choices = (
         (healthy & at_point & of_machine, "of this machine at this operating point"),
         (healthy & at_point, "at this operating point, of all machines"),
         (healthy, "of all machines and operating points"),
     )
-    rows, words = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
-    return rows, f"the {rows.sum()} healthy training recordings {words}"
+    chosen, basis = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
+    rows = np.vstack([features, reference.features[chosen].astype(np.float64)])
+    low, high, density = level_spectrum(rows, len(layout.channels), layout.length, layout.sample_rate)
+    basis = f"the {chosen.sum()} healthy training recordings {basis}"
+    return HealthySpectrum(layout.channels, layout.unit, low, high, density[0], density[1:], basis)
 
 
 def detector_spectrum(

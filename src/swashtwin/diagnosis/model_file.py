@@ -1,14 +1,17 @@
 """Saved models of every kind."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
-from swashtwin.diagnosis.fault_classifier import FaultClassifier
-from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.foundation import artifact_kind
 
+if TYPE_CHECKING:
+    from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
+    from swashtwin.diagnosis.fault_classifier import FaultClassifier
+    from swashtwin.diagnosis.prior_classifier import PriorClassifier
 
-def load_model(path: Path | str) -> FaultClassifier | AnomalyDetector | PriorClassifier:
+
+def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":
     """The model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
 
     Raises
@@ -21,8 +24,14 @@ def load_model(path: Path | str) -> FaultClassifier | AnomalyDetector | PriorCla
         The file is damaged, edited, no model, of another version, or its network is not registered.
     """
     kind = artifact_kind(path)
-    if kind == AnomalyDetector.KIND:
+    if kind == "anomaly detector":
+        from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
+
         return AnomalyDetector.load(path)
-    if kind == PriorClassifier.KIND or not Path(path).suffix:
+    if kind == "prior classifier" or not Path(path).suffix:
+        from swashtwin.diagnosis.prior_classifier import PriorClassifier
+
         return PriorClassifier.load(path)
+    from swashtwin.diagnosis.fault_classifier import FaultClassifier
+
     return FaultClassifier.load(path)

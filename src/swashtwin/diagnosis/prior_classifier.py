@@ -10,12 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Shaped
 from torch import from_numpy
 
+from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
+from swashtwin.diagnosis.classifier_input import relabeled
 from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
@@ -59,7 +61,9 @@ SHIPPED = Path(__file__).parent / "priors"
 class PriorClassifier:
     """Classes of recordings from their changes against healthy ones; `fit_prior` or `load_model` makes it.
 
-    `fit` gives it the healthy recordings of machines; without these it has no verdict.
+    `fit` gives the classifier of certain machines from their healthy recordings, and leaves the prior, which serves for
+    all machines of the design, as it is. It is no estimator of scikit-learn, which hands over arrays: these state no
+    speed, pressure and machine.
     """
 
     KIND: ClassVar[str] = "prior classifier"
@@ -200,32 +204,48 @@ class PriorClassifier:
         changes = np.stack([self.change(recording)[0] for recording in recordings])
         return self.forest.predict_proba(changes.reshape(len(changes), -1))
 
-    def predict(self, recordings: Sequence[Recording]) -> Shaped[np.ndarray, " recording"]:
-        """Likeliest class of each recording; raises as `change` does."""
-        return np.array(self.classes)[self.predict_proba(recordings).argmax(axis=1)]
-
     def diagnose(self, recording: Recording) -> Diagnosis:
         """The class of a recording. One that cannot be used, or compared with no healthy one, has no verdict."""
-        facts = facts_of([recording])
+        if not isinstance(recording, Recording):
+            raise InputError(f"a {type(recording).__name__} is no recording; load_recording(path) gives one.")
+        result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
         try:
             change, notes = self.change(recording)
             seen = seen_recordings(self.manifest, manifest_of([recording]))
         except DataError as cause:
-            return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause), facts=facts)
+            return replace(result, no_verdict=str(cause))
         if seen:
             notes = ("It is one of the recordings that the classifier learned from; this proves nothing.", *notes)
         probability = self.forest.predict_proba(change.reshape(1, -1))[0]
-        label = self.classes[int(probability.argmax())]
-        return Diagnosis(
-            recording_id=recording.recording_id,
-            label=label,
+        n_members = len(self._members(recording)[0])
+        return replace(
+            result,
+            label=self.classes[int(probability.argmax())],
             probabilities=dict(zip(self.classes, probability.tolist(), strict=True)),
-            window_labels=(label,),
-            agreement=1.0,
+            score=1 - float(probability[0]),
+            basis=plural(n_members, "healthy recording") + " of the machine",
+            n_basis=n_members,
             notes=notes,
-            reference=plural(len(self._members(recording)[0]), "healthy recording") + " of the machine",
-            facts=facts,
         )
+
+    def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
+        """False alarms, and alarms and names of each fault, on recordings that had no part in it.
+
+        Parameters
+        ----------
+        X : recordings with labels.
+        y : class of each recording; its own label by default.
+
+        Raises
+        ------
+        LeakError
+            A recording had a part in it.
+        DataError
+            None has a label.
+        """
+        labeled = labeled_unseen(relabeled(X, y), self.manifest)
+        answers = [self.diagnose(recording) for recording in labeled]
+        return alarm_scores([str(recording.label) for recording in labeled], answers, None)
 
     def _require_fit(self, recording: Recording, unit: str) -> None:
         """Refuse a recording that no virtual pump is like."""
@@ -345,7 +365,6 @@ def fit_prior(
     speed: tuple[float, float],
     pressure: tuple[float, float],
     n_pumps: int,
-    manifest: Manifest | None = None,
     seed: int = 0,
 ) -> PriorClassifier:
     """Prior trained on the changes of virtual pumps (`synthesis.simulate_changes`).
@@ -356,7 +375,6 @@ def fit_prior(
     pump : the design.
     speed, pressure : ranges that the pumps were drawn from [rad/s, Pa].
     n_pumps : how many were drawn.
-    manifest : recordings of a population that the virtual pumps are like.
 
     Raises
     ------
@@ -381,5 +399,4 @@ def fit_prior(
         n_pumps=n_pumps,
         forest=forest,
         levels=np.empty((0, *change.shape[1:])),
-        manifest={} if manifest is None else manifest,
     )

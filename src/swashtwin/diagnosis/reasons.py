@@ -1,4 +1,4 @@
-"""What of a recording is outside the training's range, in words: operating condition, gain, noise floor, lines."""
+"""What of a recording is outside the training's range, in words: condition, gain, noise floor, lines, machine."""
 
 import math
 from collections.abc import Iterator
@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.learning import DiagnosingClassifier, OutsideFact, outside_facts, swapped_channels
-from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+from swashtwin.learning import DiagnosingClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
+from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
 _SPEED_TOLERANCE = 0.05
 """Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
@@ -54,6 +54,52 @@ def reasons_of(
         changes = {fact.fact: fact for fact in outside if fact.channel == channel}
         reasons += _of_channel(channels[channel], unit, changes, (facts - usual)[channel])
     return tuple(reasons[:_MOST])
+
+
+def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
+    """Faults that the training has of one machine only; recordings that state no machine count as one."""
+    machines = {label: set[str]() for label in reference.label if not is_healthy(label)}
+    for label, specimen in zip(reference.label, reference.specimen, strict=True):
+        if label in machines:
+            machines[label].add(specimen)
+    return tuple(sorted(label for label, names in machines.items() if len(names) < 2))
+
+
+def few_machines(reference: TrainingReference | None) -> str:
+    """That another machine's faults cannot be expected to be named, in words; empty where they can."""
+    if reference is None or not (few := single_machine_classes(reference)):
+        return ""
+    return (
+        f"{', '.join(few)}: measured on one machine only, so that another machine's faults cannot be expected to be "
+        "named. Record each fault on two machines at least, and state which is which (specimen, in the index)."
+    )
+
+
+def another_machine(reference: TrainingReference | None, specimen: str, *, always: bool) -> str:
+    """That a recording's machine had no part in the training, in words, and what would help; empty where it had.
+
+    Parameters
+    ----------
+    specimen : the machine; empty where not stated.
+    always : also where the training has each fault of several machines.
+    """
+    trained = sorted({*(() if reference is None else reference.specimen)} - {""})
+    if reference is None or specimen in trained or not trained:
+        return ""
+    if not (always or (specimen and single_machine_classes(reference))):
+        return ""
+    known = f"one, {trained[0]}" if len(trained) == 1 else f"{len(trained)}, {_listed_names(trained)}"
+    if not specimen:
+        return f"It states no machine. The training knows {known}: of another one, any difference may be the machine's."
+    return (
+        f"Its machine, {specimen}, had no part in the training, which knows {known}. Machines differ as much as faults "
+        f"do, so this difference need not be a fault. Healthy recordings of {specimen} in the training, a detector of "
+        "these alone, or a pump prior adapted to them (swashtwin model adapt) would tell."
+    )
+
+
+def _listed_names(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
 def _of_condition(classifier: DiagnosingClassifier, speed: float, pressure: float) -> Iterator[str]:

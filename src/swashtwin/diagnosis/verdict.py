@@ -1,217 +1,147 @@
-"""What a fitted classifier says of one recording."""
+"""`Diagnosis`: what a model of any kind says of one recording."""
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
+from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum
+from swashtwin.diagnosis.level_change import LevelChange
+from swashtwin.foundation import plural, to_table
+from swashtwin.learning import Choice, Deviation, Level
+from swashtwin.pump import is_healthy
+from swashtwin.recordings import RecordingFacts
 
-from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, classifier_spectrum
-from swashtwin.diagnosis.layout import require_layout
-from swashtwin.diagnosis.observation import observe
-from swashtwin.diagnosis.reasons import reasons_of
-from swashtwin.diagnosis.trust import Trust, trust_in
-from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.learning import (
-    Choice,
-    DiagnosingClassifier,
-    FittedClassifier,
-    WindowSet,
-    likeliest_class,
-    pooled_probabilities,
-    require_verdicts,
-    window_batches,
-)
-from swashtwin.recordings import Recording, RecordingFacts, facts_of, manifest_of, seen_recordings, stated_speed
-
-_TOGETHER = 1024
-"""Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
+_FOR_PAGES = ("facts", "choice", "deviation", "levels", "spectrum")
+"""Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The class of one recording, and how sure the classifier is of it."""
+    """The answer of a classifier, a detector or a pump prior on one recording, and how sure it is."""
 
     recording_id: str
-    """The recording that was diagnosed."""
-    label: str | None
-    """Likeliest class of the whole recording; None where there is no verdict."""
-    probabilities: Mapping[str, float]
-    """Probability of each class, pooled over the windows with the temperature and the dependence that validation
-    recordings gave; empty where there is no verdict. Without `trust` it is a score between classes rather than a
-    calibrated chance: the windows of one recording are not independent, and count as a single one."""
-    window_labels: tuple[str | None, ...]
-    """Likeliest class of each window, in order of time; None where a number of it is not finite."""
-    agreement: float
-    """Share of the windows that say the same as `label`; 0 where there is no verdict."""
-    notes: tuple[str, ...]
-    """What a reader should know before trusting it, such as a condition that was never trained."""
-    trust: Trust | None = None
-    """Which classes cannot be ruled out, and whether it is like any known recording; None where the classifier's
-    confidence was not calibrated (`fit_chosen`, `learn_confidence`)."""
+    """The recording."""
+    kind: str = "classifier"
+    """What answers: ``"classifier"``, ``"detector"`` (`AnomalyDetector`) or ``"prior"`` (`PriorClassifier`)."""
+    unknown: bool = False
+    """Whether the recording does not resemble the training, so that no class is named; `label` says nothing then."""
+    label: str | None = None
+    """Likeliest class of the whole recording, or ``"abnormal"`` or ``"normal"`` of a detector; None without verdict."""
     no_verdict: str | None = None
-    """Why there is no verdict: the recording cannot be used, or a number of the answer is not finite; None where there
-    is one."""
-    choice: Choice | None = None
-    """How the classifier was chosen; None where its network was named."""
-    reference: str = ""
-    """Healthy recordings with which a pump prior compared it, in words; empty where windows were classified."""
+    """Why there is no verdict: the recording cannot be used, or a number of the answer is not finite."""
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    """Probability of each class, pooled over the windows with the temperature and the dependence that validation
+    recordings gave. Without `error_rate` it is a score between classes rather than a calibrated chance: the windows of
+    one recording are not independent, and count as a single one. Of a prior it is the share of the trees."""
+    window_labels: tuple[str | None, ...] = ()
+    """Likeliest class of each window, in order of time; None where a number of it is not finite."""
+    error_rate: float | None = None
+    """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly called unknown or
+    raising a false alarm; None where the confidence was not calibrated (`fit_chosen`, `learn_confidence`)."""
+    prediction_set: tuple[str, ...] = ()
+    """Classes that cannot be ruled out at the error rate, likeliest first."""
+    plausibility: Mapping[str, float] = field(default_factory=dict)
+    """Conformal p-value of each class."""
+    scarce_classes: tuple[str, ...] = ()
+    """Classes whose p-value is taken among the recordings of all of them together, since some have too few for the
+    error rate; that of each other class is taken among its recordings alone."""
+    p_value: float | None = None
+    """Conformal p-value of resembling the recordings of `basis`, 1 / (n + 1) at least; the recording is unknown, or an
+    alarm, where it is at most the error rate."""
+    score: float | None = None
+    """How unlike these it is: `TrainingReference.ood_score`, or the squared distance of a detector."""
+    threshold: float | None = None
+    """Score beyond which a classifier calls a recording unknown."""
+    basis: str = ""
+    """The recordings that it is compared with, in words."""
+    n_basis: int = 0
+    """Number of these recordings."""
+    reasons: tuple[str, ...] = ()
+    """What of the recording is outside the training's range, in words; `notes` hold them too."""
+    shifts: tuple[str, ...] = ()
+    """Channels whose levels moved as a whole, in words; of a detector."""
+    changes: tuple[LevelChange, ...] = ()
+    """Levels that moved, furthest first, also without an alarm; of a detector."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know before trusting it, such as a condition that was never trained."""
     facts: RecordingFacts = field(default_factory=RecordingFacts)
     """Machine, date, condition and file of the recording, as far as it states them."""
-    spectrum: HealthySpectrum | None = field(default=None, compare=False)
-    """Its levels over those of healthy recordings; None without a verdict, or where the training had no healthy one."""
+    choice: Choice | None = None
+    """How the classifier was chosen; None where its network was named."""
+    deviation: Deviation | None = None
+    """All levels' changes; of a detector with a verdict."""
+    levels: tuple[Level, ...] = ()
+    """What each level of `deviation` is."""
+    spectrum: HealthySpectrum | None = None
+    """Its levels over those of healthy recordings; None without a verdict, or where the model has no healthy one."""
 
     def __repr__(self) -> str:
-        if self.no_verdict is not None:
-            return f"<Diagnosis of {self.recording_id}: no verdict ({self.no_verdict})>"
-        classes = sorted(self.probabilities, key=lambda name: -self.probabilities[name])
-        probabilities = ", ".join(f"{name} {self.probabilities[name]:.3f}" for name in classes)
-        notes = f", {plural(len(self.notes), 'note')}" if self.notes else ""
-        windows = plural(self.n_windows, "window")
-        return f"<Diagnosis of {self.recording_id}: {self.label} ({probabilities}), {windows}{notes}>"
+        return f"<Diagnosis of {self.recording_id}: {self.sentence()}>"
+
+    @property
+    def verdict(self) -> str:
+        """The answer in a word: ``"no verdict"``, ``"unknown"``, or `label`."""
+        return "no verdict" if self.label is None else "unknown" if self.unknown else self.label
+
+    @property
+    def alarm(self) -> bool | None:
+        """Whether the recording is called abnormal, faulty or unknown; None without a verdict."""
+        return None if self.label is None else self.unknown or not is_healthy(self.label)
 
     @property
     def n_windows(self) -> int:
         """Windows that the recording gave."""
         return len(self.window_labels)
 
+    @property
+    def agreement(self) -> float:
+        """Share of the windows that say the same as `label`; 0 where there is no verdict."""
+        return 0.0 if self.label is None else self.window_labels.count(self.label) / max(self.n_windows, 1)
+
+    def sentence(self) -> str:
+        """The verdict in words, with how sure it is."""
+        if self.label is None:
+            return f"no verdict: {self.no_verdict}"
+        if self.kind == "detector":
+            return self._detector_sentence()
+        if self.error_rate is None:
+            ranked = sorted(self.probabilities.items(), key=lambda item: -item[1])
+            return f"{self.label} ({', '.join(f'{name} {share:.3f}' for name, share in ranked)})."
+        rate = f"{100 * self.error_rate:.3g} %"
+        if self.unknown:
+            differs = f"What differs most: {self.reasons[0]}" if self.reasons else (
+                "Operating condition, levels, noise floors and lines are within the training's range, so the pattern "
+                "itself is new, as that of a fault never trained would be."
+            )  # fmt: skip
+            return (
+                f"Unknown: its vibration is further from every trained class (score {self.score:.3g}) than that of all "
+                f"but {rate} of {self.basis} (up to {self.threshold:.3g}). {differs}"
+            )
+        if len(self.prediction_set) == 1:
+            return f"{self.label}: no other class is plausible at an error rate of {rate}, by {self.basis}."
+        names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
+        return (
+            f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
+        )
+
+    def _detector_sentence(self) -> str:
+        assert self.p_value is not None
+        assert self.error_rate is not None
+        less = " or less" if self.p_value <= (1 + 1e-9) / (self.n_basis + 1) else ""
+        said = (
+            f"{'alarm' if self.alarm else 'no alarm'} at a false-alarm rate of {100 * self.error_rate:.3g} % "
+            f"(p = {self.p_value:.3g}{less}, {plural(self.n_basis, 'healthy recording')})."
+        )
+        moved = self.moved
+        return f"{said} Moved: {moved}." if self.alarm and moved else said
+
+    @property
+    def moved(self) -> str:
+        """What moved most, in words; of a detector."""
+        return "; ".join((*self.shifts, *(change.sentence for change in self.changes[: 3 - len(self.shifts)])))
+
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold."""
-        return {
-            "recording_id": self.recording_id,
-            "label": self.label,
-            "probabilities": dict(self.probabilities),
-            "window_labels": list(self.window_labels),
-            "n_windows": self.n_windows,
-            "agreement": self.agreement,
-            "notes": list(self.notes),
-            "trust": None if self.trust is None else self.trust.to_dict(),
-            "no_verdict": self.no_verdict,
-        }
-
-
-def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
-    """The class of a recording, labeled or not, from windows cut as in training and without overlap.
-
-    A recording that was loaded from its file is never whole in memory. One that cannot be used (NaN, a dead channel,
-    too short, a damaged file) or whose answer is no finite number, such as one with a sample of 1e20, has no verdict:
-    `Diagnosis.no_verdict` says why.
-
-    Parameters
-    ----------
-    error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
-
-    Raises
-    ------
-    DataError
-        The recording has another sample rate, other channels or another unit.
-    InputError
-        An error rate that the classifier's validation recordings are too few for, or that it knows none of.
-    """
-    if error_rate is not None and classifier.confidence is None:
-        raise InputError(
-            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it without "
-            "--network, with --validation-fraction 0.2."
-        )
-    require_layout(classifier.layout, recording)
-    facts = facts_of([recording])
-    try:
-        scaled_classifier, parts = fit_to_recording(classifier, recording)
-        observation = observe(scaled_classifier, parts())
-        reasons = reasons_of(classifier, observation.condition, observation.facts)
-        notes = (*_notes(classifier, recording), *reasons)
-    except DataError as cause:
-        return Diagnosis(recording.recording_id, None, {}, (), 0.0, (), no_verdict=str(cause), facts=facts)
-    probability, features = observation.probability, observation.features
-    likeliest = likeliest_class(probability)
-    window_labels = tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist())
-    judged = classifier.confidence is not None
-    has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if judged else True)
-    if not has_verdict.all():
-        reason = _not_finite(recording, classifier.layout.length, has_verdict)
-        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason, facts=facts)
-    pooled = pooled_probabilities(probability, classifier.confidence)
-    trust = trust_in(classifier, observation, reasons, error_rate)
-    if not np.isfinite(pooled).all() or (trust is not None and not math.isfinite(trust.ood_score)):
-        reason = "the numbers that the model's confidence rests on are not finite; train it again."
-        return Diagnosis(recording.recording_id, None, {}, window_labels, 0.0, notes, no_verdict=reason, facts=facts)
-    label = classifier.classes[int(pooled.argmax())]
-    return Diagnosis(
-        recording_id=recording.recording_id,
-        label=label,
-        probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
-        window_labels=window_labels,
-        agreement=float(np.mean([name == label for name in window_labels])),
-        notes=notes,
-        trust=trust,
-        choice=classifier.choice if isinstance(classifier, FittedClassifier) else None,
-        facts=facts,
-        spectrum=classifier_spectrum(classifier, observation),
-    )
-
-
-def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> str:
-    """Why windows have no finite answer: where the first is, and how large its samples are."""
-    first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
-    peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
-    which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
-    return (
-        f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} s, "
-        f"where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the file, "
-        "else the model is damaged: train it again."
-    )
-
-
-C = TypeVar("C", bound=DiagnosingClassifier)
-
-
-def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
-    """(the classifier with the scaling of this recording, what gives the recording's windows in parts).
-
-    Raises
-    ------
-    DataError
-        The recording does not fit the classifier.
-    """
-    require_layout(classifier.layout, recording)
-    parts = partial(
-        window_batches,
-        recording.relabeled(None),
-        length=classifier.layout.length,
-        classes=classifier.classes,
-        allow_partial_revolution=True,
-        batch=_TOGETHER,
-    )
-    return classifier.scaled_for(parts), parts
-
-
-def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
-    notes = []
-    if seen := seen_recordings(classifier.manifest, manifest_of([recording])):
-        listed = seen[recording.recording_id]
-        under = "" if listed == recording.recording_id else f", under the name {listed}"
-        notes.append(
-            f"The classifier was made with this very recording{under}; the answer proves nothing about new ones."
-        )
-    condition = recording.condition
-    layout = classifier.layout
-    if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
-        notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
-    if isinstance(classifier, FittedClassifier) and classifier.network.uses_speed and not stated_speed(recording):
-        usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
-        notes.append(
-            f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "
-            "as is usual in the training."
-        )
-    return notes
-
-
-def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
-    """Probability of each class, pooled over the windows; a `DataError` where the recording has no verdict."""
-    classifier, parts = fit_to_recording(fitted, recording)
-    probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
-    pooled = pooled_probabilities(probability, classifier.confidence)
-    require_verdicts(pooled[None], np.array([recording.recording_id]))
-    return pooled
+        """Numbers, words and lists that JSON can hold, the verdict first; without what only pages draw."""
+        table = {name: value for name, value in vars(self).items() if name not in _FOR_PAGES}
+        derived = {"alarm": self.alarm, "n_windows": self.n_windows, "agreement": self.agreement}
+        return {"verdict": self.verdict, **to_table(table), **derived}

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from swashtwin.diagnosis import AnomalyVerdict, next_checks
+from swashtwin.diagnosis import Diagnosis, next_checks
 from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ratio_axis, words
 from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance, spectrum_sentences
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
-from swashtwin.report.wording import fact_entries, number, percent, rig_notice
+from swashtwin.report.wording import fact_entries, number, rig_notice
 
 _NOT_CHECKED = (
     "Which fault it is: healthy recordings say what is usual, not what a fault looks like.",
@@ -18,16 +18,15 @@ _NOT_CHECKED = (
 )
 
 
-def anomaly_part(verdict: AnomalyVerdict, key: str) -> Part:
+def anomaly_part(verdict: Diagnosis, key: str) -> Part:
     """Part of the page about one verdict."""
     blocks: tuple = (Bullets("Channels that moved as a whole", verdict.shifts),)
     if verdict.deviation is not None:
         blocks += (_change_table(verdict), Picture(level_drawing(verdict, key)))
     blocks += (Bullets("What was not checked", _NOT_CHECKED),)
-    moved = "; ".join((*verdict.shifts, *(change.sentence for change in verdict.changes[:3])))
     spectrum = spectrum_sentences(verdict.spectrum)
     answers = {
-        True: (f"It differs from the healthy recordings. Moved: {moved or 'no single level'}.", *spectrum),
+        True: (f"It differs from the healthy recordings. Moved: {verdict.moved or 'no single level'}.", *spectrum),
         False: ("It differs no more from the healthy recordings than these from each other.", *spectrum),
         None: (f"{(verdict.no_verdict or '')[:1].upper()}{(verdict.no_verdict or '')[1:]}",),
     }
@@ -45,7 +44,7 @@ def anomaly_part(verdict: AnomalyVerdict, key: str) -> Part:
         results={"diagnoses": [verdict.to_dict()]},
         verdict=_VERDICTS[verdict.alarm],
         tone=_TONES[verdict.alarm],
-        certainty=(*(() if verdict.alarm is None else (_certainty(verdict),)), *verdict.notes),
+        certainty=(*(() if verdict.alarm is None else (verdict.sentence(),)), *verdict.notes),
         actions=actions[verdict.alarm],
         glance=glance(verdict, key, ()),
         subject=verdict.recording_id,
@@ -57,31 +56,20 @@ _VERDICTS = {True: "Alarm: unlike the healthy recordings", False: "No alarm", No
 _TONES: dict[bool | None, Tone] = {True: "bad", False: "good", None: "unsure"}
 
 
-def _certainty(verdict: AnomalyVerdict) -> str:
-    """How sure the alarm is, in words."""
-    least = 1 / (verdict.n_healthy + 1)
-    p_value = f"{verdict.p_value:.3g}" + (" or less" if verdict.p_value <= least * (1 + 1e-9) else "")
-    return (
-        f"The p-value is {p_value}, by {verdict.n_healthy} healthy recordings; an alarm is raised at a false-alarm "
-        f"rate of {100 * verdict.error_rate:.3g} %."
-    )
-
-
-def _change_table(verdict: AnomalyVerdict) -> Table:
+def _change_table(verdict: Diagnosis) -> Table:
     rows = tuple(
         (Cell(change.level), Cell(words(change.channel)), Cell(f"{change.change:+.1f}"), Cell(number(change.spreads)))
         for change in verdict.changes
     )
     caption = (
         "Levels that moved, furthest first: change from the mean of the healthy recordings, and over the standard "
-        f"deviation of such a difference between healthy ones. Alarms are raised at p ≤ {percent(verdict.error_rate)} "
-        "of all levels together, not by a single one."
+        "deviation of such a difference between healthy ones. Alarms are raised by all levels together, not by one."
     )
     return Table(caption, ("level", "channel", "change [dB]", "standard deviations"), rows)
 
 
 @figure_style()
-def level_drawing(verdict: AnomalyVerdict, key: str) -> Drawing:
+def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
     """Change of each band, and of each shaft order, channel by channel, with three standard deviations in gray."""
     assert verdict.deviation is not None
     change = verdict.deviation.change

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from swashtwin.diagnosis import AnomalyVerdict, Diagnosis, HealthySpectrum, next_checks
+from swashtwin.diagnosis import Diagnosis, HealthySpectrum, next_checks
 from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
@@ -53,19 +53,16 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
     if diagnosis.label is None:
         return _no_verdict_part(diagnosis)
-    trust = diagnosis.trust
-    certainty = (
-        *_how_sure(diagnosis),
-        *((_UNCALIBRATED,) if trust is None else (trust.sentence(),)),
-        *diagnosis.notes[:_MOST_NOTES],
-    )
-    unknown = trust is not None and trust.unknown
-    labels = (diagnosis.label,) if trust is None else trust.prediction_set
+    unknown, possible = diagnosis.unknown, diagnosis.prediction_set
+    sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
+    notes = tuple(note for note in diagnosis.notes if note not in sure[0])
+    certainty = (*sure, *notes[:_MOST_NOTES]) if unknown else (*_how_sure(diagnosis), *sure, *notes[:_MOST_NOTES])
+    labels = possible or (diagnosis.label,)
     checks = next_checks(*labels, unknown=unknown)
     blocks = (
-        Bullets("More to know before trusting it", diagnosis.notes[_MOST_NOTES:]),
+        Bullets("More to know before trusting it", notes[_MOST_NOTES:]),
         Picture(probability_drawing(diagnosis, key)),
-        *(() if diagnosis.reference else (Picture(window_drawing(diagnosis, key)),)),
+        *(() if diagnosis.kind == "prior" else (Picture(window_drawing(diagnosis, key)),)),
         *_folded_choice(diagnosis),
         Bullets("What was not checked", _not_checked(diagnosis)),
     )
@@ -89,10 +86,10 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
     """What stands for the verdict, in a sentence."""
     assert diagnosis.label is not None
     count, share = len(diagnosis.probabilities), percent(diagnosis.probabilities[diagnosis.label])
-    if diagnosis.reference:
+    if diagnosis.kind == "prior":
         return (f"Of {count} classes this one has {share} of the votes of the pump prior's trees.",)
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
-    kind = "score" if diagnosis.trust is None else "probability"
+    kind = "score" if diagnosis.error_rate is None else "probability"
     return (
         f"Of {count} classes this one has a {kind} of {share}, all windows together; taken alone, {agreeing} of "
         f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}).",
@@ -100,39 +97,42 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 
 def _not_checked(diagnosis: Diagnosis) -> tuple[str, ...]:
-    if diagnosis.reference:
+    if diagnosis.kind == "prior":
         return _NOT_CHECKED_BY_PRIOR
-    return _NOT_CHECKED if diagnosis.trust is None else _NOT_CHECKED_BY_TRUST
+    return _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     assert diagnosis.label is not None
-    label, trust = words(diagnosis.label), diagnosis.trust
-    if trust is not None and trust.unknown:
-        return f"Unknown; nearest class: {label}"
-    if trust is not None and len(trust.prediction_set) > 1:
-        return f"Not certain: {' or '.join(map(words, trust.prediction_set))}"
-    return "No fault found" if is_healthy(diagnosis.label) else f"Suspected fault: {label}"
+    if diagnosis.unknown:
+        return "Unknown: unlike every recording of the training"
+    if len(diagnosis.prediction_set) > 1:
+        return f"Not certain: {' or '.join(map(words, diagnosis.prediction_set))}"
+    return "No fault found" if is_healthy(diagnosis.label) else f"Suspected fault: {words(diagnosis.label)}"
 
 
 def _tone(diagnosis: Diagnosis) -> Tone:
-    trust = diagnosis.trust
-    if trust is not None and (trust.unknown or len(trust.prediction_set) > 1):
+    if diagnosis.unknown or len(diagnosis.prediction_set) > 1:
         return "unsure"
     return "good" if is_healthy(diagnosis.label) else "bad"
 
 
 def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The verdict in a sentence, and how the spectrum differs from healthy ones."""
+    if diagnosis.unknown:
+        return (
+            "It names no class: the recording does not resemble those trained.",
+            *spectrum_sentences(diagnosis.spectrum),
+        )
     name = words(diagnosis.label or "")
     nearest = f"The vibration is most like that of recordings of the class {name}."
-    if diagnosis.reference:
-        nearest = f"The change against {diagnosis.reference} is most like that of simulated pumps of the class {name}."
+    if diagnosis.kind == "prior":
+        nearest = f"The change against {diagnosis.basis} is most like that of simulated pumps of the class {name}."
     return (nearest, *spectrum_sentences(diagnosis.spectrum))
 
 
-def glance(verdict: Diagnosis | AnomalyVerdict, key: str, labels: tuple[str, ...]) -> tuple[Picture | Cutaway, ...]:
+def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Picture | Cutaway, ...]:
     """The spectrum over healthy recordings, and the pump with the part of each label marked."""
     facts, spectrum = verdict.facts, verdict.spectrum
     pictures = () if spectrum is None else (Picture(spectrum_over_healthy(spectrum, facts, key)),)
@@ -172,20 +172,22 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     for height, share in enumerate(shares):
         panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
     panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
-    kind = "score" if diagnosis.trust is None else "probability"
-    panel.set_xlabel("share of the trees" if diagnosis.reference else f"{kind} of the class, all windows together")
+    kind = "score" if diagnosis.error_rate is None else "probability"
+    panel.set_xlabel(
+        "share of the trees" if diagnosis.kind == "prior" else f"{kind} of the class, all windows together"
+    )
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     panel.invert_yaxis()
     panel.grid(axis="y", visible=False)
     caption = "From the mean log-probability over the windows. It ranks the classes and is no calibrated probability."
-    if diagnosis.reference:
+    if diagnosis.kind == "prior":
         caption = "Share of the votes of the pump prior's trees. It ranks the classes and is no calibrated probability."
-    if diagnosis.trust is not None:
-        possible = ", ".join(words(name) for name in diagnosis.trust.prediction_set)
+    if diagnosis.error_rate is not None:
+        possible = ", ".join(words(name) for name in diagnosis.prediction_set)
         caption = (
             "Pooled over the windows, with the temperature and the dependence of windows by "
-            f"{diagnosis.trust.basis}. Not ruled out at an error rate of {percent(diagnosis.trust.error_rate)}: "
+            f"{diagnosis.basis}. Not ruled out at an error rate of {percent(diagnosis.error_rate)}: "
             f"{possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}

@@ -9,7 +9,6 @@ from swashtwin.diagnosis import AlarmScores
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Scores
 from swashtwin.plot import confusion, figure_style, words
-from swashtwin.pump import is_healthy
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
@@ -196,8 +195,8 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
     ----------
     key : not used; it has no figures.
     """
-    healthy = [item for item in scores.classes if is_healthy(item.label)]
-    faulty = [item for item in scores.classes if not is_healthy(item.label)]
+    healthy = [item for item in scores.classes if item.is_healthy]
+    faulty = [item for item in scores.classes if not item.is_healthy]
     alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
     rows = tuple(
         (
@@ -205,16 +204,16 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
             Cell(str(item.n_recordings)),
             Cell(str(item.n_no_verdict)),
             Cell(str(item.n_alarms)),
-            Cell(percent(item.share)),
+            Cell("–" if item.share is None else percent(item.share)),
             Cell(f"{percent(item.interval[0])} to {percent(item.interval[1])}"),
-            Cell(number(item.auroc)),
+            Cell("–" if item.auroc is None else number(item.auroc)),
         )
         for item in scores.classes
     )
     header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC")
     table = Table("Alarms by class. AUROC is of the class against the healthy recordings.", header, rows)
     return Part(
-        title="Test of a detector of deviations",
+        title="Test of alarms",
         answer=tuple(
             f"Of {plural(item.n_recordings, 'healthy recording')}, {item.n_alarms} raised a false alarm."
             for item in healthy
@@ -224,7 +223,9 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
         sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
         results={"alarms": [scores.to_dict()]},
         verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",
-        certainty=(f"The detector states a false-alarm rate of {percent(scores.error_rate)}.",),
+        certainty=()
+        if scores.error_rate is None
+        else (f"The detector states a false-alarm rate of {percent(scores.error_rate)}.",),
         actions=(
             *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
             "Use it: swashtwin diagnose MODEL FILE --report page.html.",

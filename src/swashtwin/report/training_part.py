@@ -51,7 +51,7 @@ def detector_part(detector: AnomalyDetector, key: str) -> Part:
     ----------
     key : not used; it has no figures.
     """
-    healthy = detector.healthy
+    healthy = detector.fitted_
     entries = [
         ("healthy recordings", healthy.n_recordings),
         ("machines and operating points", len(healthy.points)),
@@ -59,16 +59,16 @@ def detector_part(detector: AnomalyDetector, key: str) -> Part:
         ("channels", list(detector.layout.channels)),
         ("sample rate", f"{detector.layout.sample_rate:g} Hz"),
     ]
-    blocks = (Bullets("Notes", detector.notes), facts_table("What the detector was made of.", entries))
+    blocks = (Bullets("Notes", detector.notes_), facts_table("What the detector was made of.", entries))
     return Part(
         title="Training of a detector of deviations",
         answer=("It was made from healthy recordings alone: it raises an alarm, and names no fault.",),
         notice="",
         sections=(Section(SectionOrder.TRAINING, "What it was made of", blocks),),
-        results={"detectors": [{"error_rate": detector.error_rate, "recordings": sorted(detector.manifest)}]},
+        results={"detectors": [{"error_rate": detector.error_rate_, "recordings": sorted(detector.manifest)}]},
         verdict=f"A detector from {plural(healthy.n_recordings, 'healthy recording')}",
         certainty=(
-            f"Its false-alarm rate is {percent(detector.error_rate)} of the healthy recordings like these, at the "
+            f"Its false-alarm rate is {percent(detector.error_rate_)} of the healthy recordings like these, at the "
             "machines and operating points that were recorded; elsewhere it gives no verdict.",
         ),
         actions=(

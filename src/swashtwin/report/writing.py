@@ -14,7 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.calibration import Calibration, IdentifiabilityReport
-from swashtwin.diagnosis import AlarmScores, AnomalyDetector, AnomalyVerdict, Diagnosis, Evidence, FaultClassifier
+from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidence, FaultClassifier
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
@@ -42,7 +42,6 @@ Item = (
     | AlarmScores
     | Scores
     | Diagnosis
-    | AnomalyVerdict
     | Evidence
     | Part
 )
@@ -126,8 +125,9 @@ part_of.register(Part)(lambda part, key: part)
 part_of.register(Calibration)(calibration_part)
 part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
-part_of.register(Diagnosis)(diagnosis_part)
-part_of.register(AnomalyVerdict)(anomaly_part)
+part_of.register(Diagnosis)(
+    lambda verdict, key: (anomaly_part if verdict.kind == "detector" else diagnosis_part)(verdict, key)
+)
 part_of.register(Evidence)(evidence_part)
 part_of.register(FittedClassifier)(training_part)
 part_of.register(FaultClassifier)(lambda classifier, key: training_part(classifier.fitted_, key))

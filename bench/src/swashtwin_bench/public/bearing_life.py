@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import AnomalyDetector, AnomalyVerdict, persistent_alarms
+from swashtwin.diagnosis import AnomalyDetector, Diagnosis
 from swashtwin.foundation import VERSION, InputError
 from swashtwin.learning import level_layout
 from swashtwin.monitoring import PointMonitor
@@ -27,6 +27,8 @@ N_HEALTHY = 20
 EARLY = 0.25
 """Share of the life in which an alarm is early."""
 
+RISE, SPREADS = 6.0, 5.0
+"""Rise of a level in dB, and over the standard deviation between healthy recordings, that an alarm takes to stand."""
 PLAIN_RISE = 6.0
 """Rise of a band [dB] that the plain rule counts: twice the amplitude."""
 
@@ -144,10 +146,33 @@ def _shares(life: Sequence[Recording]) -> Float64[np.ndarray, " recording"]:
     return np.asarray(snapshot / snapshot[-1])
 
 
+def persistent_alarms(verdicts: Sequence[Diagnosis]) -> tuple[bool, ...]:
+    """Whether the alarm stands at each recording of a sequence: it does where the one before was an alarm as well, and
+    at least one and the same level has risen far in both.
+
+    A single blow against the housing has no second recording, and levels that fall, as when a machine runs in, are no
+    damage. Recordings without a verdict are passed over.
+
+    Parameters
+    ----------
+    verdicts : of one detector, in order of time.
+    """
+    standing = []
+    before = None
+    for verdict in verdicts:
+        if verdict.deviation is None:
+            standing.append(False)
+            continue
+        risen = (verdict.deviation.change >= RISE) & (verdict.deviation.spreads >= SPREADS) & bool(verdict.alarm)
+        standing.append(before is not None and bool(np.any(risen & before)))
+        before = risen
+    return tuple(standing)
+
+
 def life_values(life: Sequence[Recording]) -> dict[str, float]:
     """Figures of the detector on one bearing, its recordings in order of time to its end."""
-    detector = AnomalyDetector.fit(life[:N_HEALTHY])
-    verdicts: list[AnomalyVerdict] = [detector.diagnose(recording) for recording in life[N_HEALTHY:]]
+    detector = AnomalyDetector().fit(life[:N_HEALTHY])
+    verdicts = [detector.diagnose(recording) for recording in life[N_HEALTHY:]]
     share = _shares(life)[N_HEALTHY:]
     standing = np.array(persistent_alarms(verdicts))
     alarms = np.array([verdict.alarm is True for verdict in verdicts])

@@ -66,8 +66,12 @@ class DiagnosingClassifier(SureClassifier, Protocol):
         """The same classifier with the scaling of one recording."""
 
 
-def unseen_recordings(classifier: Classifier, recordings: Sequence[Recording]) -> list[Recording]:
-    """Measured recordings that had no part in the classifier, in their order; each is read once for its content.
+def unseen_recordings(manifest: Manifest | Iterable[str], recordings: Sequence[Recording]) -> list[Recording]:
+    """Measured recordings that had no part in a model, in their order; each is read once for its content.
+
+    Parameters
+    ----------
+    manifest : of the model.
 
     Raises
     ------
@@ -75,11 +79,11 @@ def unseen_recordings(classifier: Classifier, recordings: Sequence[Recording]) -
         Every recording had a part in it.
     """
     measured = [recording for recording in recordings if not recording.synthetic]
-    seen = seen_recordings(classifier.manifest, manifest_of(measured))
+    seen = seen_recordings(manifest, manifest_of(measured))
     unseen = [recording for recording in measured if recording.recording_id not in seen]
     if not unseen:
         raise DataError(
-            f"all {len(recordings)} recordings had a part in the classifier (its manifest); test on others, or train "
+            f"all {len(recordings)} recordings had a part in the model (its manifest); test on others, or train "
             "with a share held out."
         )
     return unseen

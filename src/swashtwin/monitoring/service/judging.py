@@ -159,7 +159,7 @@ class Pipeline:
                 "learning": settings.learning,
                 "verdict": answer,
                 "probabilities": answer.get("probabilities", {}),
-                "is_unknown": bool((answer.get("trust") or {}).get("unknown")),
+                "is_unknown": bool(answer.get("unknown")),
                 "no_verdict": verdict.pop("no_verdict", None),
             },
             **verdict,

@@ -54,22 +54,12 @@ class Models:
 
 
 def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
-    from swashtwin.diagnosis import AnomalyVerdict
-
     verdict = model.diagnose(recording)
-    if isinstance(verdict, AnomalyVerdict):
-        if verdict.alarm is None:
-            return {"answer": verdict.to_dict(), "no_verdict": verdict.no_verdict}
-        label = "abnormal" if verdict.alarm else "normal"
-        return {"answer": verdict.to_dict(), "label": label, "probability": verdict.p_value}
     answer = verdict.to_dict()
+    answer.pop("window_labels")
     if verdict.label is None:
         return {"answer": answer, "no_verdict": verdict.no_verdict}
-    answer.pop("window_labels")
-    return {
-        "answer": answer,
-        "label": verdict.label,
-        "probability": verdict.probabilities[verdict.label],
-        "confidence": verdict.agreement,
-        "ood_p": None if verdict.trust is None else verdict.trust.ood_p_value,
-    }
+    named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
+    if verdict.n_windows and not verdict.unknown:
+        named["confidence"] = verdict.agreement
+    return {"answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}

@@ -1,0 +1,221 @@
+"""What a fitted classifier says of one recording."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
+from swashtwin.diagnosis.reasons import another_machine, reasons_of
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import DataError, InputError
+from swashtwin.learning import (
+    Confidence,
+    DiagnosingClassifier,
+    FittedClassifier,
+    WindowLayout,
+    WindowSet,
+    likeliest_class,
+    pooled_probabilities,
+    require_verdicts,
+    signal_facts,
+    window_batches,
+)
+from swashtwin.recordings import Recording, facts_of, manifest_of, seen_recordings, stated_speed
+
+_TOGETHER = 1024
+"""Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
+
+
+def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
+    """The class of a recording, labeled or not, from windows cut as in training and without overlap.
+
+    A recording that was loaded from its file is never whole in memory. One that cannot be used (NaN, a dead channel,
+    too short, a damaged file) or whose answer is no finite number, such as one with a sample of 1e20, has no verdict:
+    `Diagnosis.no_verdict` says why.
+
+    Parameters
+    ----------
+    error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
+
+    Raises
+    ------
+    DataError
+        The recording has another sample rate, other channels or another unit.
+    InputError
+        An error rate that the classifier's validation recordings are too few for, or that it knows none of.
+    """
+    confidence, reference = classifier.confidence, classifier.training_reference
+    if error_rate is not None and confidence is None:
+        raise InputError(
+            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it without "
+            "--network, with --validation-fraction 0.2."
+        )
+    require_layout(classifier.layout, recording)
+    result = Diagnosis(recording.recording_id, facts=facts_of([recording]))
+    answers = []
+    try:
+        scaled_classifier, parts = fit_to_recording(classifier, recording)
+        for windows in parts():
+            answers.append((*scaled_classifier.answer(windows), signal_facts(windows)))
+        notes = _notes(classifier, recording)
+    except DataError as cause:
+        return replace(result, no_verdict=str(cause))
+    probability, features, facts = (np.concatenate(part) for part in zip(*answers, strict=True))
+    condition, specimen, mean = windows.condition(0), str(windows.specimen[0]), features.mean(axis=0)
+    reasons = reasons_of(classifier, condition, facts.mean(axis=0))
+    likeliest = likeliest_class(probability)
+    result = replace(
+        result,
+        window_labels=tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist()),
+        notes=(*notes, *reasons),
+    )
+    has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if confidence is not None else True)
+    if not has_verdict.all():
+        return replace(result, no_verdict=_not_finite(recording, classifier.layout.length, has_verdict))
+    pooled = pooled_probabilities(probability, confidence)
+    score = 0.0
+    if confidence is not None and reference is not None:
+        score = reference.ood_score(mean, specimen=specimen, condition=condition)
+    if not (np.isfinite(pooled).all() and math.isfinite(score)):
+        reason = "the numbers that the model's confidence rests on are not finite; train it again."
+        return replace(result, no_verdict=reason)
+    if confidence is not None and reference is not None:
+        result = _with_trust(result, classifier.classes, confidence, probability, score, error_rate)
+    if machine := another_machine(reference, specimen, always=result.unknown):
+        reasons = (*reasons, machine)
+    return replace(
+        result,
+        label=classifier.classes[int(pooled.argmax())],
+        probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
+        reasons=reasons,
+        notes=(*notes, *reasons),
+        choice=classifier.choice if isinstance(classifier, FittedClassifier) else None,
+        spectrum=classifier_spectrum(reference, classifier.layout, mean, specimen, condition),
+    )
+
+
+def _with_trust(
+    result: Diagnosis,
+    classes: tuple[str, ...],
+    confidence: Confidence,
+    probability: Float[np.ndarray, "window class"],
+    score: float,
+    error_rate: float | None,
+) -> Diagnosis:
+    """The diagnosis with the classes that cannot be ruled out, and whether the recording resembles the training."""
+    rate, n = confidence.error_rate if error_rate is None else error_rate, confidence.n_recordings
+    pooled = pooled_probabilities(probability)
+    in_set = confidence.prediction_set(pooled, len(probability), rate)
+    plausible = confidence.plausibility(pooled, len(probability), rate)
+    group = confidence.class_groups(len(classes), rate)
+    p_value = float(confidence.ood_p_value(np.array(score)))
+    return replace(
+        result,
+        unknown=p_value <= rate,
+        error_rate=rate,
+        prediction_set=tuple(classes[index] for index in np.argsort(-pooled) if in_set[index]),
+        plausibility=dict(zip(classes, plausible.tolist(), strict=True)),
+        scarce_classes=tuple(name for name, index in zip(classes, group, strict=True) if index < 0),
+        p_value=p_value,
+        score=score,
+        # the greatest score whose p-value is above the rate: the k-th highest of the validation recordings
+        threshold=float(confidence.ood_score[n - max(1, math.floor(rate * (n + 1) + 1e-9))]),
+        basis=confidence.basis,
+        n_basis=n,
+    )
+
+
+def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> str:
+    """Why windows have no finite answer: where the first is, and how large its samples are."""
+    first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
+    peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
+    which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
+    return (
+        f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} s, "
+        f"where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the file, "
+        "else the model is damaged: train it again."
+    )
+
+
+C = TypeVar("C", bound=DiagnosingClassifier)
+
+
+def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
+    """(the classifier with the scaling of this recording, what gives the recording's windows in parts)."""
+    parts = partial(
+        window_batches,
+        recording.relabeled(None),
+        length=classifier.layout.length,
+        classes=classifier.classes,
+        allow_partial_revolution=True,
+        batch=_TOGETHER,
+    )
+    return classifier.scaled_for(parts), parts
+
+
+def require_layout(layout: WindowLayout, recording: Recording) -> None:
+    """Refuse a recording whose rate, channels or unit are not those that a model was trained on.
+
+    Raises
+    ------
+    DataError
+        They differ; the message says what to do.
+    """
+    if not isinstance(recording, Recording):
+        raise InputError(
+            f"a {type(recording).__name__} is no recording; give one Recording, as load_recording(path) or "
+            "Recording(signal, sample_rate, name) makes it."
+        )
+    actual = replace(layout, sample_rate=float(recording.sample_rate), channels=recording.channels, unit=recording.unit)
+    difference = layout.difference(actual)
+    if not difference:
+        return
+    advice = (
+        "say what the channels of the file are with --names, once for each, or take some of them with --channels, once "
+        "for each"
+    )
+    if difference.startswith("sample rate"):
+        rate = f"{layout.sample_rate:g} Hz"
+        advice = f'bring it to the model\'s rate: swashtwin data convert FILE --resample "{rate}" --out NEW.h5'
+    elif difference.startswith("unit"):
+        advice = 'state what a sample is: --sensitivity with its unit, such as "50 m/s^2", or --unit'
+    raise DataError(
+        f"{recording.recording_id} does not fit the model (what it was trained on against this recording): "
+        f"{difference}; {advice}."
+    )
+
+
+def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
+    notes = []
+    if seen := seen_recordings(classifier.manifest, manifest_of([recording])):
+        listed = seen[recording.recording_id]
+        under = "" if listed == recording.recording_id else f", under the name {listed}"
+        notes.append(
+            f"The classifier was made with this very recording{under}; the answer proves nothing about new ones."
+        )
+    condition = recording.condition
+    layout = classifier.layout
+    if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
+        notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
+    if isinstance(classifier, FittedClassifier) and classifier.network.uses_speed and not stated_speed(recording):
+        usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
+        notes.append(
+            f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "
+            "as is usual in the training."
+        )
+    return notes
+
+
+def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
+    """Probability of each class, pooled over the windows; a `DataError` where the recording has no verdict."""
+    require_layout(fitted.layout, recording)
+    classifier, parts = fit_to_recording(fitted, recording)
+    probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
+    pooled = pooled_probabilities(probability, classifier.confidence)
+    require_verdicts(pooled[None], np.array([recording.recording_id]))
+    return pooled

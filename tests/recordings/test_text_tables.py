@@ -174,9 +174,9 @@ def test_time_stamps_too_coarse_to_tell_the_rate_state_none(tmp_path: Path) -> N
 @pytest.mark.parametrize("empty", [0, 18, 59])
 def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> None:
     words = ["" if number < empty else "ALARM" for number in range(60)]
-    (tmp_path / "a.csv").write_text("x,y,status\n" + "".join(f"{n}.5,{n},{word}\n" for n, word in enumerate(words)))
+    (tmp_path / "a.csv").write_text("x,y,status\n" + "".join(f"{n}.5,{n * n},{word}\n" for n, word in enumerate(words)))
     loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
-    np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60)])
+    np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60) ** 2])
     notes = [finding.message for finding in inspect_recording(loaded).findings if finding.kind == "left_out"]
     assert notes == ["columns that hold text or dates were left out: status."]
 

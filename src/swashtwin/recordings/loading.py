@@ -160,7 +160,10 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
     in_index = None if entry.sample_rate is None else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
     in_file = rate_in_file(raw, chosen, where)
     if in_index is None and in_file is None:
-        raise DataError(f'{where} does not say its sample rate; add sample_rate = "25.6 kHz" (or whatever it was).')
+        doubt = f" ({raw.attributes['time_gaps']})" if "time_gaps" in raw.attributes else ""
+        raise DataError(
+            f'{where} does not say its sample rate{doubt}; add sample_rate = "25.6 kHz" (or whatever it was).'
+        )
     if in_index is None or in_file is None:
         return in_file or _positive(in_index, where)
     if abs(in_index / in_file - 1) > _RATE_TOLERANCE:

@@ -17,9 +17,10 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import SideBySide
+from swashtwin.recordings.formats.clock import time_name, timed
 from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
-from swashtwin.recordings.formats.tables import header_rate, header_units, time_name, timed_columns
+from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
 
@@ -27,7 +28,7 @@ _BYTES = 1 << 24
 """Bytes of text that are in memory together, and the longest line."""
 _EXPANSION = 300
 """Bytes of text per byte of a gzipped file beyond which it holds no measurement."""
-_FORTRAN = re.compile(rb"(?<=\d|\.)[dD](?=[+-]\d)")
+_FORTRAN = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
 """The mark of an exponent as Fortran writes it."""
 _LONGEST_TEXT = 1 << 28
 """Bytes of text that any gzipped file may hold."""
@@ -96,7 +97,8 @@ class _Table:
         self._stamps = {column: StampReader() for column, kind in enumerate(self._kinds) if kind is Kind.stamp}
         self._line = self._dialect.start
         start = self._dialect.start
-        self._attributes = {"header": "\n".join(lines[:start])[:2000]} if start > 1 else {}
+        self._header = "\n".join(lines[:start])
+        self._attributes = {"header": self._header[:2000]} if start > 1 else {}
         self._first = self._first.split(b"\n", start)[-1]
 
     @property
@@ -205,16 +207,17 @@ class _Table:
         for number, line in enumerate(body.split(b"\n"), self._line + 1):
             fields = split_line(_decode(line), self._dialect.separator)
             if len(fields) != width:
-                return DataError(
-                    f"{self._path}: line {number} has {len(fields)} columns, not {width}; the file may be cut off."
-                )
+                reason = "the file may be cut off"
+                if number <= HEAD:
+                    reason += f", or say header_lines = {number} if the table begins below it"
+                return DataError(f"{self._path}: line {number} has {len(fields)} columns, not {width}; {reason}.")
             for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._dialect.names, strict=True)):
                 if kind in (Kind.number, Kind.blank) and field and not NUMBER[decimal].fullmatch(field):
                     reason = "is not a number; correct it"
                     if THOUSANDS.fullmatch(field):
                         reason = "has marks for thousands; write the numbers without them"
                     elif number <= HEAD and not any(NUMBER[decimal].fullmatch(other) for other in fields):
-                        reason += f", or say header_lines = {number} in the index if the table begins below it"
+                        reason += f", or say header_lines = {number} if the table begins below it"
                     return DataError(f"{self._path}: line {number}: {field[:40]!r} in column {name!r} {reason}.")
                 if kind is Kind.stamp and field and not is_stamp(field):
                     return DataError(
@@ -235,7 +238,7 @@ class _Table:
         stamps = {names[column]: reader for column, reader in self._stamps.items() if names[column] not in blank}
         words = [names[column] for column, kind in enumerate(self._kinds) if kind in (Kind.text, Kind.date)]
         columns = {name: values for name, values in columns.items() if name not in blank}
-        time = time_name(self._path, list(columns), options) or next(iter(stamps), options.time_column)
+        time = time_name(self._path, list(columns), options) or next(iter(stamps), None)
         left_out = {
             "text_columns": [*words, *(name for name in stamps if name != time)],
             "blank_columns": [name for name in blank if name not in words and not name.startswith("column_")],
@@ -244,12 +247,20 @@ class _Table:
         if time in stamps and stamps[time].start is not None:
             attributes["date"] = str(stamps[time].start)
         columns = {name: values for name, values in columns.items() if name == time or name not in stamps}
-        units = {name: unit for name, unit in self._dialect.units.items() if name in columns and name not in stamps}
-        header = self._attributes.get("header", "")
-        raw = timed_columns(self._path, columns, units, attributes, replace(options, time_column=time))
-        stated = zip(raw.columns, header_units(header, len(raw.columns)), strict=True)
+        units = {name: "s" if name in stamps else unit for name, unit in self._dialect.units.items() if name in columns}
+        if time in stamps:
+            units[time] = "s"
+        if time in stamps or options.time_column is not None:
+            options = replace(options, time_column=time)
+        raw = timed(self._path, RawFile(columns, None, units, attributes), options)
+        pairs, channels = header_pairs(self._header), list(raw.columns)
+        stated = zip(channels, header_units(pairs, len(channels)), strict=True)
         units = {name: unit for name, unit in stated if unit} | dict(raw.units)
-        return replace(raw, units=units, sample_rate=raw.sample_rate or header_rate(header))
+        texts = stated_sensitivities(pairs)
+        texts = texts * len(channels) if len(texts) == 1 else texts
+        sensitivities = dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
+        rate = raw.sample_rate or header_rate(pairs)
+        return replace(raw, units=units, sample_rate=rate, sensitivities=sensitivities)
 
 
 def _last_value(frame: Any) -> int:
@@ -297,7 +308,8 @@ def _chunks(path: Path) -> Iterator[bytes]:
 
 
 def _with_line_feeds(data: bytes) -> bytes:
-    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+    return data.replace("∞".encode(), b"inf") if b"\xe2\x88\x9e" in data else data
 
 
 def _decode(data: bytes) -> str:

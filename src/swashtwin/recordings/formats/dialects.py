@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from swashtwin.foundation import DataError
+from swashtwin.recordings.formats.clock import named_as_time
 from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
 from swashtwin.recordings.formats.tables import TRADE_UNITS, split_unit
 from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
@@ -17,8 +18,8 @@ from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
 _SEPARATORS = ("\t", ";", "|", ",", " ")
 """Separators, the least likely to stand within a text first."""
 NUMBER = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
-    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE),
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity|∞)", re.IGNORECASE),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity|∞)", re.IGNORECASE),
 }
 """A number with each decimal mark."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
@@ -28,6 +29,11 @@ _TAIL = 40
 """Lines at the end of the head that decide what the columns hold."""
 HEAD = 1000
 """Lines among which the first row is searched."""
+_SENSOR_NAME = re.compile(
+    r"(?:sensor|channel|node|device|module|ch|addr\w*)?[ _]?(?:id|no|nr)|sensor|node", re.IGNORECASE
+)
+"""Headings of columns that tell which sensor a row is of."""
+_LABVIEW = "***End_of_Header***"
 _FEW_ROWS = {" ": 8}
 """Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""
 
@@ -91,8 +97,8 @@ def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
         if options.separator is None:
             best.refuse_ambiguous(path, lines)
     if options.header_lines is None:
-        best.refuse_short_heading(path, lines)
-    best.refuse_tagged(path)
+        best.refuse_other_headings(path, lines)
+    best.refuse_tagged(path, lines)
     names, units = best.headings()
     return Dialect(best.separator, best.decimal, best.start, names, best.kinds, units)
 
@@ -145,29 +151,37 @@ class _Layout:
                 'comma; say separator = "," or decimal = ",".'
             )
 
-    def refuse_short_heading(self, path: Path, lines: Sequence[str]) -> None:
-        """Refuse fewer headings than columns: which column has none cannot be told."""
+    def refuse_other_headings(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse fewer or more headings, or units, than columns: whose they are cannot be told."""
         number = next((number for number in range(self.start - 1, -1, -1) if lines[number].strip()), None)
-        if number is None or self.header or self.separator == " ":
+        fields = [] if number is None else split_line(_uncommented(lines[number]), self.separator)
+        while fields and not fields[-1]:
+            fields.pop()
+        width = max(column for column, kind in enumerate(self.kinds, 1) if kind is not Kind.blank)
+        is_heading = any(fields == header[: len(fields)] and not any(header[len(fields) :]) for header in self.header)
+        if not fields or is_heading or (self.separator == " " and not named_as_time(fields[0])):
             return
-        fields = split_line(lines[number].lstrip("%# "), self.separator)
-        if 1 < len(fields) < len(self.kinds) and all(any(map(str.isalpha, field)) for field in fields):
+        words = (not NUMBER[self.decimal].fullmatch(field) and any(map(str.isalpha, field)) for field in fields)
+        if 1 < len(fields) != width and all(words):
             raise DataError(
-                f"{path}: line {number + 1} has {len(fields)} headings for {len(self.kinds)} columns; name each, "
+                f"{path}: line {(number or 0) + 1} has {len(fields)} headings for {width} columns; name each, "
                 f"or say header_lines = {self.start}."
             )
 
-    def refuse_tagged(self, path: Path) -> None:
-        """Refuse rows of several sensors by turns, which begin with the name of theirs."""
-        if self.kinds[0] is not Kind.text:
-            return
-        tags = [row[0] for row in self.rows]
-        turns = sum(tag != other for tag, other in pairwise(tags))
-        if 1 < len(set(tags)) <= 8 and turns >= max(3, len(set(tags))):
-            raise DataError(
-                f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save the "
-                "rows of each in a file of its own."
-            )
+    def refuse_tagged(self, path: Path, lines: Sequence[str]) -> None:
+        """Refuse rows of several sensors by turns, which hold the name or the number of theirs."""
+        rows = [split_line(line, self.separator) for line in lines[self.start :] if line.strip()]
+        headings = self.header[0] if self.header else [""] * len(self.kinds)
+        for column, kind in enumerate(self.kinds):
+            if kind is not Kind.text and not _SENSOR_NAME.fullmatch(headings[column]):
+                continue
+            tags = [row[column] for row in rows if column < len(row)]
+            turns = sum(tag != other for tag, other in pairwise(tags))
+            if 1 < len(set(tags)) <= 8 and turns >= max(3, len(set(tags)), len(tags) // (20 if column == 0 else 4)):
+                raise DataError(
+                    f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save "
+                    "the rows of each in a file of its own."
+                )
 
     def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
         """Names and units of the columns."""
@@ -183,18 +197,29 @@ class _Layout:
                 unit = below[number].strip("[]() ")
             if name[:2] in ("'=", "'+", "'-", "'@"):
                 name = name[1:]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
-            name = name if name and name not in names else f"column_{number}"
+            name = f"{name}_{number}" if name in names else name or f"column_{number}"
             names.append(name)
             if unit and (known_unit(unit) or plain_unit(unit) in TRADE_UNITS):
                 units[name] = plain_unit(unit)
         return tuple(names), units
 
 
+def _below_labview(lines: Sequence[str]) -> int:
+    """Lines up to the last header of LabVIEW before its rows."""
+    ends = [number for number, line in enumerate(lines) if line.startswith(_LABVIEW)]
+    return ends[min(1, len(ends) - 1)] + 1 if ends else 0
+
+
+def _uncommented(line: str) -> str:
+    """A line of a header without the marks of a comment; a lone ``#`` is the heading of a counter."""
+    return line if re.match(r"#\s*[\t;,|]", line) else line.lstrip("%# ")
+
+
 def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: int | None) -> _Layout | None:
     """How the lines read with one separator and one decimal mark; None where they are no table."""
-    first = header_lines or 0
+    first = header_lines or _below_labview(lines)
     fields = {
-        number: split_line(line.lstrip("%# "), separator)
+        number: split_line(_uncommented(line), separator)
         for number, line in enumerate(lines)
         if number >= first and line.strip()
     }
@@ -225,19 +250,23 @@ def _header(
     fields: dict[int, list[str]], start: int, kinds: Sequence[Kind], decimal: str
 ) -> tuple[int, tuple[list[str], ...]]:
     """Line with the headings, -1 where there is none, and its fields with those of the line above it."""
-    width, ends_blank = len(kinds), kinds[-1] is Kind.blank
+    width = len(kinds)
+    blank = next((number for number, kind in enumerate(reversed(kinds)) if kind is not Kind.blank), 0)
     if width > 2 and _is_counted(fields.get(start, []), width):
         return start, (fields[start],)
     for number in sorted((number for number in fields if number < start), reverse=True):
-        if (texts := _headings(fields[number], width, decimal, ends_blank=ends_blank)) is not None:
-            above = _headings(fields.get(number - 1, []), width, decimal, ends_blank=ends_blank)
+        if (texts := _headings(fields[number], width, decimal, blank=blank)) is not None:
+            above = _headings(fields.get(number - 1, []), width, decimal, blank=blank)
             return number, (texts,) if above is None else (texts, above)
     return -1, ()
 
 
-def _headings(fields: list[str], width: int, decimal: str, *, ends_blank: bool = False) -> list[str] | None:
-    """The fields where they can be headings of so many columns: words, or words before numbered columns."""
-    fields = [*fields, ""] if ends_blank and len(fields) == width - 1 else fields
+def _headings(fields: list[str], width: int, decimal: str, *, blank: int = 0) -> list[str] | None:
+    """The fields where they can be headings of so many columns: words, or words before numbered columns.
+
+    The last columns that are `blank` need no heading.
+    """
+    fields = [*fields, *[""] * (width - len(fields))] if width - blank <= len(fields) < width else fields
     fields = fields[:-1] if len(fields) == width + 1 and not fields[-1] else fields
     numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
     wordy = any(character.isalpha() for field in fields for character in field)
@@ -255,7 +284,10 @@ def _first_row(fields: dict[int, list[str]], header: int, start: int, kinds: Seq
     """First line of numbers below the headings, damaged or not: none is skipped."""
     numbers = [column for column, kind in enumerate(kinds) if kind is Kind.number]
     for number, texts in fields.items():
-        if header < number < start:
+        is_fact = (
+            len(texts) != len(kinds) and texts and texts[0][:1].isalpha() and kinds[0] is not Kind.text
+        )  # "Rate", "10000"
+        if header < number < start and not is_fact:
             if header >= 0 and any(NUMBER[decimal].fullmatch(text) for text in texts):
                 return number
             values = [bool(NUMBER[decimal].fullmatch(texts[column])) for column in numbers if len(texts) == len(kinds)]

@@ -17,6 +17,7 @@ import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
 from swashtwin.recordings.columns import Column, SideBySide
+from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import (
     RATE_NAMES,
     STORE_KIND,
@@ -25,7 +26,6 @@ from swashtwin.recordings.formats.raw import (
     known_unit,
     require_plausible_size,
 )
-from swashtwin.recordings.formats.tables import timed_variables
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -48,7 +48,7 @@ def read(path: Path, options: Options) -> RawFile:
     if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; name a file of one recording.")
     if not name.startswith(KIND):
-        return timed_variables(path, _foreign(path, file), options)
+        return timed(path, _foreign(path, file), options)
     _require_format(path, file, FORMAT)
     return _complete(path, file)
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse, require_memory
+from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.recording import Recording
 
 _HEADER = 128
@@ -42,7 +42,7 @@ def read(path: Path, options: Options) -> RawFile:
         raise DataError(f"{path}: {name} is a MATLAB {kind}, which cannot be read; save its columns as vectors.")
     if objects:
         raw = replace(raw, attributes={**raw.attributes, "objects": ", ".join(objects)})
-    return timed_variables(path, raw, options)
+    return timed(path, raw, options)
 
 
 def _objects(path: Path) -> dict[str, str]:

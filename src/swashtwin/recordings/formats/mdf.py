@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.foundation import DataError, require_memory
+from swashtwin.recordings.formats.clock import read_time_column
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.tables import read_time_column
 from swashtwin.recordings.recording import Recording
 
 _COUNTED = {2: "angle", 3: "distance", 4: "samples"}

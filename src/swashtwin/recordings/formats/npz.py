@@ -9,9 +9,9 @@ import numpy as np
 from numpy.lib import format
 
 from swashtwin.foundation import DataError, require_memory
+from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.mat import sorted_variables
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.formats.tables import timed_variables
 from swashtwin.recordings.recording import Recording
 
 
@@ -25,7 +25,7 @@ def read(path: Path, options: Options) -> RawFile:
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as archive:
             raw = sorted_variables(path, [(name, archive[name]) for name in archive.files])
-    return timed_variables(path, raw, options)
+    return timed(path, raw, options)
 
 
 def _stated_size(path: Path, stream: BinaryIO) -> int:

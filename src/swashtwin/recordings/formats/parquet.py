@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.recordings.columns import Column
+from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
-from swashtwin.recordings.formats.tables import split_unit, timed_columns
+from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.recording import Recording
 
 
@@ -28,9 +29,9 @@ def read(path: Path, options: Options) -> RawFile:
         name, unit = split_unit(heading)
         name = name if name not in columns else heading
         columns[name] = _Column(table.select(heading), height)
-        if unit and not kind.is_temporal():
-            units[name] = unit
-    return timed_columns(path, columns, units, {}, options)
+        if unit or kind.is_temporal():
+            units[name] = "s" if kind.is_temporal() else str(unit)
+    return timed(path, RawFile(columns, None, units), options)
 
 
 def write(recording: Recording, path: Path) -> None:

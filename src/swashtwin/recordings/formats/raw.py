@@ -79,6 +79,8 @@ class RawFile:
     """Whether samples are shares of an unknown full scale (integer WAV)."""
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
+    sensitivities: Mapping[str, str] = field(default_factory=dict)
+    """What the sensor of each column gives, such as ``"99.7 mV/g"``; it holds where the column is in volts."""
     starts: Mapping[str, str] = field(default_factory=dict)
     """When each column starts, in words, where the file says it; columns that start apart are no one recording."""
 
@@ -133,26 +135,30 @@ def acceleration_factor(unit: str) -> float | None:
         return None
 
 
+# fmt: off
 _SPELLINGS = {
     "g's": "g", "gs": "g", "g_n": "g", "gn": "g", "volts": "V", "volt": "V", "amps": "A", "amp": "A", "ms-2": "m/s^2",
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m*s^-2": "m/s^2", "m s-2": "m/s^2",
-    "m.s-2": "m/s^2", "ms^-2": "m/s^2", "mm/s2": "mm/s^2", "deg c": "degC", "°c": "degC", "celsius": "degC",
-    "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm", "sec": "s",
-    "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms", "usec": "us",
-    "micros": "us", "microseconds": "us", "nsec": "ns", "nanoseconds": "ns",
-}  # fmt: skip
+    "m.s-2": "m/s^2", "ms^-2": "m/s^2", "m/s**2": "m/s^2", "mm/s2": "mm/s^2", "deg c": "degC", "°c": "degC",
+    "celsius": "degC", "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm",
+    "sec": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms",
+    "usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "hours": "h",
+    "minutes": "min", "days": "d",
+} | {unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz")}
 """Units as people write them, in small letters, and as they are known here."""
+# fmt: on
 
 
 def plain_unit(text: str) -> str:
-    """A unit in the spelling that is known here.
+    """A unit in the spelling that is known here; what follows the word "since" is left out.
 
     Examples
     --------
-    >>> plain_unit("g's"), plain_unit("ms-2"), plain_unit("\u03bcs"), plain_unit("m/s²"), plain_unit("bar")
-    ('g', 'm/s^2', 'us', 'm/s^2', 'bar')
+    >>> plain_unit("g's"), plain_unit("ms-2"), plain_unit("\u03bcs"), plain_unit("M/S²"), plain_unit("ms since 1970")
+    ('g', 'm/s^2', 'us', 'm/s^2', 'ms')
     """
-    unit = text.strip().replace("\u03bc", "u").replace("\u00b5", "u").replace("²", "^2").replace("⁻", "-")
+    unit = text.partition(" since ")[0].strip().replace("\u03bc", "u").replace("\u00b5", "u")
+    unit = unit.replace("²", "^2").replace("⁻", "-")
     return _SPELLINGS.get(unit.lower(), unit)
 
 

@@ -2,8 +2,9 @@
 
 import logging
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column
+from swashtwin.recordings.formats.clock import TIME_UNITS, timed
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
+from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
 from swashtwin.recordings.recording import Recording
 
-_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit")
+_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
 
 
@@ -31,7 +34,7 @@ def read(path: Path, options: Options) -> RawFile:
             file = nptdms.TdmsFile.open(stream)
             if file.file_status.incomplete_final_segment:
                 raise DataError(f"{path} is cut off: its last segment is incomplete.")
-            raw = _columns(path, file, history)
+            raw = timed(path, _columns(path, file, history), options)
         if unknown := [text for text in messages if "scal" in text.lower()]:
             raise DataError(f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples.")
     except BaseException:
@@ -83,33 +86,56 @@ def _noted_properties(nptdms: Any) -> Iterator[dict[str, list[tuple[int, dict[st
 
 
 def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str, Any]]]]) -> RawFile:
-    groups = file.groups()
+    groups, size = file.groups(), 0
     columns: dict[str, Column] = {}
-    units: dict[str, str] = {}
-    rates: dict[str, float] = {}
-    starts: dict[str, str] = {}
-    size = 0
+    stated: dict[str, tuple[str, dict[str, Any], Any]] = {}
     for group in groups:
         for channel in group.channels():
-            if len(channel) < 2 or channel.dtype.kind not in "fiu":
+            kind = channel.dtype.kind
+            if kind == "V":
+                raise DataError(f"{path}: {channel.name!r} holds raw data of DAQmx and no scale; export it scaled.")
+            if len(channel) < 2 or kind not in "fiuM":
                 continue
             size += len(channel) * (getattr(channel.data_type, "size", None) or 1)
             name = channel.name if len(groups) == 1 else f"{group.name}/{channel.name}"
-            unit = next(filter(None, (known_unit(channel.properties.get(key, "")) for key in _UNIT_PROPERTIES)), None)
             parts = _parts(history.get(channel.path, []), channel)
             for number, (start, stop, properties) in enumerate(parts, 1):
                 key = name if len(parts) == 1 else f"{name} [{number}]"
                 columns[key] = _Channel(file, channel, start, stop)
-                if unit:
-                    units[key] = unit
-                if step := float(properties.get("wf_increment", 0.0)):
-                    rates[key] = snapped_rate(step, 1e-9)
-                if moment := _moment(properties):
-                    starts[key] = str(moment)
+                stated[key] = kind, properties, group
     if size > path.stat().st_size:
         raise DataError(f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}.")
-    facts = {name: str(value) for name, value in file.properties.items()}
-    return RawFile(columns, None, units, facts, rates=rates, starts=starts)
+    raw = RawFile(columns, attributes={name: str(value) for name, value in file.properties.items()})
+    return _with_facts(path, raw, stated, file)
+
+
+def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[str, Any], Any]], file: Any) -> RawFile:
+    """The columns with their units, rates, starts and sensitivities, by kind of samples, properties and group."""
+    units, rates, starts, sensitivities = {}, {}, {}, {}  # type: ignore[var-annotated]
+    for key, (kind, properties, group) in stated.items():
+        pairs = [(name, str(value)) for name, value in properties.items()]
+        if unit := "ns" if kind == "M" else _unit(pairs):
+            units[key] = unit
+        if (along := known_unit(properties.get("wf_xunit_string", ""))) not in (None, *TIME_UNITS):
+            raise DataError(f"{path}: {key!r} runs along {along}, not time; export it as it was recorded.")
+        step = float(properties.get("wf_increment") or 0.0)
+        around = ((name, str(value)) for of in (group, file) for name, value in of.properties.items())
+        if rate := snapped_rate(step, 1e-9) if step > 0 else header_rate(pairs) or header_rate(around):
+            rates[key] = rate
+        if texts := stated_sensitivities(pairs):
+            sensitivities[key] = texts[0]
+        if (moment := _moment(properties)) is not None:
+            near = np.timedelta64(round(1e6 * step), "us")  # less than a sample apart is together
+            starts[key] = next(
+                (text for text in starts.values() if abs(np.datetime64(text) - moment) < near), str(moment)
+            )
+    return replace(raw, units=units, rates=rates, starts=starts, sensitivities=sensitivities)
+
+
+def _unit(pairs: list[tuple[str, str]]) -> str | None:
+    """Unit that the properties of a channel state."""
+    stated = (text for name, text in pairs if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units"))
+    return next((unit for text in stated if (unit := known_unit(text))), None)
 
 
 def _moment(properties: dict[str, Any]) -> np.datetime64 | None:
@@ -156,7 +182,10 @@ class _Channel:
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
         start, stop, step = span.indices(len(self))
-        return np.asarray(self._channel[self._first + start : self._first + stop], dtype=np.float64)[::step]
+        samples = np.asarray(self._channel[self._first + start : self._first + stop])[::step]
+        if samples.dtype.kind == "M":
+            return samples.astype("datetime64[ns]").astype(np.int64)
+        return samples.astype(np.float64)
 
 
 def write(recording: Recording, path: Path) -> None:

@@ -12,7 +12,7 @@ from swashtwin.recordings.formats.raw import load_extra
 
 _DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
 _CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
-_STAMP = re.compile(rf"(?:{_DATE}(?:\s+|[Tt]))?{_CLOCK}(?:\s+{_DATE})?(?:\s?(?:Z|UTC|GMT)|[+-]\d{{2}}:?\d{{2}})?")
+_STAMP = re.compile(rf"(?:{_DATE}(?:\s+|[Tt]))?{_CLOCK}(?:\s+{_DATE})?(?:\s?(?:Z|UTC|GMT)|[+-]\d{{2}}(?::?\d{{2}})?)?")
 _DATE_ALONE = re.compile(_DATE)
 _ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
 """Orders of day, month and year, the European one first."""
@@ -60,7 +60,7 @@ class StampReader:
             .cast(polars.Float64)
             .fill_null(0)
             .alias("second"),
-            stamp.str.extract(r":\d{2}(?:[.,]\d+)?([+-]\d{2}):?\d{2}$")
+            stamp.str.extract(r":\d{2}(?:[.,]\d+)?([+-]\d{2})(?::?\d{2})?$")
             .cast(polars.Float64)
             .fill_null(0)
             .alias("offset_hour"),

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, require_memory
+from swashtwin.recordings.formats.clock import read_time_column
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
-from swashtwin.recordings.formats.tables import read_time_column
 
 _TIME_RESPONSE = 1
 _PARSED = 3

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.stats import rankdata
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
@@ -94,12 +95,12 @@ def measure_fidelity(measured: WindowSet, synthetic: WindowSet, *, seed: int) ->
 def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[TellingFeature, ...]:
     """The features with the highest AUROC, each alone."""
     tables = [extract_features(windows) for windows in (measured, synthetic)]
-    is_synthetic = np.repeat([0, 1], [len(measured), len(synthetic)])
-    features = []
-    for name, real, synthesized in zip(tables[0].names, tables[0].values.T, tables[1].values.T, strict=True):
-        auroc = float(roc_auc_score(is_synthetic, np.concatenate([real, synthesized])))
-        shift = float((synthesized.mean() - real.mean()) / max(real.std(), 1e-12))
-        features.append(TellingFeature(name, max(auroc, 1 - auroc), shift))
+    real, synthesized = (table.values for table in tables)
+    ranks = rankdata(np.concatenate([real, synthesized]), axis=0)[len(real) :].sum(axis=0)
+    auroc = (ranks - len(synthesized) * (len(synthesized) + 1) / 2) / (len(synthesized) * len(real))
+    shift = (synthesized.mean(axis=0) - real.mean(axis=0)) / np.maximum(real.std(axis=0), 1e-12)
+    columns = zip(tables[0].names, np.maximum(auroc, 1 - auroc).tolist(), shift.tolist(), strict=True)
+    features = [TellingFeature(*column) for column in columns]
     return tuple(sorted(features, key=lambda feature: -feature.auroc)[:_TELLING])
 
 

@@ -16,7 +16,6 @@ from pump_signals import RATE, SHAFT, TIME, pump
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals import (
-    FAMILIES,
     Band,
     ShaftAngle,
     indicator_table,
@@ -91,11 +90,10 @@ def test_a_band_that_cannot_be_is_refused() -> None:
 def test_synchronous_lines_have_the_amplitude_and_phase_they_were_made_with(absolute: bool) -> None:
     angle = ShaftAngle(2 * np.pi * (12 * TIME + 0.4 * TIME**2), RATE, 0.0, 1.0, absolute, "truth")
     rows = [2 * np.cos(7 * angle.angle + 0.4), 3 * np.cos(7 * angle.angle - 0.8) + 5]
-    lines = synchronous_lines(np.stack(rows), angle, np.array([1, 7]))
-    assert lines.amplitude[:, 1] == pytest.approx([2, 3], rel=1e-4)
-    assert lines.amplitude[:, 0] == pytest.approx([0, 0], abs=1e-3)
-    assert lines.phase[:, 1] == pytest.approx([0.4, -0.8] if absolute else [0, -1.2], abs=1e-3)
-    assert lines.reference == ("tachometer" if absolute else "first channel")
+    amplitude, phase = synchronous_lines(np.stack(rows), angle, np.array([1, 7]))
+    assert amplitude[:, 1] == pytest.approx([2, 3], rel=1e-4)
+    assert amplitude[:, 0] == pytest.approx([0, 0], abs=1e-3)
+    assert phase[:, 1] == pytest.approx([0.4, -0.8] if absolute else [0, -1.2], abs=1e-3)
 
 
 def test_a_phase_against_the_tachometer_survives_another_start() -> None:
@@ -105,28 +103,17 @@ def test_a_phase_against_the_tachometer_survives_another_start() -> None:
         level = (np.mod(angle, 2 * np.pi) < 0.5).astype(float)
         recording = Recording(np.stack([np.cos(2 * angle + 0.7), level]), RATE, "a", ("x", "tacho"))
         measured = tachometer_speed(recording, "tacho")
-        phases.append(synchronous_lines(recording.signal[:1], measured, np.array([2])).phase[0, 0])
+        phases.append(synchronous_lines(recording.signal[:1], measured, np.array([2]))[1][0, 0])
     assert phases == pytest.approx([0.7, 0.7], abs=math.radians(1.5))
-
-
-def test_the_deviation_of_a_line_is_that_of_noise() -> None:
-    angle = stated_angle(pump())
-    lines = [
-        synchronous_lines(np.random.default_rng(seed).standard_normal((1, 40000)) + np.cos(7 * angle.angle), angle,
-                          np.array([7]))
-        for seed in range(40)
-    ]  # fmt: skip
-    scatter = np.std([result.amplitude[0, 0] for result in lines])
-    stated = np.sqrt(np.mean([result.deviation[0, 0] ** 2 for result in lines]))
-    assert stated == pytest.approx(scatter, rel=0.35)
 
 
 @pytest.mark.parametrize("absolute", [True, False])
 def test_a_line_in_noise_has_no_phase(absolute: bool) -> None:
     angle = ShaftAngle(2 * np.pi * 12 * TIME, RATE, 0.0, 1.0, absolute, "truth")
     noise = np.random.default_rng(0).standard_normal((2, len(TIME)))
-    lines = synchronous_lines(noise + [[1.0], [0.0]] * np.cos(7 * angle.angle + 0.4), angle, np.arange(2, 60))
-    phases = dict(zip(lines.orders.tolist(), lines.phase.T, strict=True))
+    orders = np.arange(2, 60)
+    _, phase = synchronous_lines(noise + [[1.0], [0.0]] * np.cos(7 * angle.angle + 0.4), angle, orders)
+    phases = dict(zip(orders.tolist(), phase.T, strict=True))
     assert phases.pop(7) == pytest.approx([0.4 if absolute else 0, math.nan], abs=0.05, nan_ok=True)
     assert np.isfinite(list(phases.values())).sum() <= 1
 
@@ -167,8 +154,6 @@ def test_the_kurtogram_finds_the_band_that_rings(ring: float) -> None:
     low, high = result.band
     assert low - 200 < ring < high + 200
     assert high - low < 2000
-    assert result.impulsive
-    assert not kurtogram(np.random.default_rng(3).standard_normal(40000)).impulsive
 
 
 def test_a_kurtogram_keeps_bands_that_are_wide_enough() -> None:
@@ -187,16 +172,9 @@ def test_statistics_from_sums_of_powers_are_the_time_statistics() -> None:
 
 
 def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:
-    spectrum = envelope_spectrum(bursts(noise=0.1)[None], RATE)
-    low = spectrum.frequency < 300
-    assert spectrum.frequency[low][spectrum.amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
-
-
-def test_the_envelope_of_a_modulated_carrier_reads_its_modulation() -> None:
-    carrier = 2.0 * (1 + 0.3 * np.cos(2 * np.pi * 25 * TIME)) * np.sin(2 * np.pi * 2000 * TIME)
-    spectrum = envelope_spectrum(carrier[None], RATE, (1500, 2500))
-    assert spectrum.amplitude[0, 100] == pytest.approx(0.6, rel=0.01)
-    assert spectrum.frequency[100] == 25
+    frequency, amplitude, _ = envelope_spectrum(bursts(noise=0.1)[None], RATE)
+    low = frequency < 300
+    assert frequency[low][amplitude[0, low].argmax()] == pytest.approx(40, abs=0.3)
 
 
 def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
@@ -260,15 +238,12 @@ def test_a_short_recording_has_gaps_and_no_error() -> None:
 def test_what_no_table_can_be_made_of_is_said() -> None:
     with pytest.raises(InputError, match="no family of indicators 'speed'"):
         indicators_of(pump(), families=("speed",))
-    with pytest.raises(InputError, match="no channel"):
-        indicators_of(pump(), channels=["x"])
     with pytest.raises(InputError, match="pistons"):
         indicators_of(pump(), pistons=0)
     with pytest.raises(DataError, match="no recording"):
         stacked([])
     with pytest.raises(InputError, match="no indicator 'rsm'"):
         indicators_of(pump()).column("rsm")
-    assert set(FAMILIES) == {"statistics", "velocity", "bands", "orders", "envelope"}
 
 
 @pytest.mark.parametrize(("kind", "position"), [("amplitude", 105.0), ("order", 7.0)])

@@ -249,7 +249,7 @@ def _indicators_of(
     ----------
     results : `partial_results` of the first recordings, and the function that adds those of the next.
     """
-    from swashtwin.foundation import DataError, InputError
+    from swashtwin.foundation import DataError, InputError, from_table, to_table
     from swashtwin.signals import (
         BANDS,
         FAMILIES,
@@ -278,14 +278,14 @@ def _indicators_of(
     for number, recording in enumerate(with_bar(recordings, "indicators")):
         if number < len(finished):
             table_of, refusal = finished[number]
-            tables.append(IndicatorTable.from_dict(table_of))
+            tables.append(from_table(table_of, IndicatorTable))
             refusals += refusal
             continue
         count = len(refusals)
         tables.append(long_indicators(recording.unloaded(), describe))
         del refusals[count + 1 :]  # of stretches, one each
         if add is not None:
-            add((tables[-1].to_dict(), refusals[count:]))
+            add((to_table(tables[-1]), refusals[count:]))
     if refusals and len(refusals) == len(recordings):
         raise DataError(refusals[0])
     for reason in refusals:

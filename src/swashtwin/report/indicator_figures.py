@@ -23,19 +23,9 @@ _TITLES = {
 
 
 @figure_style()
-def spectrum_drawing(spectrum: LineSpectrum, *, top: float | None = None) -> Drawing:
-    """A spectrum of each channel with the expected lines of the shaft and the pistons.
-
-    Parameters
-    ----------
-    top : end of the axis, in its unit; by default a little beyond the last marked line, or the whole axis.
-
-    Raises
-    ------
-    InputError
-        A `top` that leaves nothing to draw.
-    """
-    figure, marks = marked_spectrum(spectrum, top)
+def spectrum_drawing(spectrum: LineSpectrum) -> Drawing:
+    """A spectrum of each channel with the expected lines of the shaft and the pistons."""
+    figure, marks = marked_spectrum(spectrum, None)
     columns: dict[str, Sequence[float] | np.ndarray] = {
         f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.position,
         **{

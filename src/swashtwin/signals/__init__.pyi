@@ -1,9 +1,6 @@
 """Names that other rooms import, and where each lives."""
 
-from .bearings import BEARINGS as BEARINGS
-from .bearings import SEATS as SEATS
-from .bearings import defect_prominences as defect_prominences
-from .bearings import prewhitened as prewhitened
+from .bearings import defect_orders as defect_orders
 from .comparison import aligned as aligned
 from .comparison import peak_error as peak_error
 from .comparison import spectral_correlation as spectral_correlation

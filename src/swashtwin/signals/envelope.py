@@ -23,8 +23,6 @@ _EDGE = 4
 """Values of the envelope dropped at either end, where the filter sees the signal's other end."""
 _SURE = 3.0
 """Standard deviations of noise taken off a band's kurtosis before bands are compared."""
-_CLEAR = 6.0
-"""The same, that the best of hundreds of bands must exceed; noise did in 1 of 180 trials (8.4), else reached 5.4."""
 _ABREAST = 8
 """Bands that are transformed together where there are so many: the processor does several at a time."""
 _LONG = 1 << 19
@@ -59,11 +57,6 @@ class Kurtogram:
     def band(self) -> tuple[float, float]:
         """Edges [Hz] of the best band."""
         return float(self.low[self.best]), float(self.high[self.best])
-
-    @property
-    def impulsive(self) -> bool:
-        """Whether the best band is more impulsive than noise would be."""
-        return bool(self.kurtosis[self.best] > _CLEAR * self.deviation[self.best])
 
 
 def kurtograms(
@@ -145,20 +138,6 @@ def _filters(last: int, count: int) -> tuple[Int[np.ndarray, " band"], Float32[n
     return first, np.repeat(weights.astype(np.float32), 2, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class EnvelopeSpectrum:
-    """Spectrum of each channel's envelope."""
-
-    frequency: Float[np.ndarray, " frequency"]
-    """Frequencies [Hz]."""
-    amplitude: Float[np.ndarray, "channel frequency"]
-    """One-sided peak amplitude in the signal's unit: A (1 + m cos) in the band reads A m."""
-    low: Float[np.ndarray, " channel"]
-    """Lower edge of each channel's band [Hz]."""
-    high: Float[np.ndarray, " channel"]
-    """Upper edge of each channel's band [Hz]."""
-
-
 def envelopes(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, bands: Float[np.ndarray, "channel 2"]
 ) -> Float[np.ndarray, "channel time"]:
@@ -174,15 +153,12 @@ def envelope_spectrum(
     signal: Float[np.ndarray, "channel time"],
     sample_rate: float,
     band: tuple[float, float] | None = None,
-    *,
-    resolution: float | None = None,
-) -> EnvelopeSpectrum:
-    """Amplitudes of the envelope, its mean removed, Hann taper corrected.
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"], Float[np.ndarray, "channel 2"]]:
+    """Frequencies [Hz], peak amplitudes of the envelope (A (1 + m cos) in the band reads A m), and each channel's band.
 
     Parameters
     ----------
     band : edges [Hz] of the band whose envelope is taken; None lets the kurtogram choose one for each channel.
-    resolution : spacing of the lines [Hz]; None takes one segment over the whole signal.
 
     Raises
     ------
@@ -193,8 +169,8 @@ def envelope_spectrum(
     --------
     >>> time = np.arange(20000) / 10000
     >>> struck = (1 + 0.5 * np.cos(2 * np.pi * 30 * time)) * np.sin(2 * np.pi * 2000 * time)
-    >>> found = envelope_spectrum(struck[None], 10000.0, (1500, 2500))
-    >>> print(f"{found.frequency[60]:.0f} Hz: {found.amplitude[0, 60]:.2f}")
+    >>> frequency, amplitude, _ = envelope_spectrum(struck[None], 10000.0, (1500, 2500))
+    >>> print(f"{frequency[60]:.0f} Hz: {amplitude[0, 60]:.2f}")
     30 Hz: 0.50
     """
     if band is not None and not 0 <= band[0] < band[1] <= sample_rate / 2:
@@ -204,6 +180,4 @@ def envelope_spectrum(
         )
     chosen = [gram.band for gram in kurtograms(signal, sample_rate)] if band is None else [band] * len(signal)
     bands = np.array(chosen, dtype=float)
-    envelope = envelopes(signal, sample_rate, bands)
-    frequency, amplitude = amplitude_spectrum(envelope, sample_rate, resolution)
-    return EnvelopeSpectrum(frequency, amplitude, bands[:, 0], bands[:, 1])
+    return *amplitude_spectrum(envelopes(signal, sample_rate, bands), sample_rate), bands

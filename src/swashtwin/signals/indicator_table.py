@@ -102,18 +102,6 @@ class IndicatorTable:
         ]
         return {"columns": columns, "rows": rows}
 
-    @classmethod
-    def from_dict(cls, table: dict[str, Any]) -> "IndicatorTable":
-        """The table from what `to_dict` gave."""
-        columns = tuple(Indicator(**column) for column in table["columns"])
-        rows = tuple(
-            Row(row["recording"], row["channel"], row["class"], row["specimen"], row["date"], row["speed_rad_s"],
-                row["pressure_pa"])
-            for row in table["rows"]
-        )  # fmt: skip
-        values = [[row["values"][column.name] for column in columns] for row in table["rows"]]
-        return cls(rows, columns, np.array(values, dtype=float).reshape(len(rows), len(columns)))
-
 
 def indicators_of(
     recording: Recording,
@@ -122,7 +110,6 @@ def indicators_of(
     pistons: int | None = None,
     bands: Sequence[Band] = BANDS,
     families: Iterable[str] = tuple(FAMILIES),
-    channels: Sequence[str] | None = None,
 ) -> IndicatorTable:
     """Indicators of each channel of a recording.
 
@@ -135,12 +122,11 @@ def indicators_of(
     pistons : number of pistons z: lines at 1, 2, z and 2 z times the shaft are described, without it at 1 and 2.
     bands : bands whose levels are wanted, in Hz or in shaft orders; those above half the sample rate are NaN.
     families : names among `FAMILIES`.
-    channels : channels to describe; all by default. A tachometer's own channel has no vibration to describe.
 
     Raises
     ------
     InputError
-        An unknown family or channel, no piston, or an angle of another recording.
+        An unknown family, no piston, or an angle of another recording.
     DataError
         The recording is unfit: missing samples, a constant channel, gaps.
     """
@@ -150,21 +136,20 @@ def indicators_of(
         raise InputError(f"no family of indicators {unknown[0]!r}; there are {', '.join(FAMILIES)}.")
     if pistons is not None and pistons < 1:
         raise InputError(f"pistons ({pistons}) must be 1 or more.")
-    picked = recording if channels is None else recording.picked(channels)
-    refuse_unfit(picked.replace(signal=picked.signal))  # a file is read once
+    refuse_unfit(recording.replace(signal=recording.signal))  # a file is read once
     if angle is not None:
         angle.require_fits(recording)
         shaft: float | None = angle.mean_speed / (2 * math.pi)
     else:
         shaft = stated_speed(recording)
     orders = (1, 2) if pistons is None else tuple(sorted({1, 2, pistons, 2 * pistons}))
-    measured = Measured(picked, shaft, angle, orders, tuple(bands))
-    pairs = [pair for name in wanted for pair in FAMILIES[name][1](measured)]
+    measured = Measured(recording, shaft, angle, orders, tuple(bands))
+    pairs = [pair for name in wanted for pair in FAMILIES[name](measured)]
     pressure = math.nan if recording.condition is None else recording.condition.discharge_pressure
     date = recording.attributes.get("date")
     facts = (recording.label, recording.specimen, None if date is None else str(date))
     speed = math.nan if shaft is None else 2 * math.pi * shaft
-    rows = tuple(Row(recording.recording_id, channel, *facts, speed, pressure) for channel in picked.channels)
+    rows = tuple(Row(recording.recording_id, channel, *facts, speed, pressure) for channel in recording.channels)
     values = np.stack([value for _, value in pairs], axis=1) if pairs else np.empty((len(rows), 0))
     return IndicatorTable(rows, tuple(column for column, _ in pairs), values)
 

@@ -181,7 +181,7 @@ def _lines(measured: Measured) -> Values:
             continue
         try:
             lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
-            amplitude, phase = lines.amplitude[:, 0], lines.phase[:, 0]
+            amplitude, phase = (values[:, 0] for values in lines)
         except InputError:
             amplitude = phase = np.full(measured.recording.n_channels, math.nan)
         reference = "the tachometer's pulse" if angle.absolute else "the first channel"
@@ -216,13 +216,7 @@ def _envelope(measured: Measured) -> Values:
         yield indicator, _or_nan(measured, amplitude_of(order), envelope)
 
 
-FAMILIES: Mapping[str, tuple[str, Callable[[Measured], Values]]] = MappingProxyType(
-    {
-        "statistics": ("rms, peak, crest factor, kurtosis, skewness", _statistics),
-        "velocity": ("rms velocity, 10 to 1000 Hz", _velocity),
-        "bands": ("rms in bands of Hz or of shaft orders", _levels),
-        "orders": ("amplitude, and with an angle phase, of shaft orders", _lines),
-        "envelope": ("most impulsive band, and shaft orders of its envelope", _envelope),
-    }
+FAMILIES: Mapping[str, Callable[[Measured], Values]] = MappingProxyType(
+    {"statistics": _statistics, "velocity": _velocity, "bands": _levels, "orders": _lines, "envelope": _envelope}
 )
-"""Families of indicators: what they hold, and the function that computes them."""
+"""Families of indicators, and the function that computes each."""

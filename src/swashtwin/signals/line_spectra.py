@@ -72,7 +72,7 @@ def spectrum_of(
     angle: ShaftAngle | None = None,
     pistons: int | None = None,
     band: tuple[float, float] | None = None,
-    resolution: float | None = None,
+    resolution: float = 0.0,
 ) -> LineSpectrum:
     """Spectrum of each channel, Hann taper corrected, with the places of the shaft's and the pistons' lines.
 
@@ -82,7 +82,7 @@ def spectrum_of(
     angle : shaft angle from a tachometer or a followed line; orders fall back on the stated speed without it.
     pistons : number of pistons, for the marks.
     band : edges [Hz] for the envelope; by default the kurtogram's for each channel.
-    resolution : spacing of lines [Hz], or in orders for ``order``; None takes the whole recording at once.
+    resolution : spacing of the lines of an amplitude spectrum [Hz]; 0 takes the whole recording at once.
 
     Raises
     ------
@@ -99,14 +99,14 @@ def spectrum_of(
         frequency, amplitude = amplitude_spectrum(signal, rate, resolution)
         return LineSpectrum(*header, "frequency", "Hz", frequency, amplitude, unit, _marks(shaft, pistons))
     if kind == "envelope":
-        spectrum = envelope_spectrum(signal, rate, band, resolution=resolution)
-        bands = tuple(zip(spectrum.low.tolist(), spectrum.high.tolist(), strict=True))
+        frequency, amplitude, edges = envelope_spectrum(signal, rate, band)
+        bands = tuple((float(low), float(high)) for low, high in edges)
         marks = _marks(shaft, pistons)
-        return LineSpectrum(*header, "frequency", "Hz", spectrum.frequency, spectrum.amplitude, unit, marks, bands)
+        return LineSpectrum(*header, "frequency", "Hz", frequency, amplitude, unit, marks, bands)
     angle = stated_angle(recording) if angle is None else angle
     turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
     per_turn = float(turned.attributes["samples_per_turn"])
-    order, amplitude = amplitude_spectrum(turned.signal, per_turn, resolution)
+    order, amplitude = amplitude_spectrum(turned.signal, per_turn)
     marks = _marks(1.0, pistons)
     return LineSpectrum(*header, "order", "", order, amplitude, unit, marks, angle_from=angle.source)
 

@@ -113,20 +113,13 @@ def periodic_signal(lines: Complex[np.ndarray, "*batch order"], steps: int) -> F
 
 
 def amplitude_spectrum(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, resolution: float | None = None
+    signal: Float[np.ndarray, "channel time"], sample_rate: float, resolution: float = 0.0
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"]]:
     """Frequencies [Hz] and one-sided peak amplitudes, Hann taper, averaged over half-overlapping segments.
 
     Parameters
     ----------
-    signal : samples, any unit.
-    sample_rate : [Hz].
-    resolution : spacing of the lines [Hz]; None takes one segment over the whole signal.
-
-    Raises
-    ------
-    InputError
-        A resolution that is not positive, or above half the sample rate.
+    resolution : spacing of the lines [Hz], no finer than the whole signal in one segment gives.
 
     Examples
     --------
@@ -135,12 +128,7 @@ def amplitude_spectrum(
     >>> print(f"{amplitude[0, 50]:.3f}")
     1.000
     """
-    if resolution is not None and not 0 < resolution <= sample_rate / 2:
-        raise InputError(
-            f"resolution ({resolution:g}) is the spacing of the lines: above 0 and at most half the sample rate "
-            f"({sample_rate / 2:g})."
-        )
-    length = signal.shape[-1] if resolution is None else min(signal.shape[-1], round(sample_rate / resolution))
+    length = round(sample_rate / max(resolution, sample_rate / signal.shape[-1]))
     frequency, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, scaling="spectrum")
     return frequency, np.sqrt(2 * power)
 

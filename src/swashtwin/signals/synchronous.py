@@ -1,7 +1,6 @@
 """Magnitude and phase of lines at multiples of the shaft, along its angle."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -16,43 +15,14 @@ _CLEAR = 5.2
 """Amplitude over noise from which a line has a phase: noise reaches it once in 1000 lines (F of 2 and 6 degrees)."""
 
 
-@dataclass(frozen=True, eq=False)
-class SynchronousLines:
-    """Lines that turn with the shaft: sum of amplitude · cos(order · angle + phase)."""
-
-    orders: Int[np.ndarray, " order"]
-    """Multiples of the shaft."""
-    lines: Complex[np.ndarray, "channel order"]
-    """Peak amplitude times exp(i phase)."""
-    deviation: Float[np.ndarray, "channel order"]
-    """Standard deviation of the amplitude, from the scatter between four parts of the recording."""
-    noise: Float[np.ndarray, "channel order"]
-    """Root mean square of the complex line's error, from the scatter of its value between four parts."""
-    reference: str
-    """What phases count from: ``"tachometer"``, whose pulse is angle 0, or ``"first channel"``, whose phases are 0."""
-
-    @property
-    def amplitude(self) -> Float[np.ndarray, "channel order"]:
-        """Peak amplitude, in the signal's unit."""
-        return np.abs(self.lines)
-
-    @property
-    def phase(self) -> Float[np.ndarray, "channel order"]:
-        """Phase [rad] in (-pi, pi]; positive where the line peaks before the reference.
-
-        NaN where the line, or the reference's, does not stand clear of noise: its angle would be random.
-        """
-        clear = self.amplitude > _CLEAR * self.noise
-        if self.reference == "first channel":
-            clear = clear & clear[:1]
-        return np.where(clear, np.angle(self.lines), math.nan)
-
-
 def synchronous_lines(
     signal: Float[np.ndarray, "channel time"], angle: ShaftAngle, orders: Int[np.ndarray, " order"]
-) -> SynchronousLines:
-    """Lines at `orders`, averaged along the shaft's angle with a Hann taper over the whole of it.
+) -> tuple[Float[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
+    """Peak amplitude and phase [rad] of lines amplitude · cos(order · angle + phase) that turn with the shaft.
 
+    They are averaged along the shaft's angle with a Hann taper over the whole of it. A phase is positive where the line
+    peaks before the reference: the tachometer's pulse where the angle is absolute, else the first channel's line. It is
+    NaN where the line, or the reference's, does not stand clear of noise: it would be random.
     Only what keeps its phase with the shaft counts: noise and lines of other machines average out, and a line whose
     angle is not known well enough reads low (`signals.order_spectrum` gathers the power beside it instead).
 
@@ -75,11 +45,11 @@ def synchronous_lines(
     whole = _averaged(signal, angle.angle, orders)
     parts = np.array_split(np.arange(signal.shape[1]), _PARTS)
     scatter = np.stack([_averaged(signal[:, part], angle.angle[part], orders) for part in parts])
-    deviation = np.abs(scatter).std(axis=0, ddof=1) / math.sqrt(_PARTS)
     noise = scatter.std(axis=0, ddof=1) / math.sqrt(_PARTS)
+    clear = np.abs(whole) > _CLEAR * noise
     if not angle.absolute:
-        whole = whole * np.exp(-1j * np.angle(whole[0]))
-    return SynchronousLines(orders, whole, deviation, noise, "tachometer" if angle.absolute else "first channel")
+        whole, clear = whole * np.exp(-1j * np.angle(whole[0])), clear & clear[:1]
+    return np.abs(whole), np.where(clear, np.angle(whole), math.nan)
 
 
 def _averaged(

@@ -8,7 +8,6 @@ from sklearn.model_selection import GroupKFold
 
 from swashtwin.foundation import DataError, parse
 from swashtwin.recordings import Recording
-from swashtwin.signals import SEATS
 
 _CWRU_SIZES = ("7", "14", "21")
 """Diameters of the faults [mil] that every label of the set has."""
@@ -99,7 +98,7 @@ def bearing_splits(recordings: Sequence[Recording]) -> list[Split]:
     def is_used(recording: Recording) -> bool:
         facts = recording.attributes
         beside = recording.label == "outer_race" and facts["end"] == "DE" and facts["or_position"] != "6"
-        sound = recording.label in SEATS and recording.sample_rate == 12000.0
+        sound = recording.label in ("ball", "inner_race", "outer_race") and recording.sample_rate == 12000.0
         return sound and facts["fault_size_mil"] in _CWRU_SIZES and not beside
 
     selected = tuple(filter(is_used, recordings))

@@ -64,13 +64,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def loads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of the recordings whose signals are loaded from now on."""
     names: list[str] = []
-    load = Samples._loaded
+    load = Samples.raw
 
-    def noted(samples: Samples) -> tuple[np.ndarray, np.ndarray | None]:
+    def noted(samples: Samples, start: int, stop: int) -> np.ndarray:
         names.append(samples.name)
-        return load(samples)
+        return load(samples, start, stop)
 
-    monkeypatch.setattr(Samples, "_loaded", noted)
+    monkeypatch.setattr(Samples, "raw", noted)
     return names
 
 

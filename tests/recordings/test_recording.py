@@ -61,6 +61,19 @@ def test_a_signal_without_channels_or_samples_is_refused(shape: tuple[int, ...])
         Samples.in_memory("a", np.zeros(shape), None)
 
 
+def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> None:
+    array = np.ma.array(np.arange(8).reshape(2, 4), mask=False)
+    array.mask[1, 2] = True
+    recording = Recording(array, 10.0, "a", channels=("x", "y"))
+    array[0] = 100
+    np.testing.assert_array_equal(recording.signal, [[0, 1, 2, 3], [4, 5, np.nan, 7]])
+    for values in (np.zeros((1, 4), complex), np.array([["a"]])):
+        with pytest.raises(DataError, match="a recording holds real numbers"):
+            Recording(values, 10.0, "a")
+    with pytest.raises(InputError, match="a is one recording where several are expected"):
+        Recordings(recording)
+
+
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
 def test_a_sample_rate_that_is_none_is_refused(rate: float) -> None:
     with pytest.raises(DataError, match=r"a: sample_rate \(.* Hz\) must be a positive number"):

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -93,6 +93,7 @@ class Recording:
         if (samples is None and signal is None) or not recording_id:
             raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
         if signal is not None:
+            signal = _own_samples(signal, recording_id)
             if isinstance(speed, _Unchanged):
                 speed = None if samples is None else samples.speed
             origin = samples if samples is not None and samples.name == recording_id else None
@@ -116,6 +117,10 @@ class Recording:
             raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
         if len(channels) != samples.shape[0]:
             raise DataError(f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels.")
+
+    def __iter__(self) -> NoReturn:
+        """Refused: a function of several recordings was given one."""
+        raise InputError(f"{self.recording_id} is one recording where several are expected; give a list of it.")
 
     def __repr__(self) -> str:
         """Short text: name, class, channels and length."""
@@ -180,7 +185,8 @@ class Recording:
         DataError
             The file is damaged there, or was changed after it was opened.
         """
-        return self.replace(signal=self.samples.signal_part(start, stop), speed=self.samples.speed_part(start, stop))
+        signal, speed = self.samples.signal_part(start, stop), self.samples.speed_part(start, stop)
+        return self.replace(samples=Samples.in_memory(self.recording_id, signal, speed, origin=self.samples))
 
     def blocks(self) -> "Iterator[Recording]":
         """The recording in parts of `BLOCK` samples, which follow each other without a gap."""
@@ -240,6 +246,15 @@ class Recording:
         digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
         digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
         return digest.hexdigest()
+
+
+def _own_samples(signal: np.ndarray, name: str) -> np.ndarray:
+    """Samples of its own for a recording, real numbers, NaN where they are masked; a caller may change the array."""
+    samples = np.asarray(signal)
+    if samples.dtype.kind not in "fiub":
+        raise DataError(f"{name}: signal holds {samples.dtype} values; a recording holds real numbers.")
+    kind = samples.dtype if samples.dtype in (np.float32, np.float64) else np.dtype(np.float64)
+    return np.array(np.ma.filled(np.ma.asarray(signal, kind), np.nan), dtype=kind)
 
 
 def join_blocks(blocks: Iterable[Recording]) -> Recording:

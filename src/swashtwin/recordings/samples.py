@@ -77,9 +77,10 @@ class Samples:
         shape = (len(columns.channels), len(columns.channels[0]))
         if columns.speed is not None and len(columns.speed) != shape[1]:
             raise DataError(f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples.")
-        with _refuse_damage(name, "the first sample cannot be read"):
-            kind = np.result_type(*(number_type(column) for column in columns.channels))
-        return cls(name, shape, kind, columns.speed is not None, open_columns, columns)
+        samples = cls(name, shape, np.dtype(np.float64), columns.speed is not None, open_columns, columns)
+        with samples._refuse_damage("the first sample cannot be read"):
+            samples.dtype = np.result_type(*(number_type(column) for column in columns.channels))
+        return samples
 
     @classmethod
     def in_memory(
@@ -99,18 +100,29 @@ class Samples:
         if signal.ndim != 2 or signal.size == 0:
             raise DataError(f"{name}: signal has shape {signal.shape}; it must be (channel, time).")
         samples = cls(name, (signal.shape[0], signal.shape[1]), signal.dtype, speed is not None, None, origin=origin)
-        samples._hold(signal, speed)
+        if speed is not None:
+            require_speed(name, speed, samples.shape[1])
+        samples._arrays = (signal, speed)
         return samples
 
     @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
         """All samples, which are read when first asked for and stay in memory."""
-        return self._loaded()[0]
+        if self._arrays is None:
+            count = self.shape[1]
+            require_memory(self.name, 8 * self.shape[0] * count, reason="takes, with all its samples in memory,")
+            speed = self.speed_part(0, count)
+            if speed is not None:
+                require_speed(self.name, speed, count)
+            self._arrays = (self.signal_part(0, count), speed)
+        return self._arrays[0]
 
     @property
     def speed(self) -> Float[np.ndarray, " time"] | None:
         """Speed at each sample [rad/s], read like `signal`."""
-        return self._loaded()[1] if self.has_speed else None
+        if not self.has_speed:
+            return None
+        return self.speed_part(0, self.shape[1]) if self._arrays is None else self._arrays[1]
 
     @property
     def factors(self) -> tuple[float, ...]:
@@ -125,11 +137,10 @@ class Samples:
         channels = self._opened().channels
         samples = np.empty((len(channels), stop - start), self.dtype)
         for at in range(start, stop, BLOCK):  # columns beside each other are read together
-            part = samples[:, at - start : at - start + BLOCK]
-            for row, column in zip(part, channels, strict=True):
-                values = _read(self.name, column, at, at + len(row))
-                with _refuse_damage(self.name, "the number type changes within the file"):
-                    np.copyto(row, values, casting="same_kind")
+            end = min(at + BLOCK, stop)
+            with self._refuse_damage(f"samples {at} to {end} cannot be read"):
+                for row, column in zip(samples, channels, strict=True):
+                    np.copyto(row[at - start : end - start], _part(column, at, end), casting="same_kind")
         return samples
 
     def signal_part(self, start: int, stop: int) -> Float[np.ndarray, "channel time"]:
@@ -150,7 +161,9 @@ class Samples:
             speed = self._arrays[1]
             return None if speed is None else speed[start:stop]
         column = self._opened().speed
-        return None if column is None else _read(self.name, column, start, stop).astype(np.float64)
+        assert column is not None
+        with self._refuse_damage(f"samples {start} to {stop} cannot be read"):
+            return _part(column, start, stop).astype(np.float64)
 
     def pick(self, rows: Sequence[int]) -> "Samples":
         """The samples of some channels."""
@@ -159,14 +172,17 @@ class Samples:
         open_picked = partial(_pick, self._open_columns, tuple(rows))
         samples = Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
         if self._arrays is not None:
-            samples._hold(self.signal[list(rows)], self.speed)
+            samples._arrays = (self.signal[list(rows)], self.speed)
         return samples
 
     def unopened(self) -> "Samples":
-        """The same samples, with no file open and nothing in memory that the file has."""
+        """The same samples, with nothing in memory that the file has."""
         if self._open_columns is None:
             return self
-        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns)
+        columns = self._columns
+        if columns is not None and any(isinstance(column, np.ndarray) for column in columns.channels):
+            columns = None
+        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns, columns)
         samples._hashes = self._hashes
         return samples
 
@@ -179,7 +195,9 @@ class Samples:
         (`Recording.replace`), have the hashes of what they were made of.
         """
         if "content" not in self._hashes:
-            self._hashes["content"] = self._recorded_hashes()
+            self._hashes["content"] = self.original_hashes() or hash_channels(
+                self.signal_part(at, at + BLOCK) for at in range(0, self.shape[1], BLOCK)
+            )
         return self._hashes["content"]
 
     def original_hashes(self) -> tuple[str, ...]:
@@ -188,35 +206,16 @@ class Samples:
             return self._origin.content_hashes()
         return () if self._open_columns is None else self._opened().hashes
 
-    def _recorded_hashes(self) -> tuple[str, ...]:
-        if original := self.original_hashes():
-            return original
-        return hash_channels(self.signal_part(at, at + BLOCK) for at in range(0, self.shape[1], BLOCK))
-
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: the arrays, or how to open the file."""
         if self._origin is not None:
             self.content_hashes()  # so that the origin need not go along
         return {**self.__dict__, "_columns": None, "_origin": None}
 
-    def _loaded(self) -> tuple[np.ndarray, np.ndarray | None]:
-        if self._arrays is None:
-            count = self.shape[1]
-            require_memory(self.name, 8 * self.shape[0] * count, reason="takes, with all its samples in memory,")
-            self._hold(self.signal_part(0, count), self.speed_part(0, count))
-            self._columns = None  # the file is closed
-        assert self._arrays is not None
-        return self._arrays
-
-    def _hold(self, signal: np.ndarray, speed: np.ndarray | None) -> None:
-        if speed is not None:
-            require_speed(self.name, speed, signal.shape[1])
-        self._arrays = (signal, speed)
-
     def _opened(self) -> Columns:
         if self._columns is None:
             assert self._open_columns is not None
-            with _refuse_damage(self.name, "cannot be opened again"):
+            with self._refuse_damage("cannot be opened again"):
                 columns = self._open_columns()
             shape = (len(columns.channels), len(columns.channels[0]))
             if shape != self.shape or (columns.speed is not None) != self.has_speed:
@@ -224,30 +223,28 @@ class Samples:
             self._columns = columns
         return self._columns
 
+    @contextmanager
+    def _refuse_damage(self, failure: str) -> Iterator[None]:
+        """Turn whatever a library raises into a `DataError`: what a damaged file makes it raise has no bounds."""
+        try:
+            yield
+        except SwashTwinError:
+            raise
+        except Exception as cause:
+            reason = (str(cause).splitlines() or [""])[0][:160]
+            raise DataError(f"{self.name}: {failure} ({type(cause).__name__}: {reason}).") from cause
+
     def _span(self, start: int, stop: int) -> tuple[int, int]:
         if not 0 <= start < min(stop, self.shape[1]):
             raise InputError(f"{self.name} has no samples {start} to {stop}; it has {self.shape[1]}.")
         return start, min(stop, self.shape[1])
 
 
-def _read(name: str, column: Column, start: int, stop: int) -> np.ndarray:
-    with _refuse_damage(name, f"samples {start} to {stop} cannot be read"):
-        values = np.asarray(column[start:stop])
+def _part(column: Column, start: int, stop: int) -> np.ndarray:
+    values = np.asarray(column[start:stop])
     if values.shape != (stop - start,):
-        raise DataError(f"{name}: the file has no samples {start} to {stop}; was it changed?")
+        raise ValueError(f"there are {values.shape} of them; was the file changed?")
     return values
-
-
-@contextmanager
-def _refuse_damage(name: str, failure: str) -> Iterator[None]:
-    """Turn whatever a library raises into a `DataError`: what a damaged file makes it raise has no bounds."""
-    try:
-        yield
-    except SwashTwinError:
-        raise
-    except Exception as cause:
-        reason = (str(cause).splitlines() or [""])[0][:160]
-        raise DataError(f"{name}: {failure} ({type(cause).__name__}: {reason}).") from cause
 
 
 def require_speed(name: str, speed: np.ndarray, count: int) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
+from swashtwin.foundation import DataError, InputError, LeakError, MissingFileError, MPa, rpm
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Options,
@@ -116,8 +116,22 @@ def test_facts_are_for_single_files_only(folder: Path, tmp_path: Path) -> None:
     (recording,) = load_recordings(tmp_path / "a.csv", sample_rate="1 kHz", unit="g", label="normal")
     assert (recording.sample_rate, recording.label, recording.n_samples) == (1000.0, "normal", 100)
     for source in (folder, folder / "store.h5"):
-        with pytest.raises(InputError, match="label is for single files"):
-            load_recordings(source, label="normal")
+        with pytest.raises(InputError, match="unit is for single files"):
+            load_recordings(source, unit="g")
+
+
+def test_what_is_selected_in_an_index_opens_no_other_file(folder: Path, tmp_path: Path) -> None:
+    whole = load_recordings(folder)
+    for source in (folder, folder / "store.h5"):
+        chosen = load_recordings(source, specimen="A", label="healthy")
+        assert chosen.recording_ids == whole.where(specimen="A", label="healthy").recording_ids
+    index = (folder / "recordings.toml").read_text()
+    (tmp_path / "recordings.toml").write_text(index)  # without its files
+    with pytest.raises(MissingFileError, match="A_"):
+        load_recordings(tmp_path, specimen="A")
+    for file in folder.glob("A_*.h5"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    assert set(load_recordings(tmp_path, specimen="A").specimens) == {"A"}
 
 
 def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def calibrate(
     recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
     drawing, defect = load_pump(pump), fault_from(fault)
     label = "normal" if defect is None else defect.label
-    there = _recordings(source, reading, speed, pressure or [], label).where(specimen=specimen)
+    there = _recordings(source, reading, speed, pressure or [], label, specimen)
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
     with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
         result = calibration.calibrate(
@@ -130,13 +130,18 @@ def calibrate(
 
 
 def _recordings(
-    source: Path, reading: Reading, speed: str | None, pressures: Sequence[str], label: str
+    source: Path,
+    reading: Reading,
+    speed: str | None,
+    pressures: Sequence[str],
+    label: str,
+    specimen: str | None,
 ) -> "Recordings":
     """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
     from swashtwin.recordings import Recordings, load_recordings
 
     if is_collection(source, reading):
-        return load_recordings(source)
+        return load_recordings(source, label=label, specimen=specimen)
     (recording,) = load_sources([source], **reading)
     if recording.condition is None and speed is not None and pressures:
         if len(pressures) > 1:

@@ -51,7 +51,7 @@ def severity(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
         )
     healthy_calibration = load_calibration(calibration)
-    recordings = load_recordings(source).where(specimen=specimen)
+    recordings = load_recordings(source, specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
     sound, worn = _by_health(recordings, calibrated)
     if not worn:
@@ -61,7 +61,7 @@ def severity(
         )
     if healthy is not None:
         ids = {recording.recording_id for recording in sound}
-        further = load_recordings(healthy).where(specimen=specimen)
+        further = load_recordings(healthy, specimen=specimen)
         sound += [item for item in further if is_healthy(item.label) and item.recording_id not in ids]
     fixed = fault_dimensions(fault)[1]
     usual = [name for name in search_of(defect).free if name not in fixed]

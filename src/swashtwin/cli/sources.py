@@ -53,7 +53,10 @@ def load_distinct(paths: list[Path], unreadable: "list[Finding] | None" = None, 
             if len(set(longer)) == count:
                 names = [longer[alike.index(number)] if number in alike else old for number, old in enumerate(names)]
                 break
-    return [recording.replace(recording_id=name) for (recording, _), name in zip(pairs, names, strict=True)]
+    return [
+        recording if recording.recording_id == name else recording.replace(recording_id=name)
+        for (recording, _), name in zip(pairs, names, strict=True)
+    ]
 
 
 def _with_folders(

@@ -262,7 +262,8 @@ def load_recordings(
     path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a measurement, or a
         list of these.
     unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
-    facts : for single files only: what the file does not say, as in `load_recording`.
+    facts : for single files what the file does not say, as in `load_recording`. Of an index or a store ``label`` and
+        ``specimen`` select: only the files of these are opened.
 
     Raises
     ------
@@ -271,20 +272,26 @@ def load_recordings(
     DataError
         The index or a file is damaged, or one contradicts the other.
     InputError
-        Two recordings have one id, or facts were given for an index or a store.
+        Two recordings have one id, or other facts were given for an index or a store.
     """
     recordings: list[Recording] = []
     for source in [path] if isinstance(path, (str, Path)) else path:
         source = Path(source)
         if not (source.is_dir() or source.suffix == ".toml" or is_store(source)):
-            recordings.append(load_recording(source, **facts).unloaded())
+            recordings.append(load_recording(source, **facts))
             continue
-        if facts:
-            raise InputError(
-                f"{next(iter(facts))} is for single files, and {source} states it itself; edit the index, or write the "
-                "store again."
-            )
-        recordings += stored_recordings(source) if is_store(source) else indexed_recordings(source, unreadable)
+        chosen = {key: value for key, value in facts.items() if value is not None}
+        for fact in chosen:
+            if fact not in ("label", "specimen"):
+                raise InputError(
+                    f"{fact} is for single files, and {source} states it itself; edit the index, or write the store "
+                    "again."
+                )
+        if is_store(source):
+            found = stored_recordings(source)
+        else:
+            found = indexed_recordings(source, unreadable, **chosen) or indexed_recordings(source, unreadable)
+        recordings += Recordings(found).where(**chosen) if chosen else found
     return Recordings(recordings)
 
 

@@ -21,6 +21,7 @@ from swashtwin.foundation import (
     sha256_of,
     write_text,
 )
+from swashtwin.pump import is_same_class
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
@@ -33,12 +34,15 @@ _NO_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
 _LOSSLESS = (".h5", ".hdf5")
 
 
-def indexed_recordings(path: Path, unreadable: list[Finding] | None = None) -> list[Recording]:
+def indexed_recordings(
+    path: Path, unreadable: list[Finding] | None = None, *, label: str | None = None, specimen: str | None = None
+) -> list[Recording]:
     """Every recording of an index, in its order.
 
     Parameters
     ----------
     unreadable : gets a finding for each entry that cannot be loaded, instead of an error for the first.
+    label, specimen : only these; the files of entries that state others are not opened.
 
     Raises
     ------
@@ -52,9 +56,11 @@ def indexed_recordings(path: Path, unreadable: list[Finding] | None = None) -> l
     classes = _classes(table)
     root = index.parent / str(table.get("root", ""))
     for entry in _entries(table, index):
+        if _states_another(entry.label, label) or _states_another(entry.specimen, specimen):
+            continue
         try:
             _check_class(entry.label, classes, index, entry.file)
-            recording = recording_of(root / entry.file, entry).unloaded()
+            recording = recording_of(root / entry.file, entry)
             _check_class(recording.label, classes, index, entry.file)
             name = recording.recording_id
             if name in files:
@@ -67,6 +73,11 @@ def indexed_recordings(path: Path, unreadable: list[Finding] | None = None) -> l
         files[name] = entry.file
         recordings.append(recording)
     return recordings
+
+
+def _states_another(stated: str | None, wanted: str | None) -> bool:
+    """Whether an entry states another class or specimen than is wanted."""
+    return None not in (stated, wanted) and not is_same_class(plain_text(str(stated)), wanted)
 
 
 def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], path: str | Path) -> Path:

@@ -12,6 +12,7 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import (
     BLOCK,
+    Manifest,
     Recording,
     layout_findings,
     manifest_of,
@@ -19,6 +20,9 @@ from swashtwin.recordings import (
     stated_speed,
     window_findings,
 )
+
+_WHOLE = 1 << 24
+"""Samples of all channels up to which a recording is read once and held in memory while it is cut."""
 
 
 def cut_windows(
@@ -70,11 +74,14 @@ def cut_windows(
     _require_one_layout(recordings, length, like)
     classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
     _require_long_enough(recordings, length, allow_partial_revolution)
+    parts: list[Float32[np.ndarray, "_window channel time"]] = []
     content: dict[str, tuple[str, ...]] = {}
-    for recording in recordings:
+    for stored in recordings:
+        recording = _read_once(stored.unloaded())
         refuse_unfit(recording)
         content |= manifest_of([recording])
-    return replace(_assembled(recordings, length, stride, classes), content=content)
+        parts.append(_slices(recording, length, stride))
+    return _assembled(recordings, parts, stride, classes, content)
 
 
 def window_batches(
@@ -102,13 +109,21 @@ def window_batches(
     stride = length if stride is None else stride
     class_names = _class_order([recording], classes)
     _require_long_enough([recording], length, allow_partial_revolution)
+    recording = _read_once(recording)
     refuse_unfit(recording)
     count = 1 + (recording.n_samples - length) // stride
     for first in range(0, count, batch):
         last = min(first + batch, count)
         part = recording.slice(first * stride, (last - 1) * stride + length)
-        windows = _assembled([part], length, stride, class_names)
+        windows = _assembled([part], [_slices(part, length, stride)], stride, class_names, {})
         yield replace(windows, start=windows.start + first * stride)
+
+
+def _read_once(recording: Recording) -> Recording:
+    """The recording, with its samples in memory where they are few, so that what follows does not read them again."""
+    if recording.n_samples * recording.n_channels <= _WHOLE:
+        recording.signal  # noqa: B018 - stays in memory
+    return recording
 
 
 def _require_distinct(recordings: Sequence[Recording]) -> None:
@@ -182,8 +197,13 @@ def _slices(recording: Recording, length: int, stride: int) -> Float32[np.ndarra
     return windows
 
 
-def _assembled(recordings: Sequence[Recording], length: int, stride: int, classes: tuple[str, ...]) -> WindowSet:
-    slices = [_slices(recording, length, stride) for recording in recordings]
+def _assembled(
+    recordings: Sequence[Recording],
+    slices: Sequence[Float32[np.ndarray, "_window channel time"]],
+    stride: int,
+    classes: tuple[str, ...],
+    content: Manifest,
+) -> WindowSet:
     repeats = [len(part) for part in slices]
     index = {name: position for position, name in enumerate(classes)}
     conditions = [recording.condition for recording in recordings]
@@ -206,4 +226,5 @@ def _assembled(recordings: Sequence[Recording], length: int, stride: int, classe
         sample_rate=float(recordings[0].sample_rate),
         channels=recordings[0].channels,
         unit=recordings[0].unit,
+        content=content,
     )

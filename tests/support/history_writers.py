@@ -4,8 +4,8 @@ from pathlib import Path
 
 from judgments import judgment, waveform
 
-from swashtwin.monitoring.config import Retention
-from swashtwin.monitoring.history import History
+from swashtwin.monitoring.config.settings import Retention
+from swashtwin.monitoring.history.history import History
 
 RETENTION = Retention(per_day=1, last=5)
 """Small, so that files are removed all the time."""

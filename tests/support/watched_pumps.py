@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.monitoring.config import WatchConfig, load_watch_config
+from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.recordings import Recording, write_recording
 
 RATE = 5120.0

@@ -1,18 +1,18 @@
 """Names that other rooms import, and where each lives."""
 
-from .alarms import PointJudgment as PointJudgment
-from .alarms import PointMonitor as PointMonitor
-from .alarms import PointState as PointState
-from .alarms import SensorFinding as SensorFinding
-from .config import WatchConfig as WatchConfig
-from .config import load_watch_config as load_watch_config
-from .config import write_example as write_example
-from .history import History as History
-from .history import HistoryError as HistoryError
+from .alarms.monitor import PointJudgment as PointJudgment
+from .alarms.monitor import PointMonitor as PointMonitor
+from .alarms.monitor import PointState as PointState
+from .alarms.sensors import SensorFinding as SensorFinding
+from .config.loading import load_watch_config as load_watch_config
+from .config.loading import write_example as write_example
+from .config.settings import WatchConfig as WatchConfig
+from .history.database import HistoryError as HistoryError
+from .history.history import History as History
 from .page.users import add_token as add_token
 from .page.users import add_user as add_user
 from .page.users import remove_entry as remove_entry
-from .service import Outcome as Outcome
-from .service import WatchStatus as WatchStatus
-from .service import record_event as record_event
-from .service import run_watch as run_watch
+from .service.judging import Outcome as Outcome
+from .service.judging import record_event as record_event
+from .service.running import WatchStatus as WatchStatus
+from .service.running import run_watch as run_watch

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 from mqtt_broker import Broker, free_port
 
-from swashtwin.monitoring.alarms import AlarmMessage, ChannelError, send
-from swashtwin.monitoring.config import EmailChannel, LogChannel, MqttChannel, Secret, WebhookChannel
+from swashtwin.monitoring.alarms.channels import AlarmMessage, ChannelError, send
+from swashtwin.monitoring.config.settings import EmailChannel, LogChannel, MqttChannel, Secret, WebhookChannel
 
 MESSAGE = AlarmMessage(
     "pump-1",

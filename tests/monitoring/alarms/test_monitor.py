@@ -7,7 +7,8 @@ import pytest
 from small_machine import Machine
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.alarms import PointJudgment, PointMonitor, PointState, baseline_levels
+from swashtwin.monitoring.alarms.baseline import baseline_levels
+from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.testing import ConformalTest
 
 MONITOR = PointMonitor("pump-1")

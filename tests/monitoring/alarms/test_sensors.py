@@ -7,7 +7,7 @@ import pytest
 from small_machine import Machine
 
 from swashtwin.foundation import DataError, stream
-from swashtwin.monitoring.alarms import PointMonitor, PointState
+from swashtwin.monitoring.alarms.monitor import PointMonitor, PointState
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 

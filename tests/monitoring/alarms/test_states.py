@@ -6,8 +6,7 @@ from dataclasses import asdict
 from hypothesis import given
 from hypothesis import strategies as some
 
-from swashtwin.monitoring.alarms import Condition
-from swashtwin.monitoring.alarms.testing import PERSISTENCE, QUIET, RECENT
+from swashtwin.monitoring.alarms.testing import PERSISTENCE, QUIET, RECENT, Condition
 
 Course = some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60)
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from swashtwin.learning import wilson_interval
-from swashtwin.monitoring.alarms import ConformalTest
-from swashtwin.monitoring.alarms.testing import N_BETS, POWERS, SHARING, payoffs, rank_step
+from swashtwin.monitoring.alarms.testing import N_BETS, POWERS, SHARING, ConformalTest, payoffs, rank_step
 
 LIMIT = 0.05
 

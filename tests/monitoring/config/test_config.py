@@ -5,15 +5,8 @@ from pathlib import Path
 import pytest
 
 from swashtwin.foundation import SwashTwinError, rpm
-from swashtwin.monitoring.config import (
-    FolderSource,
-    HttpSource,
-    LogChannel,
-    MqttSource,
-    Secret,
-    load_watch_config,
-    write_example,
-)
+from swashtwin.monitoring.config.loading import load_watch_config, write_example
+from swashtwin.monitoring.config.settings import FolderSource, HttpSource, LogChannel, MqttSource, Secret
 
 SMALL = """
 folder = "data"

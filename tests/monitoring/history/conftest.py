@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.monitoring.history import History
+from swashtwin.monitoring.history.history import History
 
 
 @pytest.fixture

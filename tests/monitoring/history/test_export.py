@@ -10,8 +10,8 @@ import pytest
 from commandline import run
 from judgments import START, judgment, rejection
 
-from swashtwin.monitoring.config import write_example
-from swashtwin.monitoring.history import History
+from swashtwin.monitoring.config.loading import write_example
+from swashtwin.monitoring.history.history import History
 
 
 @pytest.fixture

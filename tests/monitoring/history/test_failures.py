@@ -15,8 +15,9 @@ from judgments import START, judgment, waveform
 from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.history import History, HistoryError, waveforms
-from swashtwin.monitoring.history.database import _open_engine
+from swashtwin.monitoring.history import waveforms
+from swashtwin.monitoring.history.database import HistoryError, _open_engine
+from swashtwin.monitoring.history.history import History
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the writers are forked before they thread
 KILLS = 25

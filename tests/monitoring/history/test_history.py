@@ -9,8 +9,9 @@ import pytest
 from judgments import START, judgment, rejection, waveform
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.config import Retention
-from swashtwin.monitoring.history import History, Judgment
+from swashtwin.monitoring.config.settings import Retention
+from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.history.tables import Judgment
 
 
 def test_a_recording_is_read_as_it_was_filed(history: History) -> None:

@@ -15,11 +15,13 @@ from judgments import rejection
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import MPa, rpm
-from swashtwin.monitoring.alarms import PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.config import WatchConfig, load_watch_config
-from swashtwin.monitoring.history import History, Judgment
+from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.config.settings import WatchConfig
+from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.service import SourceStatus, WatchStatus
+from swashtwin.monitoring.service.running import SourceStatus, WatchStatus
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

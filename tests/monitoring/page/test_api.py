@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
-from swashtwin.monitoring.sources import check_facts
+from swashtwin.monitoring.sources.delivery import check_facts
 
 HOST = "http://127.0.0.1:8642"
 
@@ -214,7 +214,7 @@ def test_health_fails_with_a_problem_of_the_watch(plant) -> None:
     from dataclasses import replace
     from datetime import UTC, datetime
 
-    from swashtwin.monitoring.service import SourceStatus, WatchStatus
+    from swashtwin.monitoring.service.running import SourceStatus, WatchStatus
 
     status = WatchStatus(datetime.now(UTC), 0, 0, (SourceStatus("m", "mqtt", False, "", 0),), 1, {})
     app = build_app(plant.config, plant.history, status=lambda: replace(status, problems=("m is not reached",)))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.monitoring.config import load_watch_config
-from swashtwin.monitoring.history import History
+from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.serving import serve_page
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
-from swashtwin.monitoring.history import HistoryError
+from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.page.charts import HEIGHT, Axis, sparkline
 from swashtwin.monitoring.page.wording import number, percent, signed
 

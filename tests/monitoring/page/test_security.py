@@ -15,7 +15,7 @@ from starlette.requests import HTTPConnection
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.config import PageSettings
+from swashtwin.monitoring.config.settings import PageSettings
 from swashtwin.monitoring.page import access as access_module
 from swashtwin.monitoring.page.access import COOKIE, FREE_ATTEMPTS, Access, Throttle
 from swashtwin.monitoring.page.application import build_app

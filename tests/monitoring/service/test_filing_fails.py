@@ -12,9 +12,10 @@ from sqlalchemy.exc import OperationalError
 from watched_pumps import hum, watch_config
 
 from swashtwin.monitoring import History
-from swashtwin.monitoring.history import HistoryError
+from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.service import judging
-from swashtwin.monitoring.sources import Delivery, Spool
+from swashtwin.monitoring.sources.delivery import Delivery
+from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.recordings import write_recording
 
 

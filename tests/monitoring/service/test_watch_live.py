@@ -17,7 +17,7 @@ from mqtt_broker import Broker, free_port
 from watched_pumps import RATE, hum, watch_config, write_hum
 
 from swashtwin.monitoring import History, Outcome, run_watch
-from swashtwin.monitoring.config import WatchConfig
+from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.recordings import write_recording
 
 pytestmark = pytest.mark.nightly

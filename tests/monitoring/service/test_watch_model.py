@@ -25,9 +25,12 @@ from watched_pumps import watch_config
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring import History, record_event
-from swashtwin.monitoring.alarms import Condition, PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.testing import Condition
 from swashtwin.monitoring.service import judging
-from swashtwin.monitoring.sources import Contents, Delivery, Spool
+from swashtwin.monitoring.sources.contents import Contents
+from swashtwin.monitoring.sources.delivery import Delivery
+from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.recordings import Recording
 
 START = datetime.now(UTC) - timedelta(days=30)

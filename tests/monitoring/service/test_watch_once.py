@@ -8,10 +8,11 @@ from watched_pumps import LEARNING, hum, watch_config, write_hum
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring import History, Outcome, record_event, run_watch
-from swashtwin.monitoring.config import WatchConfig
-from swashtwin.monitoring.history import HistoryError
+from swashtwin.monitoring.config.settings import WatchConfig
+from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.service import judging, running
-from swashtwin.monitoring.sources import Delivery, Spool, lock_folder
+from swashtwin.monitoring.sources.delivery import Delivery
+from swashtwin.monitoring.sources.spool import Spool, lock_folder
 from swashtwin.recordings import write_recording
 
 
@@ -141,7 +142,7 @@ def test_a_history_that_is_away_for_a_while_loses_nothing(tmp_path: Path, monkey
 def test_an_error_of_ours_is_filed_and_the_next_recording_is_judged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from swashtwin.monitoring.alarms import PointMonitor
+    from swashtwin.monitoring.alarms.monitor import PointMonitor
 
     config = watch_config(tmp_path)
     original, failures = PointMonitor.judge, [ZeroDivisionError("division by zero")]

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from mqtt_broker import Broker
 
-from swashtwin.monitoring.sources import Delivery, Spool
+from swashtwin.monitoring.sources.delivery import Delivery
+from swashtwin.monitoring.sources.spool import Spool
 
 
 @dataclass

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, MPa, rpm
-from swashtwin.monitoring.config import Machine
-from swashtwin.monitoring.sources import Delivery, Spool, SpoolFile, Tags, UnfitError, read_contents
+from swashtwin.monitoring.config.settings import Machine
+from swashtwin.monitoring.sources.contents import read_contents
+from swashtwin.monitoring.sources.delivery import Delivery, UnfitError
 from swashtwin.monitoring.sources.message import read_message
+from swashtwin.monitoring.sources.spool import Spool, SpoolFile
+from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 from swashtwin.recordings.formats import isolation

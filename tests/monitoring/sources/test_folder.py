@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.monitoring.config import FolderSource
-from swashtwin.monitoring.sources import FolderWatch, folder
+from swashtwin.monitoring.config.settings import FolderSource
+from swashtwin.monitoring.sources import folder
+from swashtwin.monitoring.sources.folder import FolderWatch
 
 
 def folder_watch(tmp_path: Path, deliveries, **settings) -> FolderWatch:

@@ -10,10 +10,10 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from swashtwin.monitoring.config import MqttSource
-from swashtwin.monitoring.sources import MqttWatch
+from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST
 from swashtwin.monitoring.sources.message import read_message
+from swashtwin.monitoring.sources.mqtt import MqttWatch
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "speed": "1500 rpm"}

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.sources import Delivery, Spool, check_facts, lock_folder, spool
+from swashtwin.monitoring.sources import spool
+from swashtwin.monitoring.sources.delivery import Delivery, check_facts
+from swashtwin.monitoring.sources.spool import Spool, lock_folder
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 

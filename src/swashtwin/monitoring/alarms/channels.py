@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from swashtwin.foundation import MissingExtraError, SwashTwinError, escape_controls
-from swashtwin.monitoring.config import Channel, EmailChannel, LogChannel, MqttChannel, WebhookChannel
+from swashtwin.monitoring.config.settings import Channel, EmailChannel, LogChannel, MqttChannel, WebhookChannel
 
 TIMEOUT = 10.0
 """Time for one message [s]."""

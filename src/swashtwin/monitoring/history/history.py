@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sqlalchemy import delete, select
 
-from swashtwin.monitoring.config import Retention
+from swashtwin.monitoring.config.settings import Retention
 from swashtwin.monitoring.history.database import Database, lock_machine
 from swashtwin.monitoring.history.export import export_history
 from swashtwin.monitoring.history.outbox import Outbox

@@ -10,7 +10,7 @@ from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.config import Retention
+from swashtwin.monitoring.config.settings import Retention
 from swashtwin.monitoring.history.database import json_text, lock_machine
 from swashtwin.monitoring.history.tables import (
     Alarm,

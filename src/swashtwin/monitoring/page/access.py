@@ -15,7 +15,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.config import PageSettings
+from swashtwin.monitoring.config.settings import PageSettings
 from swashtwin.monitoring.page.users import UserFile
 
 COOKIE = "swashtwin_visit"

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, HTTPException, Query, Request
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from swashtwin.monitoring.history import FACTS, Alarm, Event, Judgment, MachineOverview, Rejection
+from swashtwin.monitoring.history.reading import FACTS, MachineOverview
+from swashtwin.monitoring.history.tables import Alarm, Event, Judgment, Rejection
 from swashtwin.monitoring.page.access import Visitor
 from swashtwin.monitoring.page.machine_states import state_of
 from swashtwin.monitoring.page.records import (

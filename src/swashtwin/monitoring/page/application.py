@@ -11,8 +11,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from swashtwin.foundation import VERSION
-from swashtwin.monitoring.config import WatchConfig
-from swashtwin.monitoring.history import History, HistoryError
+from swashtwin.monitoring.config.settings import WatchConfig
+from swashtwin.monitoring.history.database import HistoryError
+from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.access import Access
 from swashtwin.monitoring.page.actions import action_routes, visit_routes
 from swashtwin.monitoring.page.api import change_routes, machine_answers, record_answers
@@ -21,7 +22,7 @@ from swashtwin.monitoring.page.metrics import metric_routes
 from swashtwin.monitoring.page.pages import page_routes
 from swashtwin.monitoring.page.site import Site, Upload
 from swashtwin.monitoring.page.uploads import upload_routes
-from swashtwin.monitoring.service import WatchStatus
+from swashtwin.monitoring.service.running import WatchStatus
 
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 _ANY = ("0.0.0.0", "::", "")

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from markupsafe import Markup, escape
 
-from swashtwin.monitoring.history import Alarm, Trend
+from swashtwin.monitoring.history.reading import Trend
+from swashtwin.monitoring.history.tables import Alarm
 
 HEIGHT = 240.0
 """Height of a field [px]."""
@@ -104,9 +105,11 @@ def draw(
     for share, text in y.ticks():
         height = bottom - share * HEIGHT
         texts.append(f'<line class="grid" x1="0" x2="100%" y1="{height:.1f}" y2="{height:.1f}"/>')
-        texts.append(f'<text class="value" x="4" y="{height - 3:.1f}">{escape(text)}</text>')
+        if height > top + _LINE:
+            texts.append(f'<text class="value" x="4" y="{height - 3:.1f}">{escape(text)}</text>')
     for share, text in x.ticks():
-        texts.append(f'<text class="tick" x="{100 * share:.2f}%" y="{bottom + 16:.0f}">{escape(text)}</text>')
+        if 0.02 < share < 0.98:
+            texts.append(f'<text class="tick" x="{100 * share:.2f}%" y="{bottom + 16:.0f}">{escape(text)}</text>')
     shown: list[float] = []
     for share, text in names:
         if all(abs(share - other) >= _CLOSEST for other in shown):

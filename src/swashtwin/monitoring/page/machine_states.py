@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swashtwin.monitoring.history import Alarm, MachineOverview
+from swashtwin.monitoring.history.reading import MachineOverview
+from swashtwin.monitoring.history.tables import Alarm
 
 
 @dataclass(frozen=True)

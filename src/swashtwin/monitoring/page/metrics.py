@@ -16,7 +16,7 @@ from swashtwin.monitoring.page.records import all_machines
 from swashtwin.monitoring.page.site import Site
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring.service import WatchStatus
+    from swashtwin.monitoring.service.running import WatchStatus
 
 _CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 

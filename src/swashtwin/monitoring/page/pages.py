@@ -11,8 +11,9 @@ from markupsafe import Markup
 from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
-from swashtwin.monitoring.alarms import baseline_levels
-from swashtwin.monitoring.history import Alarm, Judgment, MachineOverview
+from swashtwin.monitoring.alarms.baseline import baseline_levels
+from swashtwin.monitoring.history.reading import MachineOverview
+from swashtwin.monitoring.history.tables import Alarm, Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend, sparkline
 from swashtwin.monitoring.page.machine_states import STATES, alarm_state, by_urgency, state_of
 from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording

@@ -6,9 +6,10 @@ from datetime import timedelta
 from fastapi import HTTPException
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.history import Alarm, Judgment, MachineOverview
+from swashtwin.monitoring.history.reading import MachineOverview
+from swashtwin.monitoring.history.tables import Alarm, Judgment
 from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.service import record_event
+from swashtwin.monitoring.service.judging import record_event
 
 MOST_HOURS = 24 * 366
 """Longest silence [h]."""

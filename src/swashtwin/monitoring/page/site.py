@@ -14,11 +14,11 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
 from swashtwin.foundation import VERSION
-from swashtwin.monitoring.config import WatchConfig
-from swashtwin.monitoring.history import History
+from swashtwin.monitoring.config.settings import WatchConfig
+from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page import wording
 from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
-from swashtwin.monitoring.service import WatchStatus
+from swashtwin.monitoring.service.running import WatchStatus
 
 
 @runtime_checkable

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from markupsafe import Markup
 
 from swashtwin.foundation import SwashTwinError
-from swashtwin.monitoring.history import Judgment
+from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.charts import Axis, band, curve, draw, mark
 from swashtwin.monitoring.page.site import Site
 from swashtwin.pump import load_pump

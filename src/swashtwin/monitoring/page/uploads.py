@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.page.guard import UPLOAD_PATH
 from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.sources import FACTS, safe_name
+from swashtwin.monitoring.sources.delivery import FACTS, safe_name
 
 AT_ONCE = 4
 """Uploads that are taken at the same time; memory and disk stay bounded."""

@@ -23,7 +23,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, from_table, to_table
-from swashtwin.monitoring.sources import lock_file
+from swashtwin.monitoring.sources.spool import lock_file
 
 LEAST_PASSWORD = 10
 """Characters that a password needs."""

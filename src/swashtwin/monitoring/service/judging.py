@@ -10,19 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import DataError, InputError, sha256_of
-from swashtwin.monitoring.alarms import (
-    AlarmMessage,
-    Change,
-    OperatingPoint,
-    PointJudgment,
-    PointMonitor,
-    PointState,
-    choose_point,
-)
-from swashtwin.monitoring.config import Machine, WatchConfig
-from swashtwin.monitoring.history import History, HistoryError, Judgment, MachineTransaction, Rejection
+from swashtwin.monitoring.alarms.channels import AlarmMessage
+from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
+from swashtwin.monitoring.alarms.testing import Change
+from swashtwin.monitoring.config.settings import Machine, WatchConfig
+from swashtwin.monitoring.history.database import HistoryError
+from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.history.tables import Judgment, Rejection
+from swashtwin.monitoring.history.transaction import MachineTransaction
 from swashtwin.monitoring.service.models import Models
-from swashtwin.monitoring.sources import Contents, SpoolFile, Tags, UnfitError, read_contents, safe_name
+from swashtwin.monitoring.sources.contents import Contents, read_contents
+from swashtwin.monitoring.sources.delivery import UnfitError, safe_name
+from swashtwin.monitoring.sources.spool import SpoolFile
+from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.recordings import Recording
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import SwashTwinError, sha256_of
-from swashtwin.monitoring.config import Machine
+from swashtwin.monitoring.config.settings import Machine
 from swashtwin.recordings import Recording
 
 if TYPE_CHECKING:

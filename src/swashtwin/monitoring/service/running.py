@@ -14,10 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import InputError, SwashTwinError, return_memory
-from swashtwin.monitoring.alarms import AlarmMessage, send
-from swashtwin.monitoring.config import FolderSource, HttpSource, MqttSource, WatchConfig
-from swashtwin.monitoring.history import History, HistoryError, Message
-from swashtwin.monitoring.sources import Delivery, FolderWatch, MqttWatch, Spool, Standing, check_facts, lock_folder
+from swashtwin.monitoring.alarms.channels import AlarmMessage, send
+from swashtwin.monitoring.config.settings import FolderSource, HttpSource, MqttSource, WatchConfig
+from swashtwin.monitoring.history.database import HistoryError
+from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.history.tables import Message
+from swashtwin.monitoring.sources.delivery import Delivery, Standing, check_facts
+from swashtwin.monitoring.sources.folder import FolderWatch
+from swashtwin.monitoring.sources.mqtt import MqttWatch
+from swashtwin.monitoring.sources.spool import Spool, lock_folder
 
 if TYPE_CHECKING:
     from swashtwin.monitoring.service.judging import Outcome, Pipeline

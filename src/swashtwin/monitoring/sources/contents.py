@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError, parse
-from swashtwin.monitoring.config import Machine
+from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import QUANTITIES, Delivery, UnfitError, entry_facts, read_time, safe_name
 from swashtwin.monitoring.sources.message import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile

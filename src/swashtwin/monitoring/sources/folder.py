@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swashtwin.foundation import file_name, replacing
-from swashtwin.monitoring.config import FolderSource
+from swashtwin.monitoring.config.settings import FolderSource
 from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery, Standing
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import MissingExtraError, file_name
-from swashtwin.monitoring.config import MqttSource
+from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Standing
 from swashtwin.monitoring.sources.message import read_message
 

@@ -19,15 +19,15 @@ function axisOf(drawing, name) {
   return { low, high, kind: drawing.dataset[`${name}Kind`] };
 }
 
-function ticksOf({ low, high, kind }) {
+function ticksOf({ low, high, kind }, most) {
   // round values of a part of a horizontal axis, times in the reader's zone
   const span = high - low;
   const minutes = [1 / 60, 1, 5, 15, 60, 180, 360, 720, 1440, 2880, 10080, 20160, 43200, 131040, 525600];
-  const power = 10 ** Math.floor(Math.log10(span / 6));
-  const steps = kind === "time" ? minutes.map((count) => 60 * count) : [1, 2, 5, 10].map((factor) => factor * power);
-  const step = steps.find((length) => span / length <= 6) ?? steps.at(-1);
+  const power = 10 ** Math.floor(Math.log10(span / most));
+  const steps = kind === "time" ? minutes.map((count) => 60 * count) : [1, 2, 5, 10, 20].map((factor) => factor * power);
+  const step = steps.find((length) => span / length <= most) ?? steps.at(-1);
   const zone = kind === "time" ? 60 * new Date(1000 * low).getTimezoneOffset() : 0;
-  const style = step < 86400 ? { hour: "2-digit", minute: "2-digit" } : { dateStyle: "medium" };
+  const style = step < 86400 ? { hour: "2-digit", minute: "2-digit" } : { month: "short", day: "numeric" };
   const words = new Intl.DateTimeFormat(root.lang, style);
   const ticks = [];
   for (let value = Math.ceil((low - zone) / step) * step + zone; value <= high; value += step) {
@@ -49,7 +49,8 @@ function showPart(drawing, [start, end]) {
   for (const tick of drawing.querySelectorAll(".tick")) tick.remove();
   const { low, high, kind } = axisOf(drawing, "x");
   const part = { low: low + start * (high - low), high: low + end * (high - low), kind };
-  for (const [share, text] of ticksOf(part)) {
+  for (const [share, text] of ticksOf(part, Math.min(6, Math.max(2, drawing.clientWidth / 90)))) {
+    if (share < 0.02 || share > 0.98) continue; // its text would be cut off
     const tick = document.createElementNS(drawing.namespaceURI, "text");
     tick.setAttribute("class", "tick");
     tick.setAttribute("x", percent(share));

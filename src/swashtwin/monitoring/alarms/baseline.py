@@ -154,6 +154,11 @@ class PointBaseline:
         """
         return _is_large(levels - self.median, self.spread)
 
+    def has_fallen(self, levels: Float64[np.ndarray, " level"]) -> bool:
+        """Whether levels changed as far as those of a large recording, and none rose: a sensor, or a pump at rest."""
+        change = levels - self.median
+        return _is_far(change, self.spread) and not _is_large(change, self.spread)
+
     def deviation(self, levels: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
         """How far a recording is from the baseline, for `diagnosis.level_changes`."""
         change = levels - self.median
@@ -225,9 +230,12 @@ def _score(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " 
     return max(float(np.sort(excess)[-COUNTED:].mean()), 0.0)
 
 
-def _is_large(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
+def _is_far(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
     magnitude = np.abs(change)
     furthest = np.argsort(magnitude / spread)[-COUNTED:]
-    is_far = magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS
+    return bool(magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS)
+
+
+def _is_large(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
     risen = np.argsort(change / spread)[-COUNTED:]
-    return bool(is_far and change[risen].mean() >= TOLERANCE)
+    return _is_far(change, spread) and bool(change[risen].mean() >= TOLERANCE)

@@ -11,7 +11,7 @@ from swashtwin.diagnosis import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError, plural, stream
 from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names
 from swashtwin.monitoring.alarms.points import point_layout
-from swashtwin.monitoring.alarms.sensors import SensorFinding, sensor_findings, swapped_channels
+from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
 from swashtwin.monitoring.alarms.testing import Change, Condition, ConformalTest
 from swashtwin.recordings import Recording, stated_speed
 
@@ -150,8 +150,7 @@ class PointMonitor:
         levels = memory.baseline.measure(recording)
         named = dict(zip(level_names(memory.baseline.layout), levels.tolist(), strict=True))
         if not findings and memory.baseline.is_complete:
-            swapped = swapped_channels(memory.baseline, levels)
-            findings = () if swapped is None else (swapped,)
+            findings = baseline_findings(memory.baseline, levels)
         if findings:
             return _at_fault(memory, state, findings, named)
         sensor, sensor_change = memory.sensor.after(False)

@@ -1,5 +1,6 @@
 """The server under the page, over real connections."""
 
+import contextlib
 import socket
 import threading
 import time
@@ -19,6 +20,7 @@ pytestmark = pytest.mark.nightly
 def port(plant, application: FastAPI, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Port of a page that hangs up on silent clients after half a second."""
     monkeypatch.setattr(serving, "HEADER_SECONDS", 0.5)
+    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 50)
     monkeypatch.setattr(serving, "ANSWER_SECONDS", 1.0)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -70,6 +72,15 @@ def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
         length = int(start.split(b"content-length: ")[1].split(b"\r\n")[0])
         time.sleep(3)
         assert len(_answer(lazy)) < length - 10**6  # the system holds some of it
+
+
+def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(serving.MOST_CONNECTIONS + 20):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        with socket.create_connection(("127.0.0.1", port)) as other:
+            other.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+            assert b" 200 " in _answer(other)[:20]
 
 
 def test_what_is_no_http_is_refused_and_the_next_request_answered(port: int) -> None:

@@ -124,7 +124,7 @@ def test_draining_takes_what_is_there_and_ends(tmp_path: Path, deliveries) -> No
 
 def test_what_is_remembered_does_not_grow_with_files_that_are_gone(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries, settle=0.0)
-    for number in range(3000):
+    for number in range(1500):
         path = tmp_path / "inbox" / f"{number}.wav"
         path.write_bytes(b"1")
         deliveries.accept = lambda delivery, content: ""
@@ -208,19 +208,19 @@ def test_a_full_disk_does_not_end_the_source(tmp_path: Path, deliveries, monkeyp
 
 
 def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
-    files, stamp = folder.TakenFiles(tmp_path / "taken.txt"), folder.Stamp(1, 2)
+    files, stamp = folder.TakenFiles(tmp_path / "taken.txt"), folder.Stamp(1, 2, 3)
     for number in range(1100):
-        files.add(f"{number}.wav", stamp)
-    files.keep({})
+        files.add(f"{number}.wav", stamp, b"1")
+    files.keep(set())
     assert files.has("0.wav", stamp)
-    files.keep({"7.wav": stamp})
+    files.keep({"7.wav"})
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
 
 
 def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(
     tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, 300_000_000_000 * 10**9))
+    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, 300_000_000_000 * 10**9, 0))
     watch = folder_watch(tmp_path, deliveries)
     (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
     take(watch)
@@ -251,25 +251,90 @@ def test_a_sub_folder_that_cannot_be_read_or_is_too_deep_is_said_and_stops_nothi
     assert "deeper than 8 folders" in str(watch.standing.problem)
 
 
-@pytest.mark.parametrize("change", ["grows", "is replaced"])
-def test_what_changes_between_copy_and_removal_is_not_removed(tmp_path: Path, deliveries, change: str) -> None:
-    path = tmp_path / "inbox" / "a.wav"
+def grow(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b" and more")
+
+
+def replace_at_equal_size_and_date(path: Path) -> None:
+    other, stat = path.with_name(".other"), path.stat()
+    other.write_bytes(b"other")
+    os.utime(other, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    other.rename(path)
+
+
+def rewrite_at_equal_size_and_date(path: Path) -> None:
+    stat = path.stat()
+    path.write_bytes(b"other")
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+CHANGES = {
+    "grows": grow,
+    "is replaced": lambda path: (path.unlink(), path.write_bytes(b"another")),
+    "is replaced at equal size and date": replace_at_equal_size_and_date,
+    "is rewritten at equal size and date": rewrite_at_equal_size_and_date,
+    "gets another date": lambda path: os.utime(path, (1e9, 1e9)),
+    "gets other rights": lambda path: path.chmod(0o600),
+    "gets another name": lambda path: path.rename(path.with_name("b.wav")),
+    "is removed": lambda path: path.unlink(),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("moment", ["while it is read", "while it is copied", "once it is copied"])
+@pytest.mark.parametrize("remove", [False, True])
+def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, remove: bool, moment: str, change: str
+) -> None:
+    path, has_changed = tmp_path / "inbox" / "a.wav", []
+    stat = Path.stat
+
+    def change_once() -> None:
+        if not has_changed:
+            has_changed.append(True)
+            CHANGES[change](path)
 
     def accept(delivery, content: bytes) -> str:
+        if moment == "while it is copied":
+            change_once()
         digest = deliveries.accept(delivery, content)
-        if content == b"first":
-            if change == "is replaced":
-                path.unlink()
-            path.write_bytes(b"first and more")
+        if moment == "once it is copied":
+            change_once()
         return digest
 
-    watch = folder_watch(tmp_path, deliveries, remove=True)
+    def changed_stat(this: Path, **options: bool):
+        if moment == "while it is read" and this == path:
+            monkeypatch.undo()
+            change_once()
+        return stat(this, **options)
+
+    watch = folder_watch(tmp_path, deliveries, remove=remove, settle=1e-9)
     watch._accept = accept
     path.write_bytes(b"first")
-    for _ in range(3):
-        take(watch)
-    assert [content for _, content in deliveries.items] == [b"first", b"first and more"]
-    assert list((tmp_path / "inbox").iterdir()) == []
+    monkeypatch.setattr(Path, "stat", changed_stat)
+    for _ in range(6):
+        watch.poll()
+    assert has_changed
+    contents = [content for _, content in deliveries.items]
+    left = [item.read_bytes() for item in (tmp_path / "inbox").iterdir()]
+    stays = {"grows": b"first and more", "is replaced": b"another", "is removed": None}.get(change, b"first")
+    stays = b"other" if "equal size" in change else stays
+    assert stays is None or stays in contents
+    assert left == ([] if remove or stays is None else [stays])
+    times = 2 if change in ("gets another date", "gets another name") else 1  # each is filed as double
+    assert all(contents.count(content) <= times for content in contents)
+
+
+def test_a_restart_after_a_cut_in_what_is_remembered_takes_again_and_misses_nothing(tmp_path: Path, deliveries) -> None:
+    watch = folder_watch(tmp_path, deliveries, settle=1e-9)
+    for name in ("a.wav", "b.wav"):
+        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    take(watch)
+    remembered = tmp_path / "taken" / "inbox.txt"
+    remembered.write_bytes(remembered.read_bytes()[:-9])
+    take(folder_watch(tmp_path, deliveries, settle=1e-9))
+    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav", "b.wav", "b.wav"]
 
 
 def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries) -> None:

@@ -12,18 +12,31 @@ HEADER_SECONDS = 15.0
 """Time a client has to send the head of a request, and to take the rest of a small answer [s]."""
 ANSWER_SECONDS = 120.0
 """Time a client has to take what is ready of an answer [s]."""
-_MOST_CONNECTIONS = 300
+MOST_CONNECTIONS = 300
+"""Connections at the same time. Beyond it the one that has been idle longest makes room for a new one."""
 
 
 class ImpatientProtocol(H11Protocol):
     """HTTP/1.1 that hangs up on who sends no request, and on who does not take the answer."""
 
     _patience: asyncio.TimerHandle | None = None
+    _since = 0.0
+    """When the clock was started last [s]."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Start the clock with the connection."""
+        """Start the clock with the connection, and hang up on the one that has been idle longest where it is full."""
+        if len(self.connections) >= MOST_CONNECTIONS:
+            idle = (other for other in self.connections if isinstance(other, ImpatientProtocol) and other.is_idle)
+            if (longest := min(idle, key=lambda other: other._since, default=None)) is not None:
+                longest.transport.abort()
+                self.connections.discard(longest)  # at once: the next one must not choose it again
         super().connection_made(transport)  # type: ignore[arg-type]
         self._start(HEADER_SECONDS)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request is being answered."""
+        return self.cycle is None or bool(self.cycle.response_complete)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection at once."""
@@ -60,11 +73,11 @@ class ImpatientProtocol(H11Protocol):
     def _start(self, seconds: float) -> None:
         if self._patience is not None:
             self._patience.cancel()
+        self._since = self.loop.time()
         self._patience = self.loop.call_later(seconds, self._hang_up)
 
     def _hang_up(self) -> None:
-        is_working = self.cycle is not None and not self.cycle.response_complete and not self.transport.is_closing()
-        if self.flow.write_paused or not is_working:
+        if self.flow.write_paused or self.is_idle or self.transport.is_closing():
             self.transport.abort()  # drops what the client did not take; close() would wait for it
 
 
@@ -82,7 +95,7 @@ def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
         access_log=False,
         server_header=False,
         proxy_headers=False,
-        limit_concurrency=_MOST_CONNECTIONS,
+        limit_concurrency=MOST_CONNECTIONS + 1,
         timeout_keep_alive=15,
         timeout_graceful_shutdown=2,
         h11_max_incomplete_event_size=32 * 1024,

@@ -1,15 +1,16 @@
 """A folder, on this disk or on a network share, in which others put files of recordings.
 
 A file is taken once its size and its time of change have stood still for a while: shares tell nobody when a file is
-closed. What was taken is remembered by path, size and time of change, so that a restart takes nothing twice, and a file
-that grew after all is taken again. No clock but the monotonic one decides.
+closed. What was taken is remembered by path, size, time of change and content, so that a restart takes nothing twice,
+and a file that grew or was replaced after all is taken again. No clock but the monotonic one decides.
 """
 
+import hashlib
 import json
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import suppress
 from datetime import UTC, datetime
 from fnmatch import fnmatch
@@ -39,6 +40,8 @@ class Stamp(NamedTuple):
     """Bytes."""
     changed: int
     """Time of change [ns]."""
+    touched: int
+    """Time at which the file or what is known of it changed [ns], which no copying program sets."""
 
 
 class FolderWatch:
@@ -96,7 +99,7 @@ class FolderWatch:
         problem: str | None = None
         try:
             if not self._left_out:
-                self._taken.keep(stamps)
+                self._taken.keep(stamps.keys())
             for path in sorted(ready, key=lambda name: (stamps[name].changed, name)):
                 count += self._take(Path(path), stamps[path])
         except OSError as cause:
@@ -122,6 +125,10 @@ class FolderWatch:
             if _stamp(path.stat()) != stamp:
                 self._is_settling = True
                 return False
+            if self._taken.is_same(str(path), stamp, content):  # touched by a backup, say
+                self._taken.add(str(path), stamp, content)
+                self._waiting.pop(str(path), None)
+                return False
         except OSError as cause:  # removed again, or locked by the program that writes it
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
@@ -132,16 +139,16 @@ class FolderWatch:
         self._accept(delivery, content)
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
-        if problem is not None or not self._source.remove or not self._is_removed(path, stamp):
-            self._taken.add(str(path), stamp)
+        if problem is not None or not self._source.remove or not self._is_removed(path, content):
+            self._taken.add(str(path), stamp, content)
         return True
 
-    def _is_removed(self, path: Path, stamp: Stamp) -> bool:
+    def _is_removed(self, path: Path, content: bytes) -> bool:
         """Whether the file that was taken is gone; one that came in its place or grew meanwhile stays, to be taken."""
         aside = path.with_name(f".{path.name}{_ASIDE}")
         try:
             path.rename(aside)  # at once, so that what is looked at is what is removed
-            if _stamp(aside.stat()) == stamp:
+            if aside.read_bytes() == content:
                 aside.unlink()
                 return True
             _put_back(aside)
@@ -183,42 +190,54 @@ class FolderWatch:
 
 
 class TakenFiles:
-    """Paths that were taken, with their stamps, in a file to which each is appended."""
+    """Paths that were taken, with their stamps and digests, in a file to which each is appended."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._stamps: dict[str, Stamp] = {}
+        self._files: dict[str, tuple[Stamp, str]] = {}
         self._lines = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_file():
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
                 self._lines += 1
                 try:
-                    name, size, changed = json.loads(line)
+                    name, size, changed, touched, digest = json.loads(line)
                 except (ValueError, TypeError):
                     continue  # a kill cut it off: its file is taken again, and filed as double
-                self._stamps[name] = Stamp(size, changed)
+                self._files[name] = Stamp(size, changed, touched), digest
 
     def has(self, path: str, stamp: Stamp) -> bool:
         """Whether the file was taken as it is now."""
-        return self._stamps.get(path) == stamp
+        return path in self._files and self._files[path][0] == stamp
 
-    def add(self, path: str, stamp: Stamp) -> None:
+    def is_same(self, path: str, stamp: Stamp, content: bytes) -> bool:
+        """Whether the file was taken with this size, date and content, whatever has touched it since."""
+        before, digest = self._files.get(path, (None, ""))
+        return before is not None and before[:2] == stamp[:2] and digest == _digest(content)
+
+    def add(self, path: str, stamp: Stamp, content: bytes) -> None:
         """Remember a file."""
-        self._stamps[path] = stamp
+        self._files[path] = stamp, _digest(content)
         self._lines += 1
         with self._path.open("a", encoding="utf-8") as file:
-            file.write(f"{json.dumps([path, *stamp])}\n")
+            file.write(self._line(path))
 
-    def keep(self, paths: dict[str, Stamp]) -> None:
+    def keep(self, paths: Set[str]) -> None:
         """Forget files that are gone, once they are most of what is remembered; none where all are: a share is away."""
-        if not paths or self._lines < 2 * len(self._stamps.keys() & paths.keys()) + 1000:
+        if not paths or self._lines < 2 * len(self._files.keys() & paths) + 1000:
             return
-        self._stamps = {path: stamp for path, stamp in self._stamps.items() if path in paths}
+        self._files = {path: known for path, known in self._files.items() if path in paths}
         with replacing(self._path) as temporary:
-            lines = (f"{json.dumps([path, *stamp])}\n" for path, stamp in self._stamps.items())
-            temporary.write_text("".join(lines), encoding="utf-8")
-        self._lines = len(self._stamps)
+            temporary.write_text("".join(map(self._line, self._files)), encoding="utf-8")
+        self._lines = len(self._files)
+
+    def _line(self, path: str) -> str:
+        stamp, digest = self._files[path]
+        return f"{json.dumps([path, *stamp, digest])}\n"
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def _put_back(aside: Path) -> None:
@@ -229,4 +248,4 @@ def _put_back(aside: Path) -> None:
 
 
 def _stamp(stat: os.stat_result) -> Stamp:
-    return Stamp(stat.st_size, stat.st_mtime_ns)
+    return Stamp(stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)

@@ -74,13 +74,13 @@ def _compared_channels(signal: Float[np.ndarray, "channel time"], names: Sequenc
         fall = 20 * np.log10(np.maximum(deviation / deviation.max(), 1e-20))
         return tuple(
             SensorFinding("silent", names[n], f"channel {names[n]} stands {-fall[n]:.0f} dB below the loudest channel.")
-            for n in np.flatnonzero(faint)
+            for n in np.flatnonzero(faint).tolist()
         )
     scaled = signal / deviation[:, None]
     alike = np.abs(np.triu(scaled @ scaled.T / signal.shape[1], 1)) >= EQUAL
     return tuple(
         SensorFinding("equal", f"{names[n]}, {names[m]}", f"channels {names[n]} and {names[m]} hold the same signal.")
-        for n, m in np.argwhere(alike)
+        for n, m in np.argwhere(alike).tolist()
     )
 
 
@@ -107,13 +107,13 @@ def baseline_findings(baseline: PointBaseline, levels: Float64[np.ndarray, " lev
         return (SensorFinding("stopped", ", ".join(names), sentence),)
     findings = [
         SensorFinding("silent", names[n], f"{fall[n]:+.0f} dB in the bands of channel {names[n]}: sensor or cable?")
-        for n in np.flatnonzero(is_silent)
+        for n in np.flatnonzero(is_silent).tolist()
     ]
     top, lower = np.median(bands[:, -_TOP_BANDS:], axis=1), np.median(bands[:, : n_bands // 2], axis=1)
     is_muffled = (top <= -MUFFLED) & (np.median(far[:, -_TOP_BANDS:], axis=1) <= -SPREADS) & (lower >= -_KEPT)
     findings += [
         SensorFinding("muffled", names[n], f"{top[n]:+.0f} dB in the highest bands of channel {names[n]}: mounting?")
-        for n in np.flatnonzero(is_muffled)
+        for n in np.flatnonzero(is_muffled).tolist()
     ]
     if not findings and (swapped := _swapped_channels(baseline, levels)) is not None:
         findings.append(swapped)

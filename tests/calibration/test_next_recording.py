@@ -93,7 +93,9 @@ def test_a_repetition_with_fewer_sensors_is_no_new_information(
 def test_candidates_are_ranked_and_a_repetition_comes_last(calibration: Calibration) -> None:
     plan = plan_recording(calibration, durations=[2.0, 20.0])
     widths = [item.total_width for item in plan.candidates]
-    assert len(widths) == 9 * 2
+    assert len(widths) == 6 * 2  # two speeds, three pressures: 860 rev/min is the pump's rated speed
+    assert max(item.speed for item in plan.candidates) == pytest.approx(rpm(860))
+    assert max(item.discharge_pressure for item in plan.candidates) == pytest.approx(MPa(15))
     assert widths == sorted(widths)
     assert plan.total_width == total_width(calibration.estimates)
     last = plan.candidates[-1]
@@ -119,13 +121,12 @@ def test_what_cannot_be_planned_is_said_in_plain_words(calibration: Calibration)
 
 def test_the_command_ranks_what_the_function_ranks(calibration: Calibration, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "calibration.json")
-    words = ("twin", "next", path, "--speeds", "600 rpm, 1500 rpm", "--pressures", "5 MPa,15 MPa", "--lengths", "2 s")
+    words = ("twin", "next", path, "--speeds", "600 rpm, 1500 rpm", "--pressures", "5 MPa,15 MPa")
     answer = run_json(*words, "--sensors", "cover_z, body_y, body_x")
     plan = plan_recording(
         load_calibration(path),
         speeds=[rpm(600), rpm(1500)],
         pressures=[MPa(5), MPa(15)],
-        durations=[2.0],
     )
     expected = asdict(plan)["candidates"]
     for name in ("speed", "discharge_pressure", "duration", "total_width"):

@@ -115,6 +115,14 @@ def test_a_folder_made_with_other_options_is_refused(tmp_path: Path, change: tup
     assert contents(tmp_path / "runs") == before
 
 
+@pytest.mark.parametrize(("fault", "law"), [("swash_plate", "lift_off"), ("swash_plate:depth=0.07mm", "shared")])
+def test_a_recess_gets_the_law_that_suits_its_depth_and_says_which(fault: str, law: str, tmp_path: Path) -> None:
+    words = ("twin", "simulate", *AT_15, "--duration", "0.1 s", "--fault", fault, "--out", tmp_path / "a.h5")
+    notes = run_json(*words)["notes"]
+    assert f"contact={law}, which suits its depth" in notes[0]
+    assert any("pulls at its slippers" in text for text in notes) == (law == "shared")
+
+
 # ---- what is refused
 
 

@@ -71,4 +71,4 @@ def test_a_twin_says_where_it_pulls_at_its_slippers(pump: Pump, at_15: Operating
 def test_the_sentence_quotes_lowest_force_share_and_hold_down() -> None:
     said = ContactCheck(lowest=-31e3, pulling=0.34, hold_down=11.4e3).sentence()
     assert "during 34% of the revolution (lowest contact force -31 kN, mean hold-down 11.4 kN)" in said
-    assert 'contact="lift_off"' in said
+    assert "contact=lift_off" in said

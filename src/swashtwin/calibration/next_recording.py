@@ -37,7 +37,8 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition
 
 FACTORS = (2 / 3, 1.0, 3 / 2)
-"""Candidates where nothing is named: these factors on the mean speed and pressure that were calibrated on."""
+"""Candidates where nothing is named: these factors on the mean speed and pressure that were calibrated on, as far as
+the pump's rating allows."""
 
 LEAST_REVOLUTIONS = 16
 """A calibration takes no shorter recording, since the scatter of its lines is that of four parts of it."""
@@ -91,8 +92,9 @@ def plan_recording(
 
     Parameters
     ----------
-    speeds : shaft speeds [rad/s]; by default 2/3, 1 and 3/2 times the mean one calibrated on.
-    pressures : absolute discharge pressures [Pa]; by default the same factors on the mean one.
+    speeds : shaft speeds [rad/s] that can be run; by default 2/3, 1 and 3/2 times the mean one calibrated on, those
+        above the pump's rated speed being that or the greatest calibrated on.
+    pressures : absolute discharge pressures [Pa]; by default the same factors on the mean one, within the rated one.
     durations : lengths [s]; by default the mean length of the recordings calibrated on.
     sensors : sets of sensors of the pump, by name; by default those calibrated on. Sensors not used before have gains,
         cross-talk and residues of their own, with the priors of the others.
@@ -219,9 +221,10 @@ class _Forecast:
                 self.channels = (*self.channels, name)
 
     def around(self, name: str) -> list[float]:
-        """`FACTORS` on the mean speed or discharge pressure."""
-        mean = float(np.mean([getattr(part.condition, name) for part in self.present]))
-        return [factor * mean for factor in FACTORS]
+        """`FACTORS` on the mean speed or discharge pressure, none above the pump's rating and all that was run."""
+        run, rated = [getattr(part.condition, name) for part in self.present], self.calibration.nominal.pump.rated
+        most = math.inf if rated is None else max(getattr(rated, name), *run)
+        return sorted({min(factor * float(np.mean(run)), most) for factor in FACTORS})
 
     def with_recording(self, condition: OperatingCondition, duration: float, channels: tuple[str, ...]) -> list[_Part]:
         """The present parts and one more recording; at the operating point and with the sensors of one, in its mean."""

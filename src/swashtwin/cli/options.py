@@ -278,11 +278,15 @@ def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
 
 
 def fault_from(text: str) -> "Fault | None":
-    """Fault that the text of ``--fault`` describes; None is a healthy pump."""
-    from swashtwin.pump import read_fault
+    """Fault that the text of ``--fault`` describes; None is a healthy pump. A recess whose law of contact is not named
+    gets the one that suits its depth."""
+    from swashtwin.pump import SwashPlateDefect, read_fault
 
     kind, dimensions = fault_dimensions(text)
-    return read_fault(kind, **dimensions)
+    fault = read_fault(kind, **dimensions)
+    return (
+        fault.with_fitting_contact() if isinstance(fault, SwashPlateDefect) and "contact" not in dimensions else fault
+    )
 
 
 def solver_from(name: Solver) -> "SteadySolver":

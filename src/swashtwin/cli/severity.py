@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
-from swashtwin.cli.options import Index, Json, Specimen, as_calibration, fault_dimensions, fault_from
+from swashtwin.cli.options import Index, Json, Specimen, as_calibration, fault_dimensions
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -42,10 +42,11 @@ def severity(
     """
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError
-    from swashtwin.pump import is_healthy
+    from swashtwin.pump import is_healthy, read_fault
     from swashtwin.recordings import load_recordings, manifest_of, seen_recordings
 
-    defect = fault_from(fault)
+    kind, fixed = fault_dimensions(fault)
+    defect = read_fault(kind, **fixed)
     if defect is None:
         raise typer.BadParameter(
             "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
@@ -63,7 +64,6 @@ def severity(
         ids = {recording.recording_id for recording in sound}
         further = load_recordings(healthy, specimen=specimen)
         sound += [item for item in further if is_healthy(item.label) and item.recording_id not in ids]
-    fixed = fault_dimensions(fault)[1]
     usual = [name for name in search_of(defect).free if name not in fixed]
     with progress("searching severities"):
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)

@@ -22,7 +22,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
-    from swashtwin.pump import OperatingCondition
+    from swashtwin.pump import Fault, OperatingCondition
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Variation
 
@@ -67,7 +67,7 @@ def simulate(
     defect = fault_from(fault or "normal")
     twin = _twin(pump, calibration, read_condition(speed=speed, discharge_pressure=pressure))
     twin = twin.with_fault(defect) if fault is not None or calibration is None else twin
-    notes = list(twin.notes())
+    notes = [*_contact_notes(twin.fault, fault), *twin.notes()]
     for text in notes:
         note(f"note: {text}")
     plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), seed, notes)
@@ -75,6 +75,15 @@ def simulate(
         _write_one(plan, out, as_json)
     else:
         _write_many(plan, out, count, as_json)
+
+
+def _contact_notes(fault: "Fault | None", text: str | None) -> "Iterator[str]":
+    """Which law of contact a recess was given that names none."""
+    from swashtwin.pump import SwashPlateDefect
+
+    if isinstance(fault, SwashPlateDefect) and text is not None and "contact" not in text:
+        depth = f"its depth of {fault.depth * 1e3:.3g} mm"
+        yield f"the slippers ride through the recess by contact={fault.contact}, which suits {depth}."
 
 
 @dataclass(frozen=True)

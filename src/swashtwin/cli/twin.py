@@ -26,7 +26,9 @@ def plan_next(
     calibration: CalibrationFile,
     speeds: Annotated[
         str | None,
-        typer.Option(help='Shaft speeds that can be run: "600 rpm, 1200 rpm"; by default 2/3, 1 and 3/2 of the mean.'),
+        typer.Option(
+            help='Speeds that can be run: "600 rpm, 1200 rpm"; by default 2/3, 1 and 3/2 of the mean, as rated.'
+        ),
     ] = None,
     pressures: Annotated[
         str | None,

@@ -84,6 +84,8 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
         return ("Do not use this twin: check speed, pressure, units and the pump's parameters first.",)
     weak = [estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"]
     caution = (f"Do not read {', '.join(weak)} as measured values of the pump.",) if weak else ()
+    if len(weak) == len(calibration.estimates):
+        return (*caution, "Do not synthesize with this twin before its misfit is explained: see the notes.")
     return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
 
 

@@ -49,7 +49,7 @@ class ContactCheck:
             return f"the slippers' films push throughout the revolution {numbers}: within the linear model's range"
         return (
             f"the linear twin pulls at its slippers during {self.pulling:.0%} of the revolution {numbers}: results lie "
-            'outside the linear model\'s range; a recess with contact="lift_off" lets its slippers lift off'
+            "outside the linear model's range; slippers of contact=lift_off may leave the plate"
         )
 
 

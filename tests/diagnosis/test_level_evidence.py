@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from swashtwin.diagnosis import Evidence, diagnose, explain
 from swashtwin.diagnosis.evidence_bands import level_bands, level_shares
@@ -77,8 +76,8 @@ def test_the_page_names_the_mean_of_the_training_and_the_envelope(evidence: Evid
 @pytest.mark.parametrize("orders", [True, False])
 def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None:
     turns, frequency = 0.01, 0.093
-    line = torch.sin(2 * torch.pi * frequency * torch.arange(2048))[None, None]
-    levels = window_levels(line, torch.tensor([turns]) if orders else None)[0, 0]
+    line = np.sin(2 * np.pi * frequency * np.arange(2048)).astype(np.float32)[None, None]
+    levels = window_levels(line, np.array([turns]) if orders else None)[0, 0]
     catalogue = level_catalogue(2048, orders)
     assert len(catalogue) == len(levels) == len(gain_response(orders))
     powers = [index for index, level in enumerate(catalogue) if level.quantity == "power" and not level.is_envelope]

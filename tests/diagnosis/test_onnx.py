@@ -81,13 +81,12 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
-def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a network with one envelope, whose file is written in half of the time."""
-    monkeypatch.setattr("swashtwin.learning.networks.window_levels._ENVELOPE_FROM", (1000 / 12800,))
+@pytest.mark.parametrize("normalization", ["set", "window"])
+def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path, normalization: str) -> None:
     speed = np.linspace(60.0, 120.0, len(windows()))
     turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
-    network = build_network("levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), hidden=8)
-    classifier = fit(network, turning, settings=TrainingSettings(epochs=1, normalization="set"))
+    network = build_network("levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8)
+    classifier = fit(network, turning, settings=TrainingSettings(epochs=1, normalization=normalization))
     opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
     inputs = {"windows": turning.signal, "speed": turning.speed.astype(np.float32)}
     expected = classifier.predict_proba(turning)

@@ -2,42 +2,45 @@
 
 import numpy as np
 import pytest
-import torch
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import LevelNetwork, build_network
+from swashtwin.learning import LevelNetwork
+from swashtwin.learning.networks.hidden_layer import fit_hidden
+from swashtwin.learning.networks.level_network import HEADS
 from swashtwin.learning.networks.window_levels import gain_response, window_levels
 
 LENGTH = 1024
 
 
-def signal(turns: float = 0.01, seed: int = 0) -> torch.Tensor:
+def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
     """Windows with lines at orders 1, 9 and 18 of a shaft, and noise."""
     draw = np.random.default_rng(seed)
     time = np.arange(LENGTH)
     lines = [np.sin(2 * np.pi * order * turns * time + draw.uniform(0, 6, (3, 2, 1))) for order in (1, 9, 18)]
-    return torch.from_numpy((sum(lines) + 0.1 * draw.normal(size=(3, 2, LENGTH))).astype(np.float32))
+    return (sum(lines) + 0.1 * draw.normal(size=(3, 2, LENGTH))).astype(np.float32)
 
 
 @pytest.mark.parametrize("orders", [True, False])
 def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
-    turns = torch.full((3,), 0.01) if orders else None
+    turns = np.full(3, 0.01) if orders else None
     moved = window_levels(10 * signal(), turns) - window_levels(signal(), turns)
-    torch.testing.assert_close(moved, gain_response(orders).expand_as(moved), atol=0.02, rtol=0)
+    np.testing.assert_allclose(moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02)
 
 
 def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
-    slow, fast = (window_levels(signal(turns), torch.full((3,), turns)) for turns in (0.012, 0.015))
+    slow, fast = (window_levels(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
     orders = slice(5, 25)
-    assert (slow - fast)[..., orders].abs().median() < 0.15
-    loudest = [levels[..., orders].mean(dim=(0, 1)).topk(3).indices.sort().values.tolist() for levels in (slow, fast)]
+    assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
+    loudest = [np.sort(levels[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist() for levels in (slow, fast)]
     assert loudest == [[0, 8, 17], [0, 8, 17]]
 
 
 def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
     network = LevelNetwork(2, 2, shape=True)
-    louder = signal() * torch.tensor([10.0, 0.1])[:, None]
-    torch.testing.assert_close(network.represent(louder), network.represent(signal()), atol=0.02, rtol=0)
+    louder = signal() * np.array([10.0, 0.1], dtype=np.float32)[:, None]
+    turns = np.full(3, np.nan)
+    quiet = network.represent_at(signal(), turns)
+    np.testing.assert_allclose(network.represent_at(louder, turns), quiet, atol=0.02)
 
 
 def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf() -> None:
@@ -47,24 +50,53 @@ def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf
     draw = np.random.default_rng(1)
     target = np.repeat([0, 1], 40)
     network = LevelNetwork(1, 2, heads=("discriminant",))
-    levels = draw.normal(size=(80, len(network.mean))).astype(np.float32)
+    levels = draw.normal(size=(80, len(network.response))).astype(np.float32)
     levels[:, :5] += target[:, None]
-    network.solve(torch.from_numpy(levels), torch.from_numpy(target), 0)
-    scaled = network.encode(torch.from_numpy(levels)).double().numpy()
+    network.solve(levels, target, 0)
+    scaled = network.encode(levels).astype(float)
     centers = np.stack([scaled[target == index].mean(axis=0) for index in range(2)])
     shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)[1]
     peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5]).fit(scaled, target)
-    expected = network.log_probabilities(torch.from_numpy(levels))["discriminant"]
+    expected = network.log_probabilities(levels)["discriminant"]
     assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
 
 
+def solved(heads: tuple[str, ...] = HEADS) -> tuple[LevelNetwork, np.ndarray]:
+    """A network of small windows, and their levels."""
+    network = LevelNetwork(2, 3, hidden=8, heads=heads)
+    levels = network.represent_at(signal(), np.full(3, np.nan))
+    network.solve(levels, np.array([0, 1, 2]), 0)
+    return network, levels
+
+
 def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
-    network = build_network("levels", 2, 3, hidden=8)
-    levels = network.represent(signal())
-    network.solve(levels, torch.tensor([0, 1, 2]), 0)
-    by_head = network.log_probabilities(levels)
-    mean = np.mean([np.exp(values) for values in by_head.values()], axis=0)
-    np.testing.assert_allclose(torch.softmax(network(signal()), dim=-1).detach().numpy(), mean, atol=1e-5)
+    network, levels = solved()
+    mean = np.mean([np.exp(values) for values in network.log_probabilities(levels).values()], axis=0)
+    np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
+
+
+@pytest.mark.parametrize("heads", [HEADS, HEADS[:1], HEADS[1:]])
+def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(heads: tuple[str, ...]) -> None:
+    network = LevelNetwork(1, 3, hidden=8, heads=heads)
+    levels = np.random.default_rng(0).normal(size=(60, len(network.response))).astype(np.float32)
+    network.solve(levels, np.arange(60) % 3, 0)
+    encoded = network.encode(levels)
+    gradient, change = network.mean_gradient(encoded, 0, 2, 500)
+    scores, at_mean = network.scores(levels), network.scores(network.weights["mean"][None])
+    np.testing.assert_allclose(change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose((gradient * encoded).sum(axis=1), change, rtol=0.02, atol=0.01)
+
+
+def test_the_slopes_of_the_hidden_layer_find_what_only_two_levels_together_tell() -> None:
+    draw = np.random.default_rng(0)
+    levels = draw.normal(size=(8000, 6)).astype(np.float32)
+    target = ((levels[:, 0] > 0) != (levels[:, 1] > 0)).astype(int)
+    weights = [fit_hidden(levels, target, 2, 32, dropout=0.1, noise=0.1, seed=seed) for seed in (1, 1, 2)]
+    hidden = np.maximum(levels @ weights[0]["hidden"].T + weights[0]["hidden.bias"], 0)
+    answer = (hidden @ weights[0]["output"].T + weights[0]["output.bias"]).argmax(axis=1)
+    assert (answer == target).mean() > 0.9
+    np.testing.assert_array_equal(weights[0]["hidden"], weights[1]["hidden"])
+    assert not np.array_equal(weights[0]["hidden"], weights[2]["hidden"])
 
 
 @pytest.mark.parametrize(

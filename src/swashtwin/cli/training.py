@@ -173,13 +173,11 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     """Arguments of `FaultClassifier`; an unknown name is a wrong command line."""
     from swashtwin import presets
     from swashtwin.diagnosis import FaultClassifier
-    from swashtwin.learning import NETWORKS, build_network, default_settings, has_network
+    from swashtwin.learning import build_network, default_settings, network_class
 
     recipe = presets.paper if preset is Preset.paper else presets.recommended
     name = network or str(recipe.classifier["network"])
-    if not has_network(name):
-        build_network(name, 2, 2)
-    shape_defaults = default_settings(NETWORKS[name])
+    shape_defaults = default_settings(network_class(name))
     chosen = read_settings(texts, {**shape_defaults, **defaults_of(recipe.training)}, f"training a {name}")
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window or 2048, **shape)

@@ -6,19 +6,22 @@ same sum over frequencies, Σ_k (w_k / N) Re(X_k conj(G_k)), is the same integra
 the way is the same; so one set of gradients tells moments and lines alike.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import torch
 from jaxtyping import Float, Float32, Float64
-from torch import nn
 
 from swashtwin.signals import transform
+
+if TYPE_CHECKING:
+    from torch import nn
 
 STEPS = 32
 """Points of the midpoint rule along the way."""
 
 
 def mean_gradients(
-    network: nn.Module,
+    network: "nn.Module",
     signal: Float32[np.ndarray, "window *entry"],
     label: int,
     rival: int,
@@ -29,11 +32,13 @@ def mean_gradients(
 
     Parameters
     ----------
-    network : in evaluation mode; or its last layers.
-    signal : scaled windows, as the network takes them; or what its last layers take.
+    network : in evaluation mode.
+    signal : scaled windows, as the network takes them.
     label, rival : indices of the two classes.
     steps : points of the midpoint rule.
     """
+    import torch
+
     inputs = torch.from_numpy(signal)
     gradient = torch.zeros_like(inputs, dtype=torch.float64)
     for step in range(steps):

@@ -1,6 +1,7 @@
 """What each band and each moment adds to a network's answer, by integrated gradients over samples or over levels."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float64
@@ -8,7 +9,10 @@ from jaxtyping import Float64
 from swashtwin.diagnosis.attribution import line_shares, mean_gradients
 from swashtwin.diagnosis.evidence_bands import Band, band_sums, level_bands, level_shares, signal_bands
 from swashtwin.foundation import DataError
-from swashtwin.learning import FittedClassifier, LevelNetwork, WindowSet
+from swashtwin.learning import FittedClassifier, LevelNetwork, SolvedNetwork, WindowSet
+
+if TYPE_CHECKING:
+    from swashtwin.learning import Network
 
 _MOMENTS = 10  # of a window, where gradients are over samples
 _LEVEL_STEPS = 512  # points on the way of levels: an average of heads turns within a hundredth of it
@@ -51,16 +55,21 @@ def contributions(
     DataError
         The gradients are not finite.
     """
-    if isinstance(classifier.network, LevelNetwork):
-        return _of_levels(classifier, classifier.network, windows, label, rival, shaft)
-    return _of_samples(classifier, windows, label, rival, shaft)
+    network = classifier.network
+    if isinstance(network, LevelNetwork):
+        return _of_levels(classifier, network, windows, label, rival, shaft)
+    if isinstance(network, SolvedNetwork):
+        raise DataError(
+            f"the network {network.name} has no gradients, so no line can be named that speaks for a class."
+        )
+    return _of_samples(classifier, network, windows, label, rival, shaft)
 
 
 def _of_samples(
-    classifier: FittedClassifier, windows: WindowSet, label: int, rival: int, shaft: float | None
+    classifier: FittedClassifier, network: "Network", windows: WindowSet, label: int, rival: int, shaft: float | None
 ) -> Contributions:
     scaled = classifier.normalization.apply(windows)
-    gradient, change = mean_gradients(classifier.network, scaled, label, rival)
+    gradient, change = mean_gradients(network, scaled, label, rival)
     _require_finite(gradient, windows)
     x, g = (part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64) for part in (scaled, gradient))
     count, n_samples = len(windows), x.shape[1]
@@ -80,7 +89,7 @@ def _of_levels(
     classifier: FittedClassifier, network: LevelNetwork, windows: WindowSet, label: int, rival: int, shaft: float | None
 ) -> Contributions:
     levels = classifier.embed(windows).astype(np.float32)
-    gradient, change = mean_gradients(network.head, levels, label, rival, steps=_LEVEL_STEPS)
+    gradient, change = network.mean_gradient(levels, label, rival, _LEVEL_STEPS)
     _require_finite(gradient, windows)
     count, n_channels = len(windows), windows.n_channels
     adds = (levels * gradient).reshape(count, n_channels, -1) / count

@@ -192,9 +192,8 @@ class FaultClassifier(Estimator):
         if self.network is None:
             rate_of_folds = None if validation is not None else self.error_rate
             fitted = learning.fit_chosen(
-                training, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, device=self.device,
-                progress=tell,
-            )  # fmt: skip
+                training, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, progress=tell
+            )
         else:
             fitted = learning.fit(
                 learning.build_network(
@@ -331,10 +330,9 @@ class FaultClassifier(Estimator):
         other = {
             name: training[name] for name in usual if name not in _OWN_PARAMETERS and training[name] != usual[name]
         }
-        plain = learning.build_network(
-            fitted.network.name, shape["n_channels"], shape["n_classes"], length=fitted.length
-        ).settings
-        network = {name: value for name, value in shape.items() if name not in plain or value != plain[name]}
+        plain = learning.default_settings(learning.network_class(fitted.network.name))
+        own = ("n_channels", "n_classes", "length")
+        network = {name: value for name, value in shape.items() if name not in own and value != plain.get(name)}
         named: dict[str, Any] = {
             "network": fitted.network.name,
             **{name: training[name] for name in _OWN_PARAMETERS},
@@ -354,7 +352,7 @@ class FaultClassifier(Estimator):
     def _settings(self) -> TrainingSettings:
         if self.network is None:
             usual = type(self)()
-            for name in (*_OWN_PARAMETERS, "training_settings", "network_settings"):
+            for name in (*_OWN_PARAMETERS, "training_settings", "network_settings", "device"):
                 if getattr(self, name) != getattr(usual, name):
                     raise InputError(f"{name} belongs to a network; name it, such as network='bitcn'.")
         values = {name: getattr(self, name) for name in _OWN_PARAMETERS}

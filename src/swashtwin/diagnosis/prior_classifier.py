@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Shaped
-from torch import from_numpy
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
 from swashtwin.diagnosis.classifier_input import relabeled
@@ -319,7 +318,7 @@ class PriorClassifier:
         arrays = {"levels": self.levels, "speed": self.point_speed, "pressure": self.point_pressure}
         names = {item.name for item in fields(self)} - {"forest", "levels", "point_speed", "point_pressure"}
         card = to_table({name: getattr(self, name) for name in sorted(names)})
-        tensors = {**self.forest.tensors(), **{name: from_numpy(array) for name, array in arrays.items()}}
+        tensors = {**self.forest.tensors(), **arrays}
         return write_artifact(path, self.KIND, VERSION, card, tensors, may_be_nan=_MAY_BE_NAN)
 
     @classmethod
@@ -341,7 +340,7 @@ class PriorClassifier:
         card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
         with refuse_misfits(path, cls.KIND):
             names = {"levels": "levels", "point_speed": "speed", "point_pressure": "pressure"}
-            arrays = {name: tensors[key].numpy() for name, key in names.items()}
+            arrays = {name: tensors[key] for name, key in names.items()}
             return from_table({**card, **arrays, "forest": vars(Forest.of_tensors(tensors))}, cls)
 
 

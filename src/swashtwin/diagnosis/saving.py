@@ -4,11 +4,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, device
+import numpy as np
 
-from swashtwin.foundation import ArtifactError, load_artifact, refuse_misfits, save_artifact
+from swashtwin.foundation import ArtifactError, InputError, load_artifact, refuse_misfits, save_artifact
 from swashtwin.learning import (
-    BUILT_IN,
     N_FACTS,
     NETWORKS,
     Choice,
@@ -19,12 +18,12 @@ from swashtwin.learning import (
     TrainingReference,
     TrainingSettings,
     WindowLayout,
-    build_network,
-    has_network,
+    network_class,
+    rebuild_network,
 )
 from swashtwin.recordings import Manifest
 
-KIND, _VERSION = "classifier", 5
+KIND, _VERSION = "classifier", 6
 _MAY_BE_NAN = ("training_reference.condition",)
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
@@ -36,7 +35,7 @@ class _Network:
 
     name: str
     settings: dict[str, Any]
-    weights: dict[str, Tensor]
+    weights: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +86,12 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
         The network is not registered, so that nobody could build it again from the file; or a weight is not finite.
     """
     network = classifier.network
-    if NETWORKS.get(network.name) is not type(network):
+    if network.name not in NETWORKS or network_class(network.name) is not type(network):
         raise ArtifactError(
             f"the network {type(network).__name__} is not registered, so its file could not be loaded; register it "
             "first."
         )
-    named = _Network(network.name, network.settings, network.state_dict())
+    named = _Network(network.name, network.settings, network.weights)
     card = _Card(named, **{name: getattr(classifier, name) for name in _SAME})
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
@@ -111,21 +110,22 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:60]
     with refuse_misfits(path, KIND):
-        if not has_network(name):
+        try:
+            network_class(name)
+        except InputError as cause:
             raise ArtifactError(
                 f"{path} has the network {name!r}, which is not registered here; register the same "
                 "network before loading."
-            )
+            ) from cause
         _require_size(card.network, card.layout.length)
-        network = build_network(card.network.name, **card.network.settings)
-        network.load_state_dict(card.network.weights)
-        return FittedClassifier(network.eval(), **{name: getattr(card, name) for name in _SAME})
+        network = rebuild_network(name, card.network.settings, card.network.weights)
+        return FittedClassifier(network, **{name: getattr(card, name) for name in _SAME})
 
 
 def _require_size(network: _Network, length: int) -> None:
     """Refuse settings that ask for other weights than the file holds, before memory is taken for them."""
     weights = network.weights
-    most = max(_USUAL_SIZE, length, sum(tensor.numel() for tensor in weights.values()))
+    most = max(_USUAL_SIZE, length, sum(array.size for array in weights.values()))
     for name, value in network.settings.items():
         entries = value if isinstance(value, list) else [value]
         if len(entries) > _MOST_LAYERS:
@@ -135,11 +135,3 @@ def _require_size(network: _Network, length: int) -> None:
                 raise ValueError(f"the network's {name[:60]} is neither a number nor a text")
             if isinstance(entry, (int, float)) and abs(entry) > most:
                 raise ValueError(f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most")
-    if network.name not in BUILT_IN:
-        return
-    with device("meta"):
-        needed = build_network(network.name, **network.settings).state_dict()
-    for name in [*needed, *weights]:
-        shapes = [tuple(side[name].shape) if name in side else None for side in (needed, weights)]
-        if shapes[0] != shapes[1]:
-            raise ValueError(f"weight {name} has the shape {shapes[1]}, its settings ask for {shapes[0]}")

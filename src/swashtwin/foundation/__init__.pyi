@@ -3,12 +3,9 @@
 from .artifacts import add_prefix as add_prefix
 from .artifacts import artifact_kind as artifact_kind
 from .artifacts import load_artifact as load_artifact
-from .artifacts import optimizer_tensors as optimizer_tensors
 from .artifacts import read_artifact as read_artifact
 from .artifacts import read_run as read_run
 from .artifacts import refuse_misfits as refuse_misfits
-from .artifacts import require_form as require_form
-from .artifacts import restore_optimizer as restore_optimizer
 from .artifacts import save_artifact as save_artifact
 from .artifacts import select_prefix as select_prefix
 from .artifacts import write_artifact as write_artifact
@@ -26,6 +23,7 @@ from .errors import MissingFileError as MissingFileError
 from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
+from .extras import load_extra as load_extra
 from .files import TEXT as TEXT
 from .files import file_name as file_name
 from .files import open_pieces as open_pieces
@@ -43,6 +41,7 @@ from .memory import return_memory as return_memory
 from .multiple_testing import holm_correction as holm_correction
 from .printing import escape_controls as escape_controls
 from .processes import end_with as end_with
+from .processes import one_thread as one_thread
 from .processes import parallel as parallel
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
@@ -52,7 +51,8 @@ from .texts import plural as plural
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
 from .torch_state import has_bfloat16_arithmetic as has_bfloat16_arithmetic
-from .torch_state import one_thread as one_thread
+from .torch_state import optimizer_tensors as optimizer_tensors
+from .torch_state import restore_optimizer as restore_optimizer
 from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius

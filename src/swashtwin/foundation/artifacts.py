@@ -1,7 +1,7 @@
-"""Artifacts on disk: tensors and a JSON card in one safetensors file, with a version and a checksum.
+"""Artifacts on disk: arrays and a JSON card in one safetensors file, with a version and a checksum.
 
 Trained classifiers, window sets and runs that can go on are all such files. Reading one runs no code. A SHA-256 over
-kind, version, card and tensors tells a damaged or edited file; it is no signature, since whoever edits a file on
+kind, version, card and arrays tells a damaged or edited file; it is no signature, since whoever edits a file on
 purpose can write a new checksum. A crash while writing leaves the file as it was.
 """
 
@@ -14,10 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
-from torch import Tensor
+from safetensors.numpy import save_file
 
 from swashtwin.foundation.cards import from_table, parse_json, to_table
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
@@ -35,7 +33,7 @@ _KEY = "swashtwin"
 def save_artifact(
     path: Path | str, kind: str, version: int, thing: Any, *, may_be_nan: Sequence[str] | None = ()
 ) -> Path:
-    """`path`, after a dataclass was written to it whole; its arrays and tensors, at any depth, become tensors.
+    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors of the file.
 
     Parameters
     ----------
@@ -57,8 +55,8 @@ def save_artifact(
 
     names: dict[str, int] = {}
     card = _with_names(to_table(thing, of_array=take), "", names)
-    tensors = {name: torch.as_tensor(arrays[index]) for name, index in names.items()}
-    return write_artifact(path, kind, version, card, tensors, may_be_nan=may_be_nan)
+    named = {name: arrays[index] for name, index in names.items()}
+    return write_artifact(path, kind, version, card, named, may_be_nan=may_be_nan)
 
 
 def _with_names(card: Any, name: str, names: dict[str, int]) -> Any:
@@ -91,14 +89,9 @@ def load_artifact(
     ArtifactError
         The file is damaged, edited, something else, of another version, or holds what `form` refuses.
     """
-    card, tensors = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
-
-    def give(of: Any, entry: Any) -> Any:
-        tensor = tensors[entry[_ARRAY]]
-        return tensor if of is Tensor or getattr(of, "array_type", None) is Tensor else tensor.numpy()
-
+    card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
     with refuse_misfits(path, kind):
-        return from_table(card, form, to_array=give)
+        return from_table(card, form, to_array=lambda _, entry: arrays[entry[_ARRAY]])
 
 
 def write_artifact(
@@ -106,7 +99,7 @@ def write_artifact(
     kind: str,
     version: int,
     card: Mapping[str, Any],
-    tensors: Mapping[str, Tensor],
+    arrays: Mapping[str, Any],
     *,
     may_be_nan: Sequence[str] | None = (),
 ) -> Path:
@@ -115,17 +108,17 @@ def write_artifact(
     Parameters
     ----------
     kind : what it is, such as ``"classifier"``.
-    version : version of the kind's card and tensors.
-    card : everything that is no tensor, as JSON can hold it.
-    tensors : by name.
-    may_be_nan : names of the tensors that may hold NaN or infinity; None for all.
+    version : version of the kind's card and arrays.
+    card : everything that is no array, as JSON can hold it.
+    arrays : by name; tensors on the CPU are such too.
+    may_be_nan : names of the arrays that may hold NaN or infinity; None for all.
 
     Raises
     ------
     ArtifactError
-        A tensor holds NaN or infinity.
+        An array holds NaN or infinity.
     """
-    saved = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    saved = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     _require_finite(f"the {kind} is not saved to {path}", saved, may_be_nan)
     card = json.loads(json.dumps(dict(card)))
     note = {"kind": kind, "version": version, "card": card, "sha256": _checksum(kind, version, card, saved)}
@@ -136,8 +129,8 @@ def write_artifact(
 
 def read_artifact(
     path: Path | str, kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
-) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """(card, tensors) that `write_artifact` wrote.
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """(card, arrays) that `write_artifact` wrote.
 
     Parameters
     ----------
@@ -149,14 +142,14 @@ def read_artifact(
     MissingFileError
         There is no such file.
     ArtifactError
-        The file is damaged, edited, something else, of another version, or a tensor holds NaN or infinity.
+        The file is damaged, edited, something else, of another version, or an array holds NaN or infinity.
     """
     if not Path(path).is_file():
         raise MissingFileError(f"{path} does not exist; {advice}.")
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as cause:
         reason = str(cause).splitlines()[0]
         raise ArtifactError(f"{path} is damaged or no saved {kind} ({reason}); {advice}.") from cause
@@ -175,67 +168,20 @@ def read_artifact(
         raise ArtifactError(
             f"{path} has version {str(identity[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
         )
-    if checksum != _checksum(kind, version, card, tensors):
+    if checksum != _checksum(kind, version, card, arrays):
         raise ArtifactError(f"{path} was changed after it was saved (its SHA-256 does not match); {advice}.")
-    _require_finite(str(path), tensors, may_be_nan)
-    return card, tensors
+    _require_finite(str(path), arrays, may_be_nan)
+    return card, arrays
 
 
 def artifact_kind(path: Path | str) -> str:
     """Kind of the artifact in a file, empty where it is none; nothing else of it is read or checked."""
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             note = parse_json((file.metadata() or {}).get(_KEY, "{}"))
     except (SafetensorError, OSError, ValueError, RecursionError):
         return ""
     return str(note.get("kind", "")) if isinstance(note, dict) else ""
-
-
-def require_form(value: Any, form: Any, where: str) -> None:
-    """Refuse a value of a card that has another form.
-
-    Parameters
-    ----------
-    form : a type; ``[form]`` for a list of such; ``{"name": form}`` for an object with these entries and no other, or
-        ``{str: form}`` for one with any names; or ``(form, None)`` for what may be null. An int is a float too.
-    where : what messages call it.
-
-    Raises
-    ------
-    ValueError
-        It has another form; the message names the first entry that differs.
-
-    Examples
-    --------
-    >>> require_form({"rate": 1, "names": ["a", 2]}, {"rate": float, "names": [str]}, "card")
-    Traceback (most recent call last):
-    ValueError: card.names[1] is 2, no str
-    """
-    if isinstance(form, tuple):
-        if value is not None or None not in form:
-            require_form(value, next(kind for kind in form if kind is not None), where)
-    elif isinstance(form, type):
-        kinds = (int, float) if form is float else form
-        if not isinstance(value, kinds) or (isinstance(value, bool) and form is not bool):
-            raise ValueError(f"{where} is {_short(value)}, no {form.__name__}")
-    elif isinstance(form, list):
-        if not isinstance(value, list):
-            raise ValueError(f"{where} is {_short(value)}, no list")
-        for number, item in enumerate(value):
-            require_form(item, form[0], f"{where}[{number}]")
-    else:
-        _require_object(value, form, where)
-
-
-def _require_object(value: Any, form: Mapping[Any, Any], where: str) -> None:
-    if not isinstance(value, dict):
-        raise ValueError(f"{where} is {_short(value)}, no object")
-    names = form if str not in form else dict.fromkeys(value, form[str])
-    for name in [*names, *value]:
-        if name not in value or name not in names:
-            raise ValueError(f"{where} has {'no' if name not in value else 'an unknown'} entry {_short(name)!r}")
-    for name, kind in names.items():
-        require_form(value[name], kind, f"{where}.{_short(name)}")
 
 
 @contextmanager
@@ -255,7 +201,7 @@ def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
 
 
 def write_run(
-    path: Path, kind: str, version: int, run: Mapping[str, Any], tensors: Mapping[str, Tensor], state: object
+    path: Path, kind: str, version: int, run: Mapping[str, Any], arrays: Mapping[str, Any], state: object
 ) -> None:
     """Put a run's state into `path`.
 
@@ -263,14 +209,14 @@ def write_run(
     ----------
     kind, version : of the file.
     run : what the run is, as JSON can hold it; `read_run` refuses the file to any other.
-    tensors : by name; they may hold infinity.
+    arrays : by name; they may hold infinity.
     state : what else it needs to go on, as JSON can hold it.
     """
-    write_artifact(path, kind, version, {"run": dict(run), "state": state}, tensors, may_be_nan=None)
+    write_artifact(path, kind, version, {"run": dict(run), "state": state}, arrays, may_be_nan=None)
 
 
-def read_run(path: Path, kind: str, version: int, run: Mapping[str, Any]) -> tuple[dict[str, Tensor], Any]:
-    """Tensors and state that `write_run` put into `path` for the same run.
+def read_run(path: Path, kind: str, version: int, run: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], Any]:
+    """Arrays and state that `write_run` put into `path` for the same run.
 
     Raises
     ------
@@ -279,51 +225,36 @@ def read_run(path: Path, kind: str, version: int, run: Mapping[str, Any]) -> tup
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    card, tensors = read_artifact(path, kind, version, advice="delete it to start again", may_be_nan=None)
+    card, arrays = read_artifact(path, kind, version, advice="delete it to start again", may_be_nan=None)
     with refuse_misfits(path, kind):
         saved, state = dict(card["run"]), card["state"]
     _require_same_run(path, saved, json.loads(json.dumps(dict(run))))
-    return tensors, state
+    return arrays, state
 
 
-def add_prefix(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def add_prefix(prefix: str, arrays: Mapping[str, T]) -> dict[str, T]:
     """The same under names that begin with `prefix` and a point."""
-    return {f"{prefix}.{name}": tensor for name, tensor in tensors.items()}
+    return {f"{prefix}.{name}": array for name, array in arrays.items()}
 
 
-def select_prefix(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def select_prefix(prefix: str, arrays: Mapping[str, T]) -> dict[str, T]:
     """Those that `add_prefix` put under `prefix`, by their own names."""
     start = f"{prefix}."
-    return {name.removeprefix(start): tensor for name, tensor in tensors.items() if name.startswith(start)}
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
 
 
-def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """An optimizer's moments by name."""
-    states = optimizer.state_dict()["state"]
-    return {f"{index}.{name}": value for index, state in states.items() for name, value in state.items()}
-
-
-def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Set `optimizer` to moments that `optimizer_tensors` gave."""
-    states: dict[int, dict[str, Tensor]] = {}
-    for name, tensor in tensors.items():
-        index, word = name.split(".", 1)
-        states.setdefault(int(index), {})[word] = tensor
-    optimizer.load_state_dict({**optimizer.state_dict(), "state": states})
-
-
-def _require_finite(where: str, tensors: Mapping[str, Tensor], may_be_nan: Sequence[str] | None) -> None:
-    for name, tensor in tensors.items():
-        if may_be_nan is None or name in may_be_nan or not tensor.is_floating_point():
+def _require_finite(where: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None) -> None:
+    for name, array in arrays.items():
+        if may_be_nan is None or name in may_be_nan or array.dtype.kind != "f":
             continue
-        if not bool(torch.isfinite(tensor).all()):
+        if not np.isfinite(array).all():
             raise ArtifactError(f"{where}: {name} holds NaN or infinity.")
 
 
-def _checksum(kind: str, version: int, card: Any, tensors: Mapping[str, Tensor]) -> str:
+def _checksum(kind: str, version: int, card: Any, arrays: Mapping[str, np.ndarray]) -> str:
     digest = hashlib.sha256(f"{kind} {version}\n{json.dumps(card, sort_keys=True)}\n".encode())
-    for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name].numpy())
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name], order="C")
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()

@@ -1,12 +1,15 @@
-"""Processes that work side by side and end with the process that started them."""
+"""Processes that work side by side and end with the process that started them, and work on one thread."""
 
 import os
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from joblib import Parallel
+from threadpoolctl import threadpool_limits
 
 _SECONDS = 1.0
 """Between two looks at the parent."""
@@ -46,3 +49,16 @@ def _end_after(parent: int) -> None:
         while os.getppid() == parent:
             time.sleep(_SECONDS)
     os._exit(1)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it this thread computes alone, since kernels this small only wait for each other
+    (docs/explanation/method.md).
+
+    Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
+    """
+    if (torch := sys.modules.get("torch")) is not None:
+        torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
+    with threadpool_limits(limits=1, user_api="openmp"):
+        yield

@@ -1,12 +1,10 @@
-"""Torch's random numbers and threads for one piece of work, without a change of what the process shares, and what its
-processor can do."""
+"""Torch's random numbers for one piece of work, without a change of what the process shares, and what its processor can
+do."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any
 
 import torch
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
@@ -82,21 +80,24 @@ def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Ge
     return x * mask / (1 - share) if share < 1 else torch.zeros_like(x), mask.bool()
 
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Within it this thread computes alone, since kernels this small only wait for each other
-    (docs/explanation/method.md).
-
-    Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
-    """
-    torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
-    with threadpool_limits(limits=1, user_api="openmp"):
-        yield
-
-
 def has_bfloat16_arithmetic() -> bool:
     """Whether this processor may have instructions for bfloat16; without, 16 bits are slower than 32.
 
     Those of x86 up to AVX2 have none. The first ones with AVX-512 have none either, which torch does not tell.
     """
     return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")
+
+
+def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """An optimizer's moments by name."""
+    states = optimizer.state_dict()["state"]
+    return {f"{index}.{name}": value for index, state in states.items() for name, value in state.items()}
+
+
+def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
+    """Set `optimizer` to moments that `optimizer_tensors` gave."""
+    states: dict[int, dict[str, Tensor]] = {}
+    for name, tensor in tensors.items():
+        index, word = name.split(".", 1)
+        states.setdefault(int(index), {})[word] = tensor
+    optimizer.load_state_dict({**optimizer.state_dict(), "state": states})

@@ -23,12 +23,12 @@ def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " ti
 
 def transform(signal: Float[np.ndarray, "*batch time"], count: int | None = None) -> Complex[np.ndarray, "*batch line"]:
     """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal with zeros."""
-    return np.fft.rfft(signal, count, axis=-1)
+    return np.asarray(scipy.fft.rfft(signal, count, axis=-1))
 
 
 def inverse_transform(lines: Inexact[np.ndarray, "*batch line"], count: int) -> Float[np.ndarray, "*batch time"]:
     """Signal of `count` samples whose `transform` has these lines."""
-    return np.fft.irfft(lines, count, axis=-1)
+    return np.asarray(scipy.fft.irfft(lines, count, axis=-1))
 
 
 def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line"]:

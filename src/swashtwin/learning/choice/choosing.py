@@ -4,16 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from jaxtyping import Float64, Int64, Shaped
-from torch import Tensor
+from jaxtyping import Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
 from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
 from swashtwin.learning.choice.choice import Choice, Trial
 from swashtwin.learning.evaluation.pooling import likeliest_class
-from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.networks.level_network import LevelNetwork, mean_of_heads
 from swashtwin.learning.networks.window_levels import gain_response, window_levels
+from swashtwin.learning.training.classifier import TOGETHER
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
@@ -31,8 +30,6 @@ BUDGET = 600.0
 SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
 """Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative change of speed."""
 _KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
-_BATCH = 32
-"""Windows whose levels are computed together: they stay in the processor's cache."""
 _COST = {"representation": 1.5e-7, "solution": 2.5e-7}
 """Seconds of one core: of the levels of a sample; of one head per training window and level."""
 
@@ -183,6 +180,9 @@ def _within_budget(
     return tried, ""
 
 
+_Levels = Float32[np.ndarray, "window channel level"]
+
+
 class _Views:
     """Levels of all windows, clean and disturbed, each computed once: training passes, and views to test under."""
 
@@ -193,7 +193,7 @@ class _Views:
         self.synthetic_specimen = synthetic.specimen
         self._seed = seed
         self._normalization = Normalization.fit("set", self.windows)
-        self._levels: dict[tuple[str, str], Tensor] = {}
+        self._levels: dict[tuple[str, str], _Levels] = {}
         self._turns = usual_turns(self.windows)
 
     def network(self, candidate: Candidate) -> LevelNetwork:
@@ -201,14 +201,14 @@ class _Views:
         settings = candidate.network_settings(self._turns)
         return LevelNetwork(self.windows.n_channels, len(self.windows.classes), **settings)
 
-    def levels(self, axis: str, view: str) -> Tensor:
+    def levels(self, axis: str, view: str) -> _Levels:
         """Levels of the measured windows under one of `_VIEWS`, or of those ``"synthetic"``."""
         key = (axis, view)
         if key not in self._levels:
             self._levels[key] = self._computed(self._viewed(view), axis)
         return self._levels[key]
 
-    def training(self, axis: str, training: TrainingSettings) -> tuple[Tensor, np.ndarray]:
+    def training(self, axis: str, training: TrainingSettings) -> tuple[_Levels, np.ndarray]:
         """(levels of every training pass, index of the window behind each row)."""
         parts, rows = [self.levels(axis, "clean"), self.levels(axis, "synthetic")], [np.arange(len(self.windows))]
         for number in range(1, training.epochs + 1):
@@ -216,7 +216,7 @@ class _Views:
             if len(which):
                 parts.append(self._computed(changed, axis))
                 rows.append(which)
-        return torch.cat(parts), np.concatenate(rows)
+        return np.concatenate(parts), np.concatenate(rows)
 
     def _viewed(self, view: str) -> WindowSet:
         if view == "synthetic":
@@ -228,17 +228,14 @@ class _Views:
             return replace(windows, signal=with_gains(at_other_speeds(windows.signal, STRETCH, rng), GAIN, rng))
         return windows
 
-    def _computed(self, windows: WindowSet, axis: str) -> Tensor:
+    def _computed(self, windows: WindowSet, axis: str) -> _Levels:
         if not len(windows):
-            return torch.zeros(0, windows.n_channels, len(gain_response(axis == "order")))
-        signal = torch.from_numpy(self._normalization.apply(windows)).split(_BATCH)
-        turns = torch.from_numpy(windows.turns_per_sample).split(_BATCH)
-        with torch.no_grad():
-            parts = [
-                window_levels(batch, speed if axis == "order" else None)
-                for batch, speed in zip(signal, turns, strict=True)
-            ]
-        return torch.cat(parts)
+            return np.zeros((0, windows.n_channels, len(gain_response(axis == "order"))), dtype=np.float32)
+        samples, turns = self._normalization.apply(windows), windows.turns_per_sample
+        parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
+        return np.concatenate(
+            [window_levels(samples[part], turns[part] if axis == "order" else None) for part in parts]
+        )
 
 
 def _noisy(windows: WindowSet, rng: np.random.Generator) -> np.ndarray:
@@ -278,14 +275,11 @@ def _answers(
             shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
             for fold, (trained, tested) in enumerate(folds):
                 chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
-                target = torch.from_numpy(views.windows.target[rows[chosen]])
-                network = network.fresh(derive_seed(seed, "trial", fold))
-                network.solve(shaped[torch.from_numpy(chosen)], target, derive_seed(seed, "trial", fold))
+                network.solve(shaped[chosen], views.windows.target[rows[chosen]], derive_seed(seed, "trial", fold))
                 for view, test in enumerate(shaped_tests):
-                    by_head = network.log_probabilities(test[torch.from_numpy(tested)])
+                    by_head = network.log_probabilities(test[tested])
                     for candidate in members:
-                        parts = np.stack([by_head[head] for head in candidate.heads])
-                        mean = np.logaddexp.reduce(parts, axis=0) - np.log(len(parts))
+                        mean = mean_of_heads([by_head[head] for head in candidate.heads])
                         answers[candidate.name][view][tested] = mean
     tell("trying candidates", len(paths), len(paths))
     return answers

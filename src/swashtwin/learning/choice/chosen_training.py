@@ -11,7 +11,7 @@ from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
 from swashtwin.learning.networks.level_network import LevelNetwork
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, require_enough
-from swashtwin.learning.training.loop import fit, require_trainable
+from swashtwin.learning.training.fitting import fit, require_trainable
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
@@ -24,7 +24,6 @@ def fit_chosen(
     budget: float = BUDGET,
     error_rate: float | None = None,
     seed: int = 0,
-    device: str = "cpu",
     progress: Callable[[str, int, int], None] | None = None,
 ) -> FittedClassifier:
     """Classifier of the candidate that `choose` finds, trained on all windows, with a cross-fitted confidence.
@@ -39,7 +38,6 @@ def fit_chosen(
     error_rate : share of recordings whose prediction set may miss the true class; by default as
         `cross_fitted_confidence` takes it.
     seed : seed of everything random.
-    device : ``"cpu"`` or a GPU, for the last training.
     progress : called with (activity, finished, in all).
 
     Raises
@@ -56,7 +54,7 @@ def fit_chosen(
     candidate, choice, answers = choose(windows, budget=budget, seed=seed, progress=progress)
     settings = candidate.network_settings(usual_turns(windows))
     network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
-    fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest, device=device)
+    fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest)
     confidence = _confidence(fitted.training_reference, answers, error_rate)
     if confidence is None and error_rate is not None:
         raise InputError(

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from torch import Tensor, from_numpy
 
 N_TREES = 100
 """Trees of a forest."""
@@ -57,18 +56,18 @@ class Forest:
         np.add.at(added, (leaf, np.broadcast_to(target[:, None], leaf.shape)), weight)
         return replace(self, probability=(self.probability + added) / (1 + added.sum(axis=1, keepdims=True)))
 
-    def tensors(self) -> dict[str, Tensor]:
+    def tensors(self) -> dict[str, np.ndarray]:
         """Its arrays by name, as narrow as they may be."""
         narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
         arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
         leaf = self.column < 0
         return {
-            **{name: from_numpy(array) for name, array in arrays.items()},
-            "leaf_probability": from_numpy(self.probability[leaf].astype(np.float16)),
+            **arrays,
+            "leaf_probability": self.probability[leaf].astype(np.float16),
         }
 
     @classmethod
-    def of_tensors(cls, tensors: dict[str, Tensor]) -> "Forest":
+    def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
         """The forest whose `tensors` these are.
 
         Raises
@@ -76,9 +75,9 @@ class Forest:
         ValueError
             They contradict each other.
         """
-        root, column, left = (tensors[name].numpy().astype(np.int64) for name in ("root", "column", "left"))
-        threshold = tensors["threshold"].double().numpy()
-        of_leaves = tensors["leaf_probability"].double().numpy()
+        root, column, left = (tensors[name].astype(np.int64) for name in ("root", "column", "left"))
+        threshold = tensors["threshold"].astype(np.float64)
+        of_leaves = tensors["leaf_probability"].astype(np.float64)
         nodes, leaf = np.arange(column.size), column < 0
         fits = column.ndim == 1 and column.shape == threshold.shape == left.shape and of_leaves.shape[0] == leaf.sum()
         if not fits or root.size == 0 or not ((root >= 0) & (root < column.size)).all():

@@ -1,17 +1,15 @@
 """Levels of the whole window, and a discriminant or a hidden layer on them."""
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
-import torch
-from jaxtyping import Float, Float64, Int
-from torch import Tensor, nn
-from torch.nn import functional
+from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.foundation import InputError, TorchStream
-from swashtwin.learning.networks.network import Network, batches
+from swashtwin.foundation import InputError
+from swashtwin.learning.networks.hidden_layer import fit_hidden
+from swashtwin.learning.networks.settings import require_shapes
+from swashtwin.learning.networks.solved_network import SolvedNetwork
 from swashtwin.learning.networks.window_levels import WindowLevel, gain_response, level_catalogue, window_levels
 from swashtwin.learning.training.class_space import shrunk_covariance
 
@@ -23,10 +21,9 @@ AXES = ("order", "frequency")
 _LEAST_DEVIATION = 0.01
 """Least deviation that a level is divided by [log10 of power]; less is rounding."""
 _RIDGE = 1e-6  # added to each variance, which a level that never changes has none of
-_PASSES, _BATCH, _RATE = 10, 128, 2e-3
 
 
-class LevelNetwork(Network):
+class LevelNetwork(SolvedNetwork):
     """Levels of a window's spectrum and envelopes, decided on by a discriminant, a hidden layer, or both; ours.
 
     A level is log10 of a power: of narrow lines at the shaft's orders (or of equal width in hertz), of logarithmic
@@ -35,17 +32,18 @@ class LevelNetwork(Network):
     gain changes anything.
 
     The discriminant is linear: Gaussian classes of one covariance, shrunk by Ledoit and Wolf (2004, DOI
-    10.1016/S0047-259X(03)00096-4), all classes alike likely. The hidden layer is trained by Adam. Their probabilities
-    are averaged. Both are solved for by `solve`, so that no epochs are run.
+    10.1016/S0047-259X(03)00096-4), all classes alike likely. The hidden layer is trained by Adam (`fit_hidden`). Their
+    probabilities are averaged.
 
     Weights, with L levels of a window, H = `hidden`:
 
-    ======================= =================
-    ``mean``, ``deviation`` (L,)
-    ``head.discriminant``   (classes, L)
-    ``head.hidden.0``       (H, L)
-    ``head.hidden.4``       (classes, H)
-    ======================= =================
+    ============================ =================
+    ``mean``, ``deviation``      (L,)
+    ``discriminant``             (classes, L)
+    ``hidden``                   (H, L)
+    ``output``                   (classes, H)
+    ``discriminant.bias``, ...   one for each row
+    ============================ =================
 
     Parameters
     ----------
@@ -66,17 +64,11 @@ class LevelNetwork(Network):
 
     Examples
     --------
-    >>> LevelNetwork(1, 5)(torch.zeros(2, 1, 2048)).shape
-    torch.Size([2, 5])
+    >>> LevelNetwork(1, 5).represent_at(np.zeros((2, 1, 2048), dtype=np.float32), np.zeros(2)).shape
+    (2, 536)
     """
 
     name: ClassVar[str] = "levels"
-    closed_form: ClassVar[bool] = True
-
-    mean: Tensor
-    deviation: Tensor
-    response: Tensor
-    head: "_Heads"
 
     def __init__(
         self,
@@ -111,12 +103,8 @@ class LevelNetwork(Network):
             dropout=dropout,
             noise=noise,
         )
-        response = gain_response(axis == "order")
-        n_levels = n_channels * len(response)
-        self.register_buffer("response", response, persistent=False)
-        self.register_buffer("mean", torch.zeros(n_levels))
-        self.register_buffer("deviation", torch.ones(n_levels))
-        self.head = _Heads(n_levels, n_classes, heads, hidden, dropout)
+        self.response = gain_response(self.uses_speed)
+        """`gain_response` of a channel's levels."""
 
     @property
     def uses_speed(self) -> bool:
@@ -129,103 +117,129 @@ class LevelNetwork(Network):
         return level_catalogue(length, self.uses_speed)
 
     def represent_at(
-        self, windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"]
-    ) -> Float[Tensor, "window level"]:
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float32[np.ndarray, "window level"]:
         """Levels of windows with so many turns of the shaft per sample; NaN takes the training's."""
-        if self.settings["axis"] == "frequency":
-            return self.shaped(window_levels(windows, None))
-        usual = torch.full_like(turns, self.settings["turns"])
-        return self.shaped(window_levels(windows, torch.where(turns.isnan(), usual, turns)))
+        usual = self.settings["turns"]
+        return self.shaped(window_levels(windows, np.where(np.isnan(turns), usual, turns) if self.uses_speed else None))
 
-    def represent(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window level"]:
-        """Levels at the speed of the training."""
-        return self.represent_at(windows, torch.full_like(windows[:, 0, 0], torch.nan))
-
-    def shaped(self, levels: Float[Tensor, "window channel level"]) -> Float[Tensor, "window value"]:
+    def shaped(self, levels: Float32[np.ndarray, "window channel level"]) -> Float32[np.ndarray, "window value"]:
         """Levels of `window_levels`, channel after channel; with `shape` less what each channel's own level adds."""
         if self.settings["shape"]:
             levels = levels - self.response * levels[..., :1]
-        return levels.flatten(1)
+        return levels.reshape(len(levels), -1)
 
-    def encode(self, windows: Float[Tensor, "window level"]) -> Float[Tensor, "window level"]:
+    def encode(self, values: Float32[np.ndarray, "window level"]) -> Float32[np.ndarray, "window level"]:
         """Levels in deviations of the training's."""
-        return (windows - self.mean) / self.deviation
+        return (values - self.weights["mean"]) / self.weights["deviation"]
 
-    def solve(self, windows: Float[Tensor, "window level"], target: Int[Tensor, " window"], seed: int) -> None:
+    def solve(self, values: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], seed: int) -> None:
         """Find the weights from levels and classes."""
-        with torch.no_grad():
-            self.mean.copy_(windows.mean(dim=0))
-            self.deviation.copy_(windows.std(dim=0).nan_to_num(1.0).clamp_min(_LEAST_DEVIATION))
-            levels = self.encode(windows)
-        if self.head.discriminant is not None:
-            _solve_discriminant(self.head.discriminant, levels, target)
-        if self.head.hidden is not None:
-            self._train_hidden(self.head.hidden, levels, target, seed)
-        self.eval()
+        deviation = values.std(axis=0, ddof=1, dtype=np.float64) if len(values) > 1 else np.ones(values.shape[1])
+        self.weights = {
+            "mean": values.mean(axis=0, dtype=np.float64).astype(np.float32),
+            "deviation": np.maximum(deviation, _LEAST_DEVIATION).astype(np.float32),
+        }
+        levels = self.encode(values)
+        if "discriminant" in self.settings["heads"]:
+            self.weights |= _discriminant(levels, target, self.n_classes)
+        if "hidden" in self.settings["heads"]:
+            size, dropout, noise = (self.settings[name] for name in ("hidden", "dropout", "noise"))
+            self.weights |= fit_hidden(levels, target, self.n_classes, size, dropout=dropout, noise=noise, seed=seed)
 
     def log_probabilities(
-        self, windows: Float[Tensor, "window level"]
-    ) -> Mapping[str, Float64[np.ndarray, "window class"]]:
+        self, values: Float32[np.ndarray, "window level"]
+    ) -> dict[str, Float64[np.ndarray, "window class"]]:
         """Logarithm of each class's probability by head."""
-        with torch.no_grad():
-            levels = self.encode(windows)
-            return {
-                name: functional.log_softmax(head(levels).double(), dim=-1).numpy() for name, head in self.head.heads()
-            }
+        levels = self.encode(values)
+        logarithms = {}
+        for head in self.settings["heads"]:
+            if head == "hidden":
+                levels_seen, layer = np.maximum(self._affine("hidden", levels), 0), "output"
+            else:
+                levels_seen, layer = levels, head
+            logarithms[head] = _log_softmax(self._affine(layer, levels_seen).astype(np.float64))
+        return logarithms
 
-    def _train_hidden(self, hidden: nn.Module, levels: Tensor, target: Tensor, seed: int) -> None:
-        counts = torch.bincount(target, minlength=self.n_classes)
-        weight = len(target) / (self.n_classes * counts.clamp_min(1).float())
-        steps = _PASSES * len(batches(target, _BATCH))
-        optimizer = torch.optim.Adam(hidden.parameters(), lr=_RATE)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-        hidden.train()
-        random = TorchStream(seed)  # around what draws alone, for it slows every operation
-        for _ in range(_PASSES):
-            with random:
-                order = torch.randperm(len(target), device=target.device)
-            for batch in batches(order, _BATCH):
-                with random:
-                    noisy = levels[batch] + self.settings["noise"] * torch.randn_like(levels[batch])
-                    scores = hidden(noisy)
-                loss = functional.cross_entropy(scores, target[batch], weight=weight)
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                schedule.step()
+    def scores(self, values: Float32[np.ndarray, "window level"]) -> Float64[np.ndarray, "window class"]:
+        """Logarithm of the mean probability of the heads."""
+        return mean_of_heads(list(self.log_probabilities(values).values()))
+
+    def mean_gradient(
+        self, levels: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
+    ) -> tuple[Float64[np.ndarray, "window level"], Float64[np.ndarray, " window"]]:
+        """(mean gradient on the straight way from 0, change on it) of the score of `label` less that of `rival`.
+
+        Parameters
+        ----------
+        levels : as `encode` gives them.
+        label, rival : indices of the two classes.
+        steps : points of the midpoint rule.
+        """
+        names = self.settings["heads"]
+        inner = {head: (levels @ self.weights[head].T).astype(np.float64) for head in names}
+        slope = {head: np.zeros_like(part) for head, part in inner.items()}
+        for step in range(steps):
+            ways = {head: self._along(head, part, (step + 0.5) / steps) for head, part in inner.items()}
+            for chosen, sign in ((label, 1.0), (rival, -1.0)):
+                shares = _log_softmax(np.stack([way[0][:, chosen] for way in ways.values()], axis=1))
+                for head, share in zip(names, np.exp(shares).T, strict=True):
+                    logarithm, active = ways[head]
+                    change = -np.exp(logarithm)
+                    change[:, chosen] += 1
+                    change *= sign * share[:, None] / steps
+                    slope[head] += change if active is None else (change @ self.weights["output"]) * active
+        gradient = sum(part @ self.weights[head] for head, part in slope.items())
+        margins = []
+        for position in (1.0, 0.0):
+            mean = mean_of_heads([self._along(head, part, position)[0] for head, part in inner.items()])
+            margins.append(mean[:, label] - mean[:, rival])
+        return np.asarray(gradient), margins[0] - margins[1]
+
+    def _along(
+        self, head: str, inner: Float64[np.ndarray, "window unit"], position: float
+    ) -> tuple[Float64[np.ndarray, "window class"], np.ndarray | None]:
+        """(log-probabilities of a head at a share of the way from 0, which hidden units are active)."""
+        sums = position * inner + self.weights[f"{head}.bias"]
+        if head == "discriminant":
+            return _log_softmax(sums), None
+        active = sums > 0
+        return _log_softmax((sums * active) @ self.weights["output"].T + self.weights["output.bias"]), active
+
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> Self:
+        """This network with the weights of a saved one; a `ValueError` where they are of another shape."""
+        n_levels, hidden = self.n_channels * len(self.response), self.settings["hidden"]
+        needed: dict[str, tuple[int, ...]] = {"mean": (n_levels,), "deviation": (n_levels,)}
+        if "discriminant" in self.settings["heads"]:
+            needed |= {"discriminant": (self.n_classes, n_levels), "discriminant.bias": (self.n_classes,)}
+        if "hidden" in self.settings["heads"]:
+            needed |= {"hidden": (hidden, n_levels), "hidden.bias": (hidden,)}
+            needed |= {"output": (self.n_classes, hidden), "output.bias": (self.n_classes,)}
+        require_shapes(needed, weights)
+        self.weights = dict(weights)
+        return self
+
+    def _affine(self, layer: str, x: Float[np.ndarray, "window unit"]) -> Float[np.ndarray, "window row"]:
+        return x @ self.weights[layer].T + self.weights[f"{layer}.bias"]
 
 
-class _Heads(nn.Module):
-    """Logarithm of the mean probability of the heads."""
-
-    def __init__(self, n_levels: int, n_classes: int, heads: tuple[str, ...], hidden: int, dropout: float) -> None:
-        super().__init__()
-        self.discriminant = nn.Linear(n_levels, n_classes) if "discriminant" in heads else None
-        self.hidden = None
-        if "hidden" in heads:
-            self.hidden = nn.Sequential(
-                nn.Linear(n_levels, hidden),
-                nn.BatchNorm1d(hidden),
-                nn.ReLU(),
-                nn.Dropout(dropout),
-                nn.Linear(hidden, n_classes),
-            )
-
-    def heads(self) -> list[tuple[str, nn.Module]]:
-        """Name and layers of each head."""
-        return [(name, head) for name, head in self.named_children() if head is not None]
-
-    def forward(self, levels: Float[Tensor, "window level"]) -> Float[Tensor, "window class"]:
-        scores = torch.stack([functional.log_softmax(head(levels), dim=-1) for _, head in self.heads()])
-        return torch.logsumexp(scores, dim=0) - math.log(len(scores))
+def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> Float64[np.ndarray, "window class"]:
+    """Logarithm of the mean of probabilities whose logarithms these are."""
+    return np.asarray(np.logaddexp.reduce(np.stack(logarithms), axis=0) - np.log(len(logarithms)))
 
 
-def _solve_discriminant(layer: nn.Linear, levels: Tensor, target: Tensor) -> None:
+def _log_softmax(scores: Float64[np.ndarray, "window class"]) -> Float64[np.ndarray, "window class"]:
+    shifted = scores - scores.max(axis=1, keepdims=True)
+    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
+
+
+def _discriminant(
+    levels: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], n_classes: int
+) -> dict[str, Float32[np.ndarray, "..."]]:
     """Weights of the linear discriminant: W = S⁻¹ m_c, b = -m_cᵀ S⁻¹ m_c / 2, S the covariance within classes."""
-    x, y = levels.double().cpu().numpy(), target.cpu().numpy()
-    centers = np.stack([x[y == index].mean(axis=0) for index in range(layer.out_features)])
-    covariance = shrunk_covariance(x - centers[y])
+    x = levels.astype(np.float64)
+    centers = np.stack([x[target == index].mean(axis=0) for index in range(n_classes)])
+    covariance = shrunk_covariance(x - centers[target])
     weight = np.linalg.solve(covariance + _RIDGE * np.eye(len(covariance)), centers.T).T
-    with torch.no_grad():
-        layer.weight.copy_(torch.from_numpy(weight))
-        layer.bias.copy_(torch.from_numpy(-(weight * centers).sum(axis=1) / 2))
+    bias = -(weight * centers).sum(axis=1) / 2
+    return {"discriminant": weight.astype(np.float32), "discriminant.bias": bias.astype(np.float32)}

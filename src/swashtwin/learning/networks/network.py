@@ -1,12 +1,15 @@
 """What every network here has in common: it knows its own arguments, and its features before the last layer."""
 
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Float64, Int
 from torch import Tensor, nn
 
-from swashtwin.foundation import InputError, TorchStream
+from swashtwin.foundation import TorchStream
+from swashtwin.learning.networks.settings import require_sizes
 
 
 def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:
@@ -40,22 +43,12 @@ class Network(nn.Module):
 
     name: ClassVar[str]
     """Key in the registry; saved models name their network by it."""
-    closed_form: ClassVar[bool] = False
-    """Whether `solve` finds the weights at once, so that `fit` runs no epochs."""
     head: nn.Module
     """Last layer, features to one score per class."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__()
-        for word, value in settings.items():
-            counts = value if isinstance(value, tuple) else (value,)
-            if not counts:
-                raise InputError(f"{self.name}: {word} needs as many as one entry.")
-            if isinstance(counts[0], int) and min(counts) < 1 and not isinstance(value, bool):
-                raise InputError(f"{self.name}: {word} ({min(counts)}) must be at least 1.")
-        if not 0 <= settings.get("dropout", 0) < 1:
-            share = settings["dropout"]
-            raise InputError(f"{self.name}: dropout ({share:g}) is a share, at least 0 and below 1; a tenth is 0.1.")
+        require_sizes(self.name, settings)
         self.settings = settings
         """Arguments that build this network again; numbers, words, and tuples of these."""
 
@@ -104,11 +97,42 @@ class Network(nn.Module):
         `fit` calls it once, with what `represent` gives of all its training windows.
         """
 
-    def solve(self, windows: Float[Tensor, "window ..."], target: Int[Tensor, " window"], seed: int) -> None:
-        """Find the weights from what `represent` gives of all training windows, and their classes."""
-        raise NotImplementedError
-
     def fresh(self: N, seed: int) -> N:
         """A network of the same settings with weights drawn from `seed`; the process's random state stays as it is."""
         with TorchStream(seed):
             return type(self)(**self.settings)
+
+    @property
+    def weights(self) -> dict[str, np.ndarray]:
+        """Weights by name."""
+        return {name: value.cpu().numpy() for name, value in self.state_dict().items()}
+
+    def loaded(self: N, weights: Mapping[str, np.ndarray]) -> N:
+        """This network in evaluation mode, with the weights of a saved one."""
+        self.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
+        return self.eval()
+
+    def probabilities(
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float64[np.ndarray, "window class"]:
+        """Probability of each class; NaN where a feature or a score of the window is no finite number."""
+
+        def answer(represented: Tensor) -> Tensor:
+            features = self.encode(represented)
+            probability = torch.softmax(self.head(features).double(), dim=-1)
+            finite = [part.flatten(1).isfinite().all(dim=1) for part in (represented, features, probability)]
+            return probability.masked_fill(~torch.stack(finite).all(dim=0)[:, None], torch.nan)
+
+        return self._through(windows, turns, answer)
+
+    def embedding(
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float64[np.ndarray, "window feature"]:
+        """What the last layer sees of each window."""
+        return self._through(windows, turns, lambda represented: self.encode(represented).double())
+
+    def _through(self, windows: np.ndarray, turns: np.ndarray, step: Callable[[Tensor], Tensor]) -> np.ndarray:
+        device = next(self.parameters()).device
+        with torch.no_grad():
+            batch, speed = (torch.from_numpy(part).to(device) for part in (windows, turns))
+            return step(self.represent_at(batch, speed)).cpu().numpy()

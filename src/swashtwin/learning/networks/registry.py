@@ -2,29 +2,57 @@
 
 import difflib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from torch import nn
+import numpy as np
 
-from swashtwin.foundation import InputError, TorchStream
-from swashtwin.learning.networks.bitcn import BiTCN
-from swashtwin.learning.networks.level_network import LevelNetwork
-from swashtwin.learning.networks.network import Network
-from swashtwin.learning.networks.own_module import OwnModule
-from swashtwin.learning.networks.settings import checked_settings
+from swashtwin.foundation import InputError, load_extra
+from swashtwin.learning.networks.settings import checked_settings, require_shapes
+from swashtwin.learning.networks.solved_network import SolvedNetwork
 
-NETWORKS: dict[str, type[Network]] = {network.name: network for network in (LevelNetwork, BiTCN)}
-"""Class of each network; a saved model is built again by its name here."""
+if TYPE_CHECKING:
+    from torch import nn
 
+    from swashtwin.learning.networks.network import Network
+
+AnyNetwork: TypeAlias = "Network | SolvedNetwork"
+"""A network of either kind: trained in epochs by torch, or solved by numpy."""
+
+NETWORKS: dict[str, type | tuple[str, str]] = {
+    "levels": ("level_network", "LevelNetwork"),
+    "bitcn": ("bitcn", "BiTCN"),
+}
+"""Class of each network, or module and name of a class of this package that nobody needed yet (`network_class`)."""
 
 BUILT_IN = frozenset(NETWORKS)
 """Names of the networks of this package, which no other network can take."""
 _ENTRY_POINTS = "swashtwin.networks"
 
 
-def register_network(name: str, network: type[Network] | Callable[..., nn.Module]) -> None:
+def network_class(name: str) -> Any:
+    """Class of the network of that name; a saved model is built again by it.
+
+    Raises
+    ------
+    InputError
+        No network is called so; the nearest is offered.
+    MissingExtraError
+        The network needs torch, which is not installed.
+    """
+    if not has_network(name):
+        near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
+    found = NETWORKS[name]
+    if isinstance(found, tuple):
+        module = load_extra(f"swashtwin.learning.networks.{found[0]}", "networks", f"the network {name}")
+        found = NETWORKS[name] = getattr(module, found[1])
+    return found
+
+
+def register_network(name: str, network: "type[Network] | Callable[..., nn.Module]") -> None:
     """Make an own network known under `name`, to be trained, saved and loaded like any other.
 
     A saved model names its network only, so the same call must come before it is loaded elsewhere. A package can have
@@ -41,11 +69,12 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     Raises
     ------
     InputError
-        The name is empty, belongs to a network or a baseline of this package, or the class has another name; or it
+        The name is empty, belongs to a network of this package, or the class has another name; or it
         takes other arguments.
 
     Examples
     --------
+    >>> from torch import nn
     >>> def linear(n_channels, n_classes, length):
     ...     return nn.Sequential(nn.Flatten(), nn.Linear(n_channels * length, n_classes))
     >>> register_network("linear", linear)
@@ -53,13 +82,13 @@ def register_network(name: str, network: type[Network] | Callable[..., nn.Module
     5
     >>> del NETWORKS["linear"]
     """
-    from swashtwin.learning.estimators.registry import BASELINES  # scikit-learn takes a second to import
+    from swashtwin.learning.networks.network import Network
+    from swashtwin.learning.networks.own_module import OwnModule
 
     if not name:
         raise InputError("a network needs a name that is not empty; a saved model is loaded by it.")
-    if name in BUILT_IN or name in BASELINES:
-        kind = "network" if name in BUILT_IN else "classifier on features"
-        raise InputError(f"the name {name!r} belongs to a {kind} of swashtwin; choose another.")
+    if name in BUILT_IN:
+        raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
     if isinstance(network, type) and issubclass(network, Network):
         if network.name != name:
             raise InputError(f"{network.__name__}.name is {network.name!r}; register it under that name.")
@@ -89,7 +118,9 @@ def has_network(name: str) -> bool:
     return name in NETWORKS
 
 
-def build_network(name: str, n_channels: int, n_classes: int, *, length: int | None = None, **settings: Any) -> Network:
+def build_network(
+    name: str, n_channels: int, n_classes: int, *, length: int | None = None, **settings: Any
+) -> AnyNetwork:
     """The network of that name with untrained weights.
 
     Parameters
@@ -100,16 +131,40 @@ def build_network(name: str, n_channels: int, n_classes: int, *, length: int | N
     ------
     InputError
         No network or none of its settings is called so (the nearest is offered), or a setting cannot be.
+    MissingExtraError
+        The network needs torch, which is not installed.
     """
-    if not has_network(name):
-        near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
-    kind = NETWORKS[name]
+    kind = network_class(name)
     checked = checked_settings(kind, settings)
-    if issubclass(kind, OwnModule):
+    if hasattr(kind, "build"):
         if length is None:
             raise InputError(f"network {name!r} is built for one window length; give that length, in samples.")
         checked["length"] = length
+    sizes = {"n_channels": n_channels, "n_classes": n_classes}
+    if issubclass(kind, SolvedNetwork):
+        return kind(**sizes, **checked)
+    from swashtwin.foundation import TorchStream
+
     with TorchStream(0):
-        return kind(n_channels=n_channels, n_classes=n_classes, **checked)
+        network: Network = kind(**sizes, **checked)
+    return network
+
+
+def rebuild_network(name: str, settings: dict[str, Any], weights: Mapping[str, np.ndarray]) -> AnyNetwork:
+    """The network of that name with settings and weights of a saved one.
+
+    Raises
+    ------
+    InputError
+        As `build_network`.
+    ValueError
+        The weights are not those of a network with these settings; one of this package takes no memory before.
+    """
+    if not issubclass(network_class(name), SolvedNetwork) and name in BUILT_IN:
+        import torch
+
+        with torch.device("meta"):
+            unloaded: Any = build_network(name, **settings)
+        needed = {key: tuple(value.shape) for key, value in unloaded.state_dict().items()}
+        require_shapes(needed, weights)
+    return build_network(name, **settings).loaded(weights)

@@ -3,21 +3,42 @@
 import difflib
 import inspect
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any
 
+import numpy as np
+
 from swashtwin.foundation import InputError
-from swashtwin.learning.networks.network import Network
-from swashtwin.learning.networks.own_module import OwnModule
 
 
-def default_settings(kind: type[Network]) -> dict[str, Any]:
+def require_sizes(name: str, settings: dict[str, Any]) -> None:
+    """Refuse a whole number below 1 among the settings of a network, and a `dropout` that is no share."""
+    for word, value in settings.items():
+        counts = value if isinstance(value, tuple) else (value,)
+        if not counts:
+            raise InputError(f"{name}: {word} needs as many as one entry.")
+        if isinstance(counts[0], int) and min(counts) < 1 and not isinstance(value, bool):
+            raise InputError(f"{name}: {word} ({min(counts)}) must be at least 1.")
+    if not 0 <= settings.get("dropout", 0) < 1:
+        share = settings["dropout"]
+        raise InputError(f"{name}: dropout ({share:g}) is a share, at least 0 and below 1; a tenth is 0.1.")
+
+
+def require_shapes(needed: Mapping[str, tuple[int, ...]], weights: Mapping[str, np.ndarray]) -> None:
+    """Raise a `ValueError` that names the first weight that is missing, unknown, or of another shape than needed."""
+    for name in [*needed, *weights]:
+        shapes = needed.get(name), weights[name].shape if name in weights else None
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"weight {name} has the shape {shapes[1]}, its settings ask for {shapes[0]}")
+
+
+def default_settings(kind: Any) -> dict[str, Any]:
     """Default of every setting of a network by name; a subclass has those of its base class too."""
     defaults: dict[str, Any] = {}
     constructors = [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]
-    if issubclass(kind, OwnModule):
-        constructors = [kind.build]
+    if build := getattr(kind, "build", None):  # a person's own module
+        constructors = [build]
     for constructor in constructors:
         parameters = inspect.signature(constructor).parameters.values()
         defaults |= {item.name: item.default for item in parameters if item.default is not item.empty}
@@ -26,7 +47,7 @@ def default_settings(kind: type[Network]) -> dict[str, Any]:
     return defaults
 
 
-def checked_settings(kind: type[Network], settings: dict[str, Any]) -> dict[str, Any]:
+def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
     """`settings` as the constructor takes them: one entry for a setting of several becomes a tuple of one.
 
     Raises

@@ -4,24 +4,25 @@ Nothing here has weights. Each level is log10 of a power or of an amplitude, or 
 much a gain changes it is its gain response, so that a gain can be applied to, or removed from, the levels themselves.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import torch
-from jaxtyping import Float
-from torch import Tensor
-from torch.nn import functional
+from jaxtyping import Complex64, Float, Float32, Float64, Int
 
-from swashtwin.learning.networks.representation import FLOOR, bands_of, power_of, taper_of, waveform_shape
+from swashtwin.signals import band_shares, hann_taper, inverse_transform, transform
 
+FLOOR = 1e-7
+"""Added to each power before its logarithm, in the square of the scaled unit; windows are expected scaled
+(`Normalization`), which makes it negligible."""
 N_ORDERS, N_ENVELOPE_ORDERS = 72, 40
 """Orders of the shaft whose lines stand one by one, of the signal and of an envelope."""
-_LINES, _LINE_SHARE, _ENVELOPE_LINES, _ENVELOPE_SHARE = 200, 200 / 1024, 64, 64 / 1024
-_BANDS, _ENVELOPE_BANDS = 48, 24
-_ENVELOPE_FROM = (0.0, 1000 / 12800, 4000 / 12800)
+_LINES, LINE_SHARE, _ENVELOPE_LINES, ENVELOPE_SHARE = 200, 200 / 1024, 64, 64 / 1024
+BANDS, ENVELOPE_BANDS = 48, 24
+ENVELOPE_FROM = (0.0, 1000 / 12800, 4000 / 12800)
 """Shares of half the sample rate above which envelopes are taken: of all, above 1 kHz and 4 kHz at 25.6 kHz."""
-_LEAST_DEVIATION, _NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of an order within the spectrum [lines]
+LEAST_DEVIATION, NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of an order within the spectrum [lines]
 _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
 
 
@@ -57,14 +58,11 @@ def level_catalogue(length: int, orders: bool) -> tuple[WindowLevel, ...]:
 
     def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[WindowLevel]:
         n = length // 2
-        lowest = max(1, round(share * n))
         if orders:
             lines = [(order - 0.5, order + 0.5) for order in range(1, n_lines + 1)]
         else:
-            lines = [
-                ((i * lowest // n_lines + 0.5) / length, (-(-(i + 1) * lowest // n_lines) + 0.5) / length)
-                for i in range(n_lines)
-            ]
+            first, last = ((edge + 0.5) / length for edge in narrow_edges(n, n_lines, share))
+            lines = list(zip(first.tolist(), last.tolist(), strict=True))
         bands = pairwise((np.geomspace(0.5, n + 0.5, n_bands + 1) / length).tolist())  # the edges of `band_shares`
         return [
             WindowLevel("deviation", is_envelope),
@@ -73,14 +71,14 @@ def level_catalogue(length: int, orders: bool) -> tuple[WindowLevel, ...]:
             *(WindowLevel("power", is_envelope, *edges) for edges in bands),
         ]
 
-    counts = (N_ORDERS, N_ENVELOPE_ORDERS) if orders else (_LINES, _ENVELOPE_LINES)
-    envelope = [*of(True, counts[1], _ENVELOPE_SHARE, _ENVELOPE_BANDS), WindowLevel("deviation", True)]
-    return (*of(False, counts[0], _LINE_SHARE, _BANDS), *envelope * len(_ENVELOPE_FROM))
+    counts = line_counts(orders)
+    envelope = [*of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), WindowLevel("deviation", True)]
+    return (*of(False, counts[0], LINE_SHARE, BANDS), *envelope * len(ENVELOPE_FROM))
 
 
 def window_levels(
-    windows: Float[Tensor, "window channel time"], turns: Float[Tensor, " window"] | None
-) -> Float[Tensor, "window channel level"]:
+    windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"] | None
+) -> Float32[np.ndarray, "window channel level"]:
     """Levels of each channel, the logarithm of its deviation first.
 
     Parameters
@@ -88,23 +86,37 @@ def window_levels(
     turns : turns of the shaft per sample in each window, by which narrow lines are orders; None takes lines of equal
         width over the lowest fifth of the spectrum.
     """
-    x = windows - windows.mean(dim=-1, keepdim=True)
-    deviation = x.square().mean(dim=-1, keepdim=True).sqrt().clamp_min(_LEAST_DEVIATION)
-    x, length = x / deviation, x.shape[-1]
-    parts = [_levels(x, turns, N_ORDERS if turns is not None else _LINES, _LINE_SHARE, _BANDS)]
-    spectrum = torch.fft.rfft(x)
-    lines = torch.arange(spectrum.shape[-1], device=x.device)
-    for above in _ENVELOPE_FROM:
-        real, imaginary = _analytic(spectrum * (lines > above * (length // 2)), length)
-        envelope = (real.square() + imaginary.square() + 1e-12).sqrt()
-        mean = envelope.mean(dim=-1, keepdim=True)
-        count = N_ENVELOPE_ORDERS if turns is not None else _ENVELOPE_LINES
-        parts += [_levels(envelope - mean, turns, count, _ENVELOPE_SHARE, _ENVELOPE_BANDS), torch.log10(mean + FLOOR)]
-    response = gain_response(turns is not None).to(x.device)
-    return torch.cat(parts, dim=-1) + response * torch.log10(deviation)
+    x = windows - windows.mean(axis=-1, keepdims=True)
+    deviation = np.maximum(np.sqrt(_mean_product(x, x)), np.float32(LEAST_DEVIATION))
+    x /= deviation
+    length = x.shape[-1]
+    counts = line_counts(turns is not None)
+    parts = [*_levels(x, turns, counts[0], LINE_SHARE, BANDS)]
+    spectrum = transform(x)
+    for above in ENVELOPE_FROM:
+        envelope = _envelope(x, spectrum, math.floor(above * (length // 2)) + 1)
+        mean = envelope.mean(axis=-1, keepdims=True)
+        envelope -= mean
+        parts += [*_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), np.log10(mean + FLOOR)]
+    levels = np.concatenate(parts, axis=-1, dtype=np.float32)
+    levels += gain_response(turns is not None) * np.log10(deviation)
+    return levels
 
 
-def gain_response(orders: bool) -> Float[Tensor, " level"]:
+def line_counts(orders: bool) -> tuple[int, int]:
+    """Narrow lines of the signal, and of an envelope."""
+    return (N_ORDERS, N_ENVELOPE_ORDERS) if orders else (_LINES, _ENVELOPE_LINES)
+
+
+def narrow_edges(
+    n_lines: int, n_narrow: int, share: float
+) -> tuple[Int[np.ndarray, " band"], Int[np.ndarray, " band"]]:
+    """(first line, line after the last) of each of `n_narrow` bands over the lowest `share` of a spectrum's lines."""
+    lowest, band = max(1, round(share * n_lines)), np.arange(n_narrow)
+    return band * lowest // n_narrow, -(-(band + 1) * lowest // n_narrow)
+
+
+def gain_response(orders: bool) -> Float32[np.ndarray, " level"]:
     """How many decades each level of a channel rises when the channel is ten times as loud.
 
     Examples
@@ -112,42 +124,89 @@ def gain_response(orders: bool) -> Float[Tensor, " level"]:
     >>> gain_response(True)[:6].tolist()
     [1.0, 0.0, 0.0, 0.0, 0.0, 2.0]
     """
-    counts = (N_ORDERS, N_ENVELOPE_ORDERS) if orders else (_LINES, _ENVELOPE_LINES)
+    counts = line_counts(orders)
     shape = [1.0] + [0.0] * (_N_SHAPE - 1)
-    envelope = [*shape, *[2.0] * (counts[1] + _ENVELOPE_BANDS), 1.0]
-    return torch.tensor([*shape, *[2.0] * (counts[0] + _BANDS), *envelope * len(_ENVELOPE_FROM)])
+    envelope = [*shape, *[2.0] * (counts[1] + ENVELOPE_BANDS), 1.0]
+    response = [*shape, *[2.0] * (counts[0] + BANDS), *envelope * len(ENVELOPE_FROM)]
+    return np.array(response, dtype=np.float32)
 
 
-def _analytic(spectrum: Tensor, length: int) -> tuple[Tensor, Tensor]:
-    """Real and imaginary part of the analytic signal; without a complex result, for ONNX has none."""
-    turned = torch.complex(spectrum.imag, -spectrum.real)
-    return torch.fft.irfft(spectrum, n=length), torch.fft.irfft(turned, n=length)
+def _mean_product(x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "window channel 1"]:
+    return (np.einsum("wct,wct->wc", x, y) / np.float32(x.shape[-1]))[..., None]
 
 
-def _levels(x: Tensor, turns: Tensor | None, n_lines: int, share: float, n_bands: int) -> Tensor:
+def _envelope(
+    x: Float32[np.ndarray, "window channel time"], spectrum: Complex64[np.ndarray, "window channel line"], first: int
+) -> Float32[np.ndarray, "window channel time"]:
+    """Magnitude of the analytic signal of the lines from `first` on; `spectrum` is the transform of `x`, of mean 0."""
+    length = x.shape[-1]
+    lines = spectrum.copy()
+    lines[..., :first] = 0
+    square = (x if first == 1 else inverse_transform(lines, length)) ** 2
+    lines *= np.complex64(-1j)
+    square += inverse_transform(lines, length) ** 2
+    square += np.float32(1e-12)
+    return np.sqrt(square, out=square)
+
+
+def _levels(
+    x: Float32[np.ndarray, "window channel time"],
+    turns: Float[np.ndarray, " window"] | None,
+    n_lines: int,
+    share: float,
+    n_bands: int,
+) -> tuple[np.ndarray, ...]:
     """Shape of the waveform, levels of narrow lines, levels of logarithmic bands; the mean of `x` is 0."""
-    power = power_of(x * taper_of(x.shape[-1], x))
+    lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
+    power = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1])
     if turns is None:
-        lowest = power[..., : max(1, round(share * power.shape[-1]))]
-        lines = functional.adaptive_avg_pool1d(lowest, n_lines)
+        first, last = narrow_edges(power.shape[-1], n_lines, share)
+        total = _running_total(power[..., : last[-1]])
+        narrow = ((total[..., last] - total[..., first]) / (last - first)).astype(np.float32)
     else:
-        lines = _order_powers(power, turns * x.shape[-1], n_lines)
-    banded = power @ bands_of(power.shape[-1], n_bands, power)
-    return torch.cat([waveform_shape(x), torch.log10(lines + FLOOR), torch.log10(banded + FLOOR)], dim=-1)
+        narrow = _order_powers(power, turns * x.shape[-1], n_lines)
+    banded = power @ band_shares(power.shape[-1], n_bands).astype(np.float32)
+    floor = np.float32(FLOOR)
+    return *_waveform_shape(x), np.log10(narrow + floor), np.log10(banded + floor)
 
 
-def _order_powers(power: Tensor, lines_per_order: Tensor, n_orders: int) -> Tensor:
+def _waveform_shape(
+    x: Float32[np.ndarray, "window channel time"],
+) -> tuple[Float32[np.ndarray, "window channel 1"], ...]:
+    """log10 deviation, skewness, log kurtosis, log crest factor, mean of |x| over deviation."""
+    deviation = np.sqrt(_mean_product(x, x)) + np.float32(1e-6)
+    z = x / deviation
+    square, magnitude = z * z, np.abs(z)
+    least = np.float32(1e-3)
+    return (
+        np.log10(deviation),
+        _mean_product(square, z),
+        np.log(_mean_product(square, square) + least),
+        np.log(magnitude.max(axis=-1, keepdims=True) + least),
+        magnitude.mean(axis=-1, keepdims=True),
+    )
+
+
+def _order_powers(
+    power: Float32[np.ndarray, "window channel line"], lines_per_order: Float[np.ndarray, " window"], n_orders: int
+) -> Float32[np.ndarray, "window channel order"]:
     """Mean power of the lines within half an order of each order; that of the last line beyond the spectrum.
 
     `power` holds lines 1, 2, ... of the window; the edges between orders fall within lines, whose power is shared out.
     """
-    order = torch.arange(n_orders + 1, dtype=power.dtype, device=power.device) + 0.5
-    edges = (order * lines_per_order[:, None].to(power.dtype) - 0.5).clamp(0, power.shape[-1])
-    total = functional.pad(power.double().cumsum(dim=-1), (1, 0))
-    below = edges.floor().long().clamp(max=power.shape[-1] - 1)
-    index = below[:, None].expand(-1, power.shape[1], -1)
-    left, right = total.gather(-1, index), total.gather(-1, index + 1)
-    at_edges = left + (edges - below)[:, None] * (right - left)
-    width = (edges[:, 1:] - edges[:, :-1]).clamp_min(1e-6)
-    mean = (at_edges.diff(dim=-1) / width[:, None]).clamp_min(0.0).to(power.dtype)
-    return torch.where(width[:, None] < _NARROWEST, power[..., -1:], mean)
+    n_lines = power.shape[-1]
+    edges = np.clip((np.arange(n_orders + 1) + 0.5) * lines_per_order[:, None] - 0.5, 0, n_lines)[:, None]
+    below = np.minimum(edges.astype(np.int64), n_lines - 1)
+    total = _running_total(power[..., : int(below.max()) + 1])
+    left, right = (np.take_along_axis(total, index, axis=-1) for index in (below, below + 1))
+    at_edges = left + (edges - below) * (right - left)
+    width = np.maximum(np.diff(edges, axis=-1), 1e-6)
+    mean = np.maximum(np.diff(at_edges, axis=-1) / width, 0.0)
+    return np.where(width < NARROWEST, power[..., -1:], mean).astype(np.float32)
+
+
+def _running_total(power: Float32[np.ndarray, "window channel line"]) -> Float64[np.ndarray, "window channel edge"]:
+    """Power of all lines before each edge between two lines."""
+    total = np.zeros((*power.shape[:-1], power.shape[-1] + 1))
+    np.cumsum(power, axis=-1, dtype=np.float64, out=total[..., 1:])
+    return total

@@ -34,7 +34,8 @@ def save_checkpoint(
 ) -> None:
     """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
     tensors = add_prefix("network", network.state_dict()) | add_prefix("optimizer", optimizer_tensors(optimizer))
-    write_run(path, _KIND, _VERSION, run, tensors, [asdict(epoch) for epoch in history])
+    arrays = {name: tensor.cpu() for name, tensor in tensors.items()}
+    write_run(path, _KIND, _VERSION, run, arrays, [asdict(epoch) for epoch in history])
 
 
 def load_checkpoint(
@@ -49,7 +50,8 @@ def load_checkpoint(
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    tensors, history = read_run(path, _KIND, _VERSION, run)
+    arrays, history = read_run(path, _KIND, _VERSION, run)
+    tensors = {name: torch.as_tensor(array) for name, array in arrays.items()}
     with refuse_misfits(path, _KIND):
         network.load_state_dict(select_prefix("network", tensors))
         restore_optimizer(optimizer, select_prefix("optimizer", tensors))

@@ -4,14 +4,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Float, Shaped
-from torch import Tensor
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.choice.choice import Choice
 from swashtwin.learning.features import level_features
-from swashtwin.learning.networks.network import Network
+from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
@@ -19,15 +17,16 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest
 
-_BATCH = 32  # windows that pass the network together in prediction: they stay in the processor's cache
+TOGETHER = 32
+"""Windows that pass a network together where nothing is learned: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedClassifier:
     """What `fit` gives: windows in, class probabilities out."""
 
-    network: Network
-    """Trained weights, in evaluation mode."""
+    network: AnyNetwork
+    """Trained weights; of torch in evaluation mode."""
     classes: tuple[str, ...]
     """Class names, in the order of the probabilities."""
     layout: WindowLayout
@@ -86,6 +85,12 @@ class FittedClassifier:
         """
         return self._through(windows, self._probabilities)
 
+    def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        probability = self.network.probabilities(samples, turns)
+        with np.errstate(over="ignore"):
+            probability[~np.isfinite(np.square(samples)).all(axis=(1, 2))] = np.nan
+        return probability
+
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
         """Name of the likeliest class of each window.
 
@@ -100,7 +105,7 @@ class FittedClassifier:
 
     def embed(self, windows: WindowSet) -> Float[np.ndarray, "window feature"]:
         """What the last layer sees of each window, such as t-SNE is drawn from."""
-        return self._through(windows, lambda _, represented: self.network.encode(represented).double())
+        return self._through(windows, self.network.embedding)
 
     def answer(
         self, windows: WindowSet
@@ -113,28 +118,15 @@ class FittedClassifier:
         """
         return self.predict_proba(windows), level_features(windows)
 
-    def _probabilities(self, batch: Tensor, represented: Tensor) -> Tensor:
-        features = self.network.encode(represented)
-        probability = torch.softmax(self.network.head(features).double(), dim=-1)
-        finite = [
-            part.flatten(1).isfinite().all(dim=1) for part in (batch.square(), represented, features, probability)
-        ]
-        return probability.masked_fill(~torch.stack(finite).all(dim=0)[:, None], torch.nan)
-
     def _through(
-        self, windows: WindowSet, step: Callable[[Tensor, Tensor], Tensor]
+        self, windows: WindowSet, step: Callable[[np.ndarray, np.ndarray], np.ndarray]
     ) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
-        device = next(self.network.parameters()).device
-        signal = torch.from_numpy(self.normalization.apply(windows))
-        turns = torch.from_numpy(windows.turns_per_sample)
-        parts = []
-        with torch.no_grad():
-            for samples, speeds in zip(signal.split(_BATCH), turns.split(_BATCH), strict=True):
-                batch = samples.to(device)
-                parts.append(step(batch, self.network.represent_at(batch, speeds.to(device))).cpu().numpy())
-        return np.concatenate(parts)
+        samples, turns = self.normalization.apply(windows), windows.turns_per_sample
+        return np.concatenate(
+            [step(samples[at : at + TOGETHER], turns[at : at + TOGETHER]) for at in range(0, len(samples), TOGETHER)]
+        )
 
 
 def require_verdicts(probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]) -> None:

@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from torch import from_numpy
 
 from swashtwin.foundation import from_table, read_artifact, refuse_misfits, to_table, write_artifact
 from swashtwin.learning.windows.window_set import WindowSet
@@ -18,7 +16,7 @@ _MAY_BE_NAN = ("discharge_pressure", "speed")
 
 @dataclass(frozen=True)
 class _Card:
-    """What of a `WindowSet` is no tensor."""
+    """What of a `WindowSet` is no array."""
 
     classes: tuple[str, ...]
     recording_id: list[str]
@@ -39,8 +37,8 @@ def save_windows(windows: WindowSet, path: Path | str) -> Path:
         A sample is NaN or infinite.
     """
     card = {item.name: getattr(windows, item.name) for item in fields(_Card)}
-    tensors = {name: from_numpy(np.ascontiguousarray(getattr(windows, name))) for name in _ARRAYS}
-    return write_artifact(path, _KIND, _VERSION, to_table(card), tensors, may_be_nan=_MAY_BE_NAN)
+    arrays = {name: getattr(windows, name) for name in _ARRAYS}
+    return write_artifact(path, _KIND, _VERSION, to_table(card), arrays, may_be_nan=_MAY_BE_NAN)
 
 
 def load_windows(path: Path | str) -> WindowSet:
@@ -54,9 +52,8 @@ def load_windows(path: Path | str) -> WindowSet:
         It is damaged, edited, no window file, or of another version.
     """
     advice = "swashtwin synthesize, or save_windows, writes windows"
-    card, tensors = read_artifact(path, _KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+    card, arrays = read_artifact(path, _KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with refuse_misfits(path, _KIND):
-        arrays: dict[str, Any] = {name: tensors[name].numpy() for name in _ARRAYS}
         facts = vars(from_table(card, _Card))
         texts = {name: np.array(facts[name], dtype=np.str_) for name in ("recording_id", "specimen")}
         return WindowSet(**{**arrays, **facts, **texts})

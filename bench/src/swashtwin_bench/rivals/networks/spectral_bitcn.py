@@ -1,5 +1,6 @@
 """BiTCN that reads a window as the ear does: as levels in bands, and not as samples."""
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -9,7 +10,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import FLOOR, Branch, Network, bands_of, power_of, taper_of, waveform_shape
+from swashtwin.learning import Branch, Network
+from swashtwin.signals import band_shares
 
 PARTS = ("frames", "lines", "envelope")
 """What the network is given of a window, one by one: what `parts` may leave out."""
@@ -254,3 +256,41 @@ def _levels(power: Tensor, n_lines: int, share: float, n_bands: int) -> tuple[Te
     lines = functional.adaptive_avg_pool1d(lowest, n_lines)
     banded = power @ bands_of(power.shape[-1], n_bands, power)
     return torch.log10(lines + FLOOR), torch.log10(banded + FLOOR)
+
+
+FLOOR = 1e-7
+"""Added to each power before its logarithm, in the square of the scaled unit."""
+
+
+def waveform_shape(x: Tensor) -> Tensor:
+    """Of signals with mean 0: log10 deviation, skewness, log kurtosis, log crest factor, mean of |x| over deviation."""
+    deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + 1e-6
+    z = x / deviation
+    square, magnitude = z.square(), z.abs()  # products, for a power takes ten times as long
+    return torch.cat(
+        [
+            torch.log10(deviation),
+            (square * z).mean(dim=-1, keepdim=True),
+            torch.log(square.square().mean(dim=-1, keepdim=True) + 1e-3),
+            torch.log(magnitude.amax(dim=-1, keepdim=True) + 1e-3),
+            magnitude.mean(dim=-1, keepdim=True),
+        ],
+        dim=-1,
+    )
+
+
+def power_of(x: Tensor) -> Tensor:
+    """Power of the lines 1... of the spectrum over the last axis; without a complex number, for ONNX has none."""
+    real, imaginary = torch.view_as_real(torch.fft.rfft(x)[..., 1:]).unbind(dim=-1)
+    return (real.square() + imaginary.square()) / x.shape[-1]
+
+
+def taper_of(length: int, like: Tensor) -> Tensor:
+    """Hann taper of that many samples."""
+    angle = torch.arange(length, dtype=like.dtype, device=like.device) * (2 * math.pi / length)
+    return 0.5 - 0.5 * torch.cos(angle)
+
+
+def bands_of(n_lines: int, n_bands: int, like: Tensor) -> Tensor:
+    """Share of each line (row) in each band (column)."""
+    return torch.tensor(band_shares(n_lines, n_bands), dtype=like.dtype, device=like.device)

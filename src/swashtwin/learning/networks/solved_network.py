@@ -1,0 +1,94 @@
+"""Networks whose weights are found at once, from all training windows: no epochs, and no automatic derivatives."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64, Int
+
+from swashtwin.learning.networks.settings import require_sizes
+
+
+class SolvedNetwork:
+    """Base of the networks that numpy computes: windows in, the logarithm of each class's probability out.
+
+    A subclass sets `name`, hands every argument of its constructor to this one, and defines `represent_at`, `solve`,
+    `scores`, `loaded`, and `encode` where the last layer does not see the representation itself.
+
+    Raises
+    ------
+    InputError
+        A whole number among the settings is below 1, or `dropout` is no share.
+    """
+
+    name: ClassVar[str]
+    """Key in the registry; saved models name their network by it."""
+
+    def __init__(self, **settings: Any) -> None:
+        require_sizes(self.name, settings)
+        self.settings = settings
+        """Arguments that build this network again; numbers, words, and tuples of these."""
+        self.weights: dict[str, np.ndarray] = {}
+        """What `solve` found, by name; none before."""
+
+    @property
+    def n_channels(self) -> int:
+        """Channels of a window."""
+        return int(self.settings["n_channels"])
+
+    @property
+    def n_classes(self) -> int:
+        """Classes told apart."""
+        return int(self.settings["n_classes"])
+
+    @property
+    def uses_speed(self) -> bool:
+        """Whether `represent_at` looks at the speed."""
+        return False
+
+    def represent_at(
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float32[np.ndarray, "window value"]:
+        """What the weights are found from, of windows with so many turns of the shaft per sample; NaN where nobody
+        stated it."""
+        raise NotImplementedError
+
+    def encode(self, values: Float32[np.ndarray, "window value"]) -> Float32[np.ndarray, "window feature"]:
+        """What the last layer sees of windows as `represent_at` gives them."""
+        return values
+
+    def solve(self, values: Float32[np.ndarray, "window value"], target: Int[np.ndarray, " window"], seed: int) -> None:
+        """Find the weights from what `represent_at` gives of all training windows, and their classes."""
+        raise NotImplementedError
+
+    def scores(self, values: Float32[np.ndarray, "window value"]) -> Float64[np.ndarray, "window class"]:
+        """Logarithm of each class's probability, of windows as `represent_at` gives them."""
+        raise NotImplementedError
+
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> Self:
+        """This network with the weights of a saved one.
+
+        Raises
+        ------
+        ValueError
+            They are not those of a network with these settings.
+        """
+        raise NotImplementedError
+
+    def probabilities(
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float64[np.ndarray, "window class"]:
+        """Probability of each class; NaN where a value or a score of the window is no finite number."""
+        values = self.represent_at(windows, turns)
+        finite = np.isfinite(values).all(axis=1)
+        scores = self.scores(np.where(finite[:, None], values, np.float32(0)))
+        probability = np.exp(scores - scores.max(axis=1, keepdims=True))
+        probability /= probability.sum(axis=1, keepdims=True)
+        probability[~finite] = np.nan
+        return probability
+
+    def embedding(
+        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+    ) -> Float64[np.ndarray, "window feature"]:
+        """What the last layer sees of each window."""
+        return self.encode(self.represent_at(windows, turns)).astype(np.float64)

@@ -1,0 +1,204 @@
+"""`fit`: from an untrained network and windows to a classifier."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+from swashtwin.foundation import DataError, InputError, derive_seed, one_thread
+from swashtwin.learning.features import level_features
+from swashtwin.learning.networks.registry import AnyNetwork
+from swashtwin.learning.networks.solved_network import SolvedNetwork
+from swashtwin.learning.training.classifier import TOGETHER, FittedClassifier
+from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
+from swashtwin.learning.training.train_transforms import transform_windows
+from swashtwin.learning.training.training_reference import build_reference
+from swashtwin.learning.windows.splitting import check_disjoint
+from swashtwin.learning.windows.window_set import WindowSet, distinct_values
+from swashtwin.recordings import Manifest, join_manifests
+
+_LARGEST = 1e16
+"""Magnitude of a sample from which the power of a window is no finite number in single precision."""
+
+
+def fit(
+    network: AnyNetwork,
+    windows: WindowSet,
+    *,
+    settings: TrainingSettings = PAPER_TRAINING,
+    seed: int = 0,
+    validation: WindowSet | None = None,
+    manifest: Manifest | Iterable[str] = (),
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    progress: Callable[[Epoch], None] | None = None,
+    device: str = "cpu",
+) -> FittedClassifier:
+    """Classifier trained on `windows`, as it stands after the last epoch.
+
+    `network` gives the architecture only and stays as it is: a network of the same settings is trained, or solved for
+    on the windows and those that each epoch would change. Same seed, windows, settings and machine: same bits. On the
+    CPU it runs on one thread.
+
+    Parameters
+    ----------
+    network : untrained network, such as ``BiTCN(train.n_channels, len(train.classes))``.
+    windows : training windows with labels, measured and synthetic.
+    settings : epochs, batch, learning rate, normalization; the paper's by default.
+    seed : seed of weights, order and dropout.
+    validation : windows whose loss and accuracy are noted after each epoch; they change nothing else.
+    manifest : further recordings, as a manifest or by their ids, that had a part in the training windows, such as those
+        a twin was calibrated on. They join the training and validation recordings in the classifier's manifest, which
+        no test set may meet.
+    checkpoint : file that the run is saved to after each epoch, where there are epochs.
+    resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
+    progress : called after each epoch.
+    device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
+
+    Raises
+    ------
+    DataError
+        A class has no window, or a window has no label.
+    LeakError
+        Training and validation share a recording.
+    InputError
+        Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
+    """
+    _require_fitting(network, windows, validation)
+    used = join_manifests([windows.sources, manifest, () if validation is None else validation.sources])
+    normalization = Normalization.fit(settings.normalization, windows)
+    trained: AnyNetwork
+    if isinstance(network, SolvedNetwork):
+        if device != "cpu":
+            raise InputError(f"device {device!r}: the network {network.name!r} is solved for on the cpu.")
+        trained, history = _solved(network, windows, normalization, settings, seed, validation)
+    else:
+        from swashtwin.learning.training.loop import train_epochs
+
+        run = _description(network, windows, settings, seed, validation, used, device)
+        trained, history = train_epochs(
+            network, windows, normalization, settings, seed, validation, run, checkpoint, resume, progress, device
+        )
+    return FittedClassifier(
+        network=trained,
+        classes=windows.classes,
+        layout=windows.layout,
+        normalization=normalization,
+        settings=settings,
+        seed=seed,
+        history=history,
+        manifest=used,
+        pressures=distinct_values(windows.cell_pressure),
+        speeds=distinct_values(windows.speed),
+        training_reference=build_reference(windows, level_features(windows)),
+    )
+
+
+def _solved(
+    network: SolvedNetwork,
+    windows: WindowSet,
+    normalization: Normalization,
+    settings: TrainingSettings,
+    seed: int,
+    validation: WindowSet | None,
+) -> tuple[SolvedNetwork, tuple[Epoch, ...]]:
+    """(the network with weights from the windows as they are and as each epoch would change them, how it fares)."""
+    with one_thread():
+        solved = type(network)(**network.settings)
+        clean = represented(solved, windows, normalization)
+        values, target = [clean], [windows.target]
+        for number in range(1, settings.epochs + 1):
+            which, changed = transform_windows(windows, settings, seed, number)
+            if len(which):
+                values.append(represented(solved, changed, normalization))
+                target.append(changed.target)
+        solved.solve(np.concatenate(values), np.concatenate(target), derive_seed(seed, "weights"))
+        scores: tuple[float, ...] = _scores(solved, clean, windows.target)
+        if validation is not None:
+            scores += _scores(solved, represented(solved, validation, normalization), validation.target)
+    return solved, (Epoch(1, *scores),)
+
+
+def represented(
+    network: SolvedNetwork, windows: WindowSet, normalization: Normalization
+) -> Float32[np.ndarray, "window value"]:
+    """What a network sees of windows."""
+    samples, turns = normalization.apply(windows), windows.turns_per_sample
+    parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
+    return np.concatenate([network.represent_at(samples[part], turns[part]) for part in parts])
+
+
+def _scores(
+    network: SolvedNetwork, values: Float32[np.ndarray, "window value"], target: Int[np.ndarray, " window"]
+) -> tuple[float, float]:
+    """(mean loss, accuracy) on windows."""
+    scores = network.scores(values)
+    loss = -scores[np.arange(len(target)), target].mean()
+    return float(loss), float((scores.argmax(axis=1) == target).mean())
+
+
+def require_trainable(windows: WindowSet) -> None:
+    """Raise a `DataError` where there is no window, one without a label, one class, a class without a window, or a
+    sample that is far too large."""
+    if len(windows) == 0:
+        raise DataError("no window to train on.")
+    windows.require_labels("training")
+    windows.require_two_classes()
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    if not counts.all():
+        raise DataError(
+            f"class {windows.classes[int(counts.argmin())]} has no training window; add measured or synthetic ones, or "
+            "cut the windows without this class."
+        )
+    peak = np.maximum(windows.signal.max(axis=(1, 2)), -windows.signal.min(axis=(1, 2)))
+    if not (peak < _LARGEST).all():
+        index = int((~(peak < _LARGEST)).argmax())
+        raise DataError(
+            f"{windows.recording_id[index]}: samples reach {peak[index]:.3g} {windows.unit}, far too large to train "
+            "on; cut them out or repair the file."
+        )
+
+
+def _require_fitting(network: AnyNetwork, windows: WindowSet, validation: WindowSet | None) -> None:
+    require_trainable(windows)
+    if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
+        raise InputError(
+            f"the network takes {network.n_channels} channel(s) and {network.n_classes} classes, the windows have "
+            f"{windows.n_channels} and {len(windows.classes)}; build it for these windows."
+        )
+    length = network.settings.get("length", windows.length)
+    if length != windows.length:
+        raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
+    if validation is None:
+        return
+    validation.require_labels("validation")
+    if validation.classes != windows.classes:
+        raise InputError("training and validation windows have other classes; cut the second like the first.")
+    if difference := windows.layout.difference(validation.layout):
+        raise InputError(f"training and validation windows differ: {difference}.")
+    check_disjoint(windows, validation)
+
+
+def _description(
+    network: AnyNetwork,
+    windows: WindowSet,
+    settings: TrainingSettings,
+    seed: int,
+    validation: WindowSet | None,
+    manifest: Manifest,
+    device: str,
+) -> dict[str, Any]:
+    """What makes a run this run and no other, in words and numbers that JSON can hold."""
+    return {
+        "network": network.name,
+        **{f"network's {name}": value for name, value in network.settings.items()},
+        **settings.to_dict(),
+        "seed": seed,
+        "device": device,
+        "training data (SHA-256)": windows.fingerprint(),
+        "validation data (SHA-256)": None if validation is None else validation.fingerprint(),
+        "manifest": manifest,
+    }

@@ -19,13 +19,13 @@ from swashtwin.foundation import ArtifactError, DataError, memory_limit, require
 from swashtwin.recordings.columns import Column, SideBySide
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import (
-    RATE_NAMES,
     STORE_KIND,
     Options,
     RawFile,
     known_unit,
     require_plausible_size,
 )
+from swashtwin.recordings.formats.tables import header_rate, obeyed, stated_sensitivities
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -188,25 +188,56 @@ def _foreign(path: Path, file: h5py.File) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
+    starts: dict[str, str] = {}
+    sensitivities: dict[str, str] = {}
+    left_out: list[str] = []
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu" or item.size < 2:
+        if not isinstance(item, h5py.Dataset) or item.size is None or item.size < 2:
+            return
+        fields = item.dtype.names or ("",)
+        kinds = {field: (item.dtype[field] if field else item.dtype).kind for field in fields}
+        left_out.extend(f"{name} (complex numbers)" for kind in kinds.values() if kind == "c")
+        if not set(kinds.values()) & set("fiu"):
             return
         require_data_within(path, item)
-        vectors = [_obeyed(path, item, column) for column in _vectors_in(item)]
-        stated = (holder.attrs.get(key) for holder in (item, file) for key in ("unit", "units"))
-        unit = next((unit for text in stated if (unit := known_unit(_text(text)))), None)
-        rate = next((rate for holder in _holders(item) if (rate := _rate(path, holder)) is not None), None)
-        for number, column in enumerate(vectors):
-            key = name if len(vectors) == 1 else f"{name}/{number}"
-            columns[key] = column
-            if unit:
-                units[key] = unit
-            if rate is not None:
-                rates[key] = rate
+        facts = [_attributes(holder) for holder in _holders(item)]
+        stated = (each.get(key) for each in (facts[0], facts[-1]) for key in ("unit", "units"))
+        unit = next((unit for text in stated if (unit := known_unit(text or ""))), None)
+        rate = next((rate for each in facts if (rate := _rate(path, item.name, each)) is not None), None)
+        for field in (field for field in fields if kinds[field] in "fiu"):
+            vectors = _vectors_in(item, field)
+            for number, column in enumerate(vectors):
+                key = f"{name}{'/' if field else ''}{field}{f'/{number}' if len(vectors) > 1 else ''}"
+                columns[key] = obeyed(f"{path}: {item.name}", column, item.attrs, number)
+                found = {
+                    "units": unit,
+                    "rates": rate,
+                    "starts": next((each[of] for each in facts for of in _STARTS if of in each), None),
+                    "sensitivities": next(iter(stated_sensitivities(facts[0].items())), None),
+                }
+                for values, value in zip((units, rates, starts, sensitivities), found.values(), strict=True):
+                    if value is not None:
+                        values[key] = value  # type: ignore[index]
 
     file.visititems(visit)
-    return RawFile(columns, None, units, rates=rates)
+    attributes = {"left_out": ", ".join(left_out)} if left_out else {}
+    return RawFile(columns, None, units, attributes, rates=rates, starts=starts, sensitivities=sensitivities)
+
+
+_STARTS = ("start_time", "starttime", "wf_start_time", "t0", "start")
+
+
+def _attributes(holder: h5py.Group | h5py.Dataset) -> dict[str, str]:
+    """Attributes of a data set or a group as texts, by their names in small letters, with a group's single values."""
+    pairs = dict(holder.attrs)
+    if isinstance(holder, h5py.Group):
+        pairs |= {
+            name: item[()] for name, item in holder.items() if isinstance(item, h5py.Dataset) and item.shape == ()
+        }
+    singles = {name.lower(): np.asarray(value) for name, value in pairs.items()}
+    singles = {name: value.reshape(()) for name, value in singles.items() if value.size == 1}
+    return {name: str(_text(value.item()) or value.item()) for name, value in singles.items()}
 
 
 def _holders(item: h5py.Dataset) -> Iterator[h5py.Group | h5py.Dataset]:
@@ -219,63 +250,17 @@ def _holders(item: h5py.Dataset) -> Iterator[h5py.Group | h5py.Dataset]:
     yield group
 
 
-def _rate(path: Path, item: h5py.Group | h5py.Dataset) -> float | None:
+def _rate(path: Path, name: str, facts: dict[str, str]) -> float | None:
     """Sample rate [Hz] among the attributes of a group or a data set, or None."""
-    stated = {name.lower(): name for name in item.attrs}
-    names = [stated[name] for name in RATE_NAMES if name in stated]
-    rates = {name: float(np.asarray(item.attrs[name]).reshape(())) for name in names}
+    rates = {each: rate for each, text in facts.items() if (rate := header_rate([(each, text)])) is not None}
     if len(set(rates.values())) > 1:
         listed = ", ".join(f"{name} = {rate:g} Hz" for name, rate in rates.items())
-        raise DataError(f"{path} states two sample rates for {item.name} ({listed}); remove the wrong one.")
+        raise DataError(f"{path} states two sample rates for {name} ({listed}); remove the wrong one.")
     return next(iter(rates.values()), None)
 
 
-def _obeyed(path: Path, item: h5py.Dataset, column: Column) -> Column:
-    """A column with the scale, the offset and the missing values that the attributes of its data set state.
-
-    Raises
-    ------
-    DataError
-        A scale is stated in words that are not those of the CF conventions.
-    """
-    numbers = {name: _number(item.attrs[name]) for name in item.attrs}
-    for name in ("scale", "scaling", "slope", "gain", "offset", "bias"):
-        if numbers.get(name) not in (None, 0.0 if name in ("offset", "bias") else 1.0):
-            raise DataError(
-                f"{path}: {item.name} states {name} = {numbers[name]:g}, which is not known; apply it, or call it "
-                "scale_factor and add_offset."
-            )
-    factor, offset = numbers.get("scale_factor"), numbers.get("add_offset")
-    missing = [value for name in ("_FillValue", "missing_value") if (value := numbers.get(name)) is not None]
-    if factor is None and offset is None and not missing:
-        return column
-    return _Obeyed(column, 1.0 if factor is None else factor, offset or 0.0, missing)
-
-
-def _number(value: Any) -> float | None:
-    array = np.asarray(value)
-    return float(array.reshape(())) if array.size == 1 and array.dtype.kind in "fiu" else None
-
-
-class _Obeyed:
-    """Samples of a column, scaled, and NaN where the file says that they are missing."""
-
-    dtype = np.dtype(np.float64)
-
-    def __init__(self, column: Column, factor: float, offset: float, missing: list[float]) -> None:
-        self._column, self._factor, self._offset, self._missing = column, factor, offset, missing
-
-    def __len__(self) -> int:
-        return len(self._column)
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        values = np.asarray(self._column[span])
-        is_missing = np.isin(values, self._missing)
-        return np.where(is_missing, np.nan, values * self._factor + self._offset)
-
-
-def _vectors_in(item: h5py.Dataset) -> list[Column]:
-    """Vectors along the longer side of a data set of one or two sides; none of another."""
+def _vectors_in(item: h5py.Dataset, field: str) -> list[Column]:
+    """Vectors along the longer side of a data set of one or two sides, or of one of its fields; none of another."""
     sides = [axis for axis, length in enumerate(item.shape) if length > 1]
     if len(sides) == 1:
         along, across = sides[0], None
@@ -292,12 +277,9 @@ def _vectors_in(item: h5py.Dataset) -> list[Column]:
         index[along] = slice(start, stop)
         if across is not None:
             index[across] = slice(None)
-        block = item[tuple(index)]
+        block = item[field, *index] if field else item[tuple(index)]
         if across is None:
             return block[None]
         return block if across < along else block.T
 
-    return list(SideBySide(vectors, (count, item.shape[along]), item.dtype).columns())
-
-
-# ---- our own form, written
+    return list(SideBySide(vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype).columns())

@@ -1,8 +1,6 @@
 """MATLAB files, versions 4 to 7.3."""
 
 import re
-import struct
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,54 +8,43 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, UnitError, parse, require_memory
+from swashtwin.foundation import DataError, UnitError, parse
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.tables import SCALE_NAMES, obeyed, stated_sensitivities
 from swashtwin.recordings.recording import Recording
 
-_HEADER = 128
-"""Bytes before the first variable of a version 5 file."""
-_COMPRESSED = 15
-"""Kind of a variable that is compressed."""
+_KINDS = ("double", "single", "logical", "char", "cell", "struct", "sparse", "unknown", *(
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+))  # fmt: skip
+"""Kinds of variables that are no objects."""
+_REFERENCE = 0xDD000000
+"""First number of a field that stands for an object elsewhere in the file."""
 
 
 def read(path: Path, options: Options) -> RawFile:
     """Vectors of a MATLAB file as columns, its single numbers and texts as attributes.
 
-    A vector called ``time`` or ``t`` that is as long as the others [s] gives the rate, or must agree with it.
+    Objects, such as a table or a datetime, are named and left out. A file of LabChart has one vector, and where each
+    channel begins and ends in it.
     """
     import h5py
 
+    pymatreader = load_extra("pymatreader")
     if h5py.is_hdf5(path):
         _require_data_within(path)
-    else:
-        require_memory(path, _unpacked_size(path))
-    content = load_extra("pymatreader").read_mat(path)
-    objects = _objects(path)
+    objects = {name: kind for name, _, kind in pymatreader.whosmat(path) if kind not in _KINDS and name[:1] != "#"}
+    content = pymatreader.read_mat(path)
     content = {name: value for name, value in content.items() if name not in objects and name[:1] not in ("#", "_")}
-    pairs = _labchart(content) or _flattened(content)
-    raw = sorted_variables(path, pairs)
+    raw = sorted_variables(path, _labchart(content) or _flattened(content))
     if objects and not raw.columns:
         name, kind = next(iter(objects.items()))
+        kind = "object" if kind == "opaque" else kind
         raise DataError(f"{path}: {name} is a MATLAB {kind}, which cannot be read; save its columns as vectors.")
     if objects:
         raw = replace(raw, attributes={**raw.attributes, "objects": ", ".join(objects)})
     return timed(path, raw, options)
-
-
-def _objects(path: Path) -> dict[str, str]:
-    """Kind of each variable that is an object, such as a table or a datetime, by its name."""
-    import h5py
-    from scipy.io import whosmat
-
-    if not h5py.is_hdf5(path):
-        return {name: "object" for name, _, kind in whosmat(path) if kind in ("opaque", "object", "function")}
-    with h5py.File(path, "r", locking=False) as file:
-        return {
-            name: item.attrs["MATLAB_class"].decode()
-            for name, item in file.items()
-            if "MATLAB_object_decode" in item.attrs and "MATLAB_class" in item.attrs
-        }
 
 
 def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
@@ -69,6 +56,10 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
         np.asarray(content[key], dtype=np.float64).reshape(len(titles), -1)
         for key in ("datastart", "dataend", "samplerate")
     )
+    scales, offsets = (
+        np.broadcast_to(np.asarray(content.get(key, neutral), dtype=np.float64), starts.shape)
+        for key, neutral in (("scaleunits", 1.0), ("scaleoffset", 0.0))
+    )
     units = np.ravel(content.get("unittext", []))
     chosen = np.asarray(content.get("unittextmap", np.ones_like(starts))).reshape(len(titles), -1)
     pairs: list[tuple[str, Any]] = []
@@ -77,7 +68,9 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
             if starts[row, block] < 1:
                 continue  # this channel was not recorded then
             name = title if starts.shape[1] == 1 else f"{title} block {block + 1}"
-            pairs.append((name, data[int(starts[row, block]) - 1 : int(ends[row, block])]))
+            samples = data[int(starts[row, block]) - 1 : int(ends[row, block])]
+            samples = (samples + offsets[row, block]) * scales[row, block]
+            pairs.append((name, samples))
             pairs.append((f"{name}_fs", float(rates[row, min(block, rates.shape[1] - 1)])))
             number = int(chosen[row, min(block, chosen.shape[1] - 1)])
             if 1 <= number <= len(units):
@@ -86,43 +79,14 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _require_data_within(path: Path) -> None:
-    """Refuse a version 7.3 file whose data sets are not all in it, or take too much memory."""
+    """Refuse a version 7.3 file whose data sets are not all in it."""
     import h5py
 
     from swashtwin.recordings.formats.hdf5 import require_data_within, require_links_within
 
-    size = 0
-
-    def visit(name: str, item: Any) -> None:
-        nonlocal size
-        if isinstance(item, h5py.Dataset):
-            require_data_within(path, item)
-            size += item.nbytes if item.size else 0
-
     with h5py.File(path, "r", locking=False) as file:
         require_links_within(path, file)
-        file.visititems(visit)
-    require_memory(path, size)
-
-
-def _unpacked_size(path: Path) -> int:
-    """Bytes that the variables of a version 5 file take, as they state themselves; 0 for an earlier version."""
-    size = 0
-    with path.open("rb") as file:
-        head = file.read(_HEADER)
-        order = {b"IM": "<", b"MI": ">"}.get(head[-2:])
-        if len(head) < _HEADER or order is None:
-            return 0
-        while len(tag := file.read(8)) == 8:
-            kind, length = struct.unpack(f"{order}II", tag)
-            end = file.tell() + length
-            if kind == _COMPRESSED:
-                tag = zlib.decompressobj().decompress(file.read(min(length, 1024)), 8)
-                size += struct.unpack(f"{order}II", tag)[1] if len(tag) == 8 else 0
-            else:
-                size += length
-            file.seek(end)
-    return size
+        file.visititems(lambda _, item: require_data_within(path, item) if isinstance(item, h5py.Dataset) else None)
 
 
 def write(recording: Recording, path: Path) -> None:
@@ -166,72 +130,83 @@ def _flattened(content: dict[str, Any], prefix: str = "") -> list[tuple[str, Any
     return pairs
 
 
-STEP_NAMES = ("dt", "delta_t", "deltat", "sampling_interval", "sample_interval", "x_values.increment")
+_STEP_NAMES = (
+    "dt", "delta_t", "deltat", "ts", "sampling_interval", "sample_interval", "sampling_period", "sample_period",
+    "samplingperiod", "sampleperiod", "time_step", "timestep", "x_values.increment",
+)  # fmt: skip
 """What files call the time between two samples [s], the last as Testlab does."""
 _UNIT_NAMES = ("unit", "units")
+_SENSITIVITY_NAMES = ("sensitivity", "sensitivities")
+_LISTS = {"names": ("names", "channels", "channel_names", "channelnames", "labels", "titles"), "units": _UNIT_NAMES}
+"""What a list of texts is called that has one for each vector of a matrix."""
 _PARTS = re.compile(r"[./]")
 _INDEX = re.compile(r"\(.*\)$")
 
 
 def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFile:
-    """Vectors as columns; single numbers and texts as attributes, of which some name the rate and the unit.
+    """Vectors as columns; single numbers and texts as attributes, of which some name rate, unit, scale and sensitivity.
 
-    A matrix yields one column for each of its longer side's vectors, called ``H(:,1)`` as MATLAB writes it. A rate or a
-    unit holds for the vectors of its structure (``a.fs`` for ``a.x``) and of those within; one with the name of a
-    vector (``x_fs``, ``fs_x``) for that vector only. The only
-    rate in a file holds for all its vectors where none has one of its own.
+    A matrix yields one column for each of its longer side's vectors, called as a list of as many names says, or
+    ``H(:,1)`` as MATLAB writes it. A rate or a unit holds for the vectors of its structure (``a.fs`` for ``a.x``) and
+    of those within; one with the name of a vector (``x_fs``, ``fs_x``) for that vector only. The only rate in a file
+    holds for all its vectors where none has one of its own.
 
     Raises
     ------
     DataError
-        Two different rates or units are stated for the same vectors.
+        Two different rates, units or scales are stated for the same vectors, or a scale that is not known.
     """
-    columns: dict[str, np.ndarray] = {}
-    facts: dict[str, str] = {}
-    for name, value in variables:
-        _sort_in(name, value, columns, facts)
-    stated_rates = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
-    stated_rates |= {name: 1 / step for name, text in facts.items() if (step := _step(name, text)) is not None}
-    stated_units = {name: unit for name, text in facts.items() if (unit := _unit(name, text)) is not None}
-    rates: dict[str, float] = {}
-    units: dict[str, str] = {}
-    for name in columns:
-        if (rate := _stated_for(path, name, stated_rates, (*RATE_NAMES, *STEP_NAMES), "sample rates")) is not None:
-            rates[name] = rate
-        if (unit := _stated_for(path, name, stated_units, _UNIT_NAMES, "units")) is not None:
-            units[name] = unit
+    sorted_ = _Variables(variables)
+    columns, facts = sorted_.columns, sorted_.facts
+
+    def stated(values: Mapping[str, Any], keys: tuple[str, ...], what: str) -> dict[str, Any]:
+        found = {name: _stated_for(path, name, values, keys, what) for name in columns}
+        return {name: value for name, value in found.items() if value is not None}
+
+    in_file = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
+    rates = stated(in_file, (*RATE_NAMES, *_STEP_NAMES), "sample rates")
+    units = stated({name: unit for name, text in facts.items() if (unit := _unit(name, text))}, _UNIT_NAMES, "units")
+    sensed = {name: texts[0] for name in facts if (texts := _sensitivity(name, facts))}
+    sensitivities = stated(sensed, _SENSITIVITY_NAMES, "sensitivities")
+    for name, column in columns.items():
+        scales = {key: _stated_for(path, name, facts, (key,), key) for key in SCALE_NAMES}
+        columns[name] = obeyed(f"{path}: {name}", column, scales)[:]
     facts.pop("unit", None)
-    general = {rate for name, rate in stated_rates.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
+    general = {rate for name, rate in in_file.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
     if len(general) == 1 and not rates:
         rates = dict.fromkeys(columns, general.pop())
-    return RawFile(columns, None, units, facts, rates=rates)
+    facts |= {"left_out": ", ".join(sorted_.left_out)} if sorted_.left_out else {}
+    return RawFile(columns, None, units | sorted_.units, facts, rates=rates, sensitivities=sensitivities)
+
+
+def _texts(value: Any) -> list[str]:
+    """Texts of a cell array or an array of them; none where it holds anything else."""
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "UO":
+        value = value.tolist()
+    return value if isinstance(value, list) and value and all(isinstance(each, str) for each in value) else []
 
 
 def _rate(name: str, text: str) -> float | None:
-    if not any(key in name.lower() for key in RATE_NAMES):
-        return None
+    """Sample rate [Hz] that a variable states by its name, or by that of the time between two samples."""
+    last = _PARTS.split(name.lower())[-1]
     try:
-        return float(text)
-    except ValueError:
+        if last in _STEP_NAMES or name.lower().endswith("x_values.increment"):
+            return 1 / parse(text if re.search(r"[a-z]$", text) else f"{text} s", "s")
+        if any(key in name.lower() for key in RATE_NAMES):
+            return parse(text if re.search(r"[a-zA-Z]$", text) else f"{text} Hz", "Hz")
+    except (UnitError, ZeroDivisionError):
         pass
-    try:
-        return parse(text, "Hz")
-    except UnitError:
-        return None
-
-
-def _step(name: str, text: str) -> float | None:
-    """Time between two samples [s] that a variable states by its name."""
-    if _PARTS.split(name.lower())[-1] not in STEP_NAMES and not name.lower().endswith("x_values.increment"):
-        return None
-    try:
-        return float(text) if float(text) > 0 else None
-    except ValueError:
-        return None
+    return None
 
 
 def _unit(name: str, text: str) -> str | None:
     return known_unit(text) if any(key in name.lower() for key in _UNIT_NAMES) else None
+
+
+def _sensitivity(name: str, facts: Mapping[str, str]) -> list[str]:
+    """Sensitivity that a variable states, with the unit beside it."""
+    beside = [(_PARTS.split(each)[-1], text) for each, text in facts.items() if each.startswith(name)]
+    return stated_sensitivities(beside) if "sensitivit" in name.lower() else []
 
 
 def _stated_for(path: Path, column: str, stated: Mapping[str, Any], keys: tuple[str, ...], what: str) -> Any:
@@ -259,26 +234,56 @@ def _names_for(column: str, keys: tuple[str, ...]) -> Iterator[set[str]]:
         yield {scope + key for key in keys}
 
 
-def _sort_in(name: str, value: Any, columns: dict[str, np.ndarray], facts: dict[str, str]) -> None:
-    """Put a variable among the columns or the facts, or nowhere where it is neither."""
-    if isinstance(value, str):
-        facts[name] = value
-        return
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        return  # a ragged cell array
-    if array.dtype.kind == "U" and array.ndim == 0:
-        facts[name] = str(array.item())
-    if array.dtype.kind not in "fiub":
-        return
-    array = np.squeeze(array)
-    if array.ndim == 0 and array.size == 1:
-        facts[name] = f"{array.item():.12g}"
-    elif array.ndim == 1 and array.size > 1:
-        columns[name] = array.astype(np.float64)
-    elif array.ndim == 2 and array.size:
-        tall = array.shape[0] >= array.shape[1]
-        for number, vector in enumerate(array.T if tall else array, 1):
-            key = f"{name}(:,{number})" if tall else f"{name}({number},:)"
-            columns[key] = vector.astype(np.float64)
+class _Variables:
+    """Variables of a workspace, sorted into columns, facts, and what is neither."""
+
+    def __init__(self, variables: Iterable[tuple[str, Any]]) -> None:
+        self.columns: dict[str, Column] = {}
+        self.units: dict[str, str] = {}
+        self.facts: dict[str, str] = {}
+        self.left_out: list[str] = []
+        variables = list(variables)
+        self._lists = {name.lower(): texts for name, value in variables if (texts := _texts(value))}
+        for name, value in variables:
+            if isinstance(value, str):
+                self.facts[name] = value
+            elif name.lower() not in self._lists:
+                self._sort(name, value)
+
+    def _sort(self, name: str, value: Any) -> None:
+        try:
+            array = np.squeeze(np.asarray(value.toarray() if hasattr(value, "toarray") else value))
+        except ValueError:
+            return  # a ragged cell array
+        kind = array.dtype.kind
+        is_reference = array.dtype == np.uint32 and array.size > 5 and array.flat[0] == _REFERENCE
+        if kind == "c" or is_reference:
+            self.left_out.append(f"{name} ({'a MATLAB object' if is_reference else 'complex numbers'})")
+        elif array.dtype.names:
+            for field in array.dtype.names:
+                self._sort(f"{name}.{field}", array[field])
+        elif kind in "mM" and array.ndim == 1:
+            self.columns[name], self.units[name] = array.astype(f"{kind}8[ns]").astype(np.int64), "ns"
+        elif array.ndim == 0 and kind in "fiubU":
+            self.facts[name] = str(array.item()) if kind == "U" else f"{array.item():.12g}"
+        elif array.ndim == 1 and array.size > 1 and kind in "fiub":
+            self.columns[name] = array.astype(np.float64)
+        elif array.ndim == 2 and array.size and kind in "fiub":
+            self._sort_matrix(name, array.astype(np.float64))
+
+    def _sort_matrix(self, name: str, matrix: np.ndarray) -> None:
+        """The vectors along the longer side of a matrix, named as a list beside it of as many texts says."""
+        tall = matrix.shape[0] >= matrix.shape[1]
+        vectors = matrix.T if tall else matrix
+        scope = name[: len(name) - len(_PARTS.split(name)[-1])]
+        listed = {
+            what: next((texts for key in keys if (texts := self._lists.get((scope + key).lower()))), [])
+            for what, keys in _LISTS.items()
+        }
+        names, units = listed["names"], listed["units"]
+        for number, vector in enumerate(vectors):
+            key = f"{name}(:,{number + 1})" if tall else f"{name}({number + 1},:)"
+            key = scope + names[number] if len(set(names)) == len(vectors) else key
+            if len(units) == len(vectors) and (unit := known_unit(units[number])):
+                self.units[key] = unit
+            self.columns[key] = vector

@@ -39,7 +39,7 @@ def read(path: Path, options: Options) -> RawFile:
             for position, channel in enumerate(group.channels):
                 if position == master:
                     continue
-                signal = file.get(group=number, index=position, ignore_invalidation_bits=False)
+                signal = file.get(group=number, index=position, ignore_invalidation_bits=True)
                 if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiu" or len(signal.samples) < 2:
                     continue
                 name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"

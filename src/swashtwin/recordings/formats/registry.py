@@ -128,7 +128,8 @@ def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options
             f"{path} is damaged, cut off, or no {suffix_of(path)} file ({type(cause).__name__}: {reason})."
         ) from cause
     if not raw.columns:
-        raise DataError(f"{path} holds no vector of numbers.")
+        left_out = f"; left out: {raw.attributes['left_out']}" if "left_out" in raw.attributes else ""
+        raise DataError(f"{path} holds no vector of numbers{left_out}.")
     require_plausible_rates(path, raw)
     return raw
 

@@ -1,9 +1,13 @@
-"""What headings and header lines of a table say: names, units, the rate, sensitivities."""
+"""What headings, header lines and attributes say of numbers: names, units, the rate, scales, sensitivities."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-from swashtwin.foundation import UnitError, parse
+import numpy as np
+
+from swashtwin.foundation import DataError, UnitError, parse
+from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.raw import known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
@@ -118,3 +122,79 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
                 if q and u
             ]
     return []
+
+
+_UNKNOWN_SCALES = {
+    "scale": 1.0,
+    "scaling": 1.0,
+    "slope": 1.0,
+    "gain": 1.0,
+    "conversion": 1.0,
+    "offset": 0.0,
+    "bias": 0.0,
+}
+"""What files call a scale that may be applied already or not, and the value that makes no difference."""
+SCALES = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_range", "valid_min", "valid_max")
+"""What the CF conventions call scales, missing values, and bounds beyond which a value is missing."""
+SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
+
+
+def obeyed(where: str, column: Column, facts: Mapping[str, Any], number: int = 0) -> Column:
+    """A column with the scale, the offset and the missing values that the facts beside it state.
+
+    Parameters
+    ----------
+    number : which of several columns it is, where the facts state a scale for each.
+
+    Raises
+    ------
+    DataError
+        A scale is stated in words that are not those of the CF conventions.
+    """
+    numbers = {name: values for name in SCALE_NAMES if (values := _numbers(facts.get(name))).size}
+    for name, neutral in _UNKNOWN_SCALES.items():
+        if name in numbers and (numbers[name] != neutral).any():
+            raise DataError(
+                f"{where} states {name} = {numbers[name].flat[0]:g}, and not whether it is applied; apply it, or call "
+                "it scale_factor (or add_offset)."
+            )
+    if not numbers.keys() & set(SCALES):
+        return column
+    factor, offset = (
+        float(values[number if values.size > 1 else 0])
+        for values in (numbers.get("scale_factor", np.ones(1)), numbers.get("add_offset", np.zeros(1)))
+    )
+    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_FillValue", "missing_value")])
+    low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
+    low, high = max([low, *numbers.get("valid_min", [])]), min([high, *numbers.get("valid_max", [])])
+    return _Obeyed(column, factor, offset, missing, (low, high))
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Numbers of an attribute, which may be text; none where it holds none."""
+    try:
+        return np.atleast_1d(np.asarray(value if value is not None else [], dtype=np.float64)).ravel()
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+class _Obeyed:
+    """Samples of a column, scaled, and NaN where the file says that they are missing."""
+
+    dtype = np.dtype(np.float64)
+
+    def __init__(
+        self, column: Column, factor: float, offset: float, missing: np.ndarray, valid: tuple[float, float]
+    ) -> None:
+        self._column, self._factor, self._offset, self._missing, self._valid = column, factor, offset, missing, valid
+
+    def __len__(self) -> int:
+        return len(self._column)
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        raw = np.asarray(self._column[span])
+        values = raw.astype(np.float64)
+        missing = self._missing if raw.dtype.kind in "iu" else self._missing.astype(raw.dtype)
+        is_missing = np.isin(raw, missing)
+        is_missing |= (values < self._valid[0]) | (values > self._valid[1])
+        return np.where(is_missing, np.nan, values * self._factor + self._offset)

@@ -312,8 +312,10 @@ def test_scales_and_missing_values_of_hdf5_are_obeyed(tmp_path: Path) -> None:
     values = np.where(np.arange(2000) % 100 == 7, -9999.0, NOISE)
     recording = load_recording(in_hdf5(tmp_path / "b.h5", values, _FillValue=-9999.0))
     assert np.isnan(recording.signal).sum() == 20
-    with pytest.raises(DataError, match=r"states gain = 2, which is not known; apply it"):
-        load_recording(in_hdf5(tmp_path / "c.h5", NOISE, gain=2.0))
+    gained = in_hdf5(tmp_path / "c.h5", NOISE / 2, gain=2.0)
+    with pytest.raises(DataError, match=r'states gain = 2, .* such as sensitivity = "2 g"'):
+        load_recording(gained)
+    assert_noise(load_recording(gained, sensitivity="2 g"))
 
 
 def test_a_master_of_angles_and_invalid_samples_of_mdf_are_no_measurement(tmp_path: Path) -> None:

@@ -128,7 +128,11 @@ def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where:
     """The sensitivity of each channel that has one."""
     stated = options.sensitivity
     if stated is None:
-        return {}
+        in_file = {
+            name: _Sensitivity.read(raw.sensitivities[name], where) for name in chosen if name in raw.sensitivities
+        }
+        units = {name: raw.units.get(name, options.unit) for name in in_file}
+        return {name: each for name, each in in_file.items() if (unit := units[name]) and each.of(unit) is not None}
     texts = (stated,) if isinstance(stated, str) else stated
     if not any("=" in text for text in texts):
         if len(texts) not in (1, len(chosen)):

@@ -25,7 +25,7 @@ from swashtwin.recordings.formats.raw import (
     known_unit,
     require_plausible_size,
 )
-from swashtwin.recordings.formats.tables import header_rate, obeyed, stated_sensitivities
+from swashtwin.recordings.formats.tables import header_rate, obeyed, stated_sensitivities, unknown_scale
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -48,7 +48,7 @@ def read(path: Path, options: Options) -> RawFile:
     if name.startswith(STORE_KIND):
         raise DataError(f"{path} is a store of {len(file)} recordings; name a file of one recording.")
     if not name.startswith(KIND):
-        return timed(path, _foreign(path, file), options)
+        return timed(path, _foreign(path, file, options), options)
     _require_format(path, file, FORMAT)
     return _complete(path, file)
 
@@ -184,7 +184,7 @@ def _text(value: Any) -> str | None:
     return value.decode() if isinstance(value, bytes) else value if isinstance(value, str) else None
 
 
-def _foreign(path: Path, file: h5py.File) -> RawFile:
+def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
@@ -209,9 +209,9 @@ def _foreign(path: Path, file: h5py.File) -> RawFile:
             vectors = _vectors_in(item, field)
             for number, column in enumerate(vectors):
                 key = f"{name}{'/' if field else ''}{field}{f'/{number}' if len(vectors) > 1 else ''}"
-                columns[key] = obeyed(f"{path}: {item.name}", column, item.attrs, number)
+                columns[key] = obeyed(f"{path}: {item.name}", column, item.attrs, options, number)
                 found = {
-                    "units": unit,
+                    "units": None if unknown_scale(item.attrs) else unit,
                     "rates": rate,
                     "starts": next((each[of] for each in facts for of in _STARTS if of in each), None),
                     "sensitivities": next(iter(stated_sensitivities(facts[0].items())), None),

@@ -12,7 +12,7 @@ from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.tables import SCALE_NAMES, obeyed, stated_sensitivities
+from swashtwin.recordings.formats.tables import SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 
 _KINDS = ("double", "single", "logical", "char", "cell", "struct", "sparse", "unknown", *(
@@ -37,7 +37,7 @@ def read(path: Path, options: Options) -> RawFile:
     objects = {name: kind for name, _, kind in pymatreader.whosmat(path) if kind not in _KINDS and name[:1] != "#"}
     content = pymatreader.read_mat(path)
     content = {name: value for name, value in content.items() if name not in objects and name[:1] not in ("#", "_")}
-    raw = sorted_variables(path, _labchart(content) or _flattened(content))
+    raw = sorted_variables(path, _labchart(content) or _flattened(content), options)
     if objects and not raw.columns:
         name, kind = next(iter(objects.items()))
         kind = "object" if kind == "opaque" else kind
@@ -143,7 +143,7 @@ _PARTS = re.compile(r"[./]")
 _INDEX = re.compile(r"\(.*\)$")
 
 
-def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFile:
+def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: Options) -> RawFile:
     """Vectors as columns; single numbers and texts as attributes, of which some name rate, unit, scale and sensitivity.
 
     A matrix yields one column for each of its longer side's vectors, called as a list of as many names says, or
@@ -170,7 +170,9 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]]) -> RawFil
     sensitivities = stated(sensed, _SENSITIVITY_NAMES, "sensitivities")
     for name, column in columns.items():
         scales = {key: _stated_for(path, name, facts, (key,), key) for key in SCALE_NAMES}
-        columns[name] = obeyed(f"{path}: {name}", column, scales)[:]
+        columns[name] = obeyed(f"{path}: {name}", column, scales, options)[:]
+        if unknown_scale(scales):
+            units.pop(name, None)  # it is that of the scaled numbers
     facts.pop("unit", None)
     general = {rate for name, rate in in_file.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
     if len(general) == 1 and not rates:

@@ -1,11 +1,12 @@
 """Measurement data format of ASAM, versions 3 and 4, as vehicles and test benches record it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, require_memory
-from swashtwin.recordings.formats.clock import read_time_column
+from swashtwin.foundation import DataError
+from swashtwin.recordings.formats.clock import TIME_UNITS, read_time_column
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
 from swashtwin.recordings.recording import Recording
 
@@ -24,18 +25,12 @@ def read(path: Path, options: Options) -> RawFile:
     rates: dict[str, float] = {}
     gaps: dict[str, str] = {}
     starts: dict[str, str] = {}
-    starts_of: dict[int, str] = {}
     with path.open("rb") as stream, asammdf.MDF(stream) as file:
         names = [channel.name for group in file.groups for channel in group.channels]
-        require_memory(path, sum(8 * group.channel_group.cycles_nr * len(group.channels) for group in file.groups))
         for number, group in enumerate(file.groups):
             master = file.masters_db.get(number)
-            counted = None if master is None else _COUNTED.get(getattr(group.channels[master], "sync_type", 1))
-            if counted:
-                raise DataError(
-                    f"{path}: the master {group.channels[master].name!r} of group {number} counts {counted}, not time; "
-                    "export the group with its time."
-                )
+            is_timed = master is not None and _is_time(path, number, group.channels[master], options)
+            rate: float | None = None
             for position, channel in enumerate(group.channels):
                 if position == master:
                     continue
@@ -44,19 +39,31 @@ def read(path: Path, options: Options) -> RawFile:
                     continue
                 name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
                 columns[name] = signal.samples.astype(np.float64)
-                if (invalid := getattr(signal, "invalidation_bits", None)) is not None:
-                    columns[name][np.asarray(invalid, dtype=bool)] = np.nan
+                if signal.invalidation_bits is not None:
+                    columns[name][np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
                 if unit := known_unit(signal.unit):
                     units[name] = unit
-                if master is not None:
-                    if number not in starts_of and len(signal.timestamps):
-                        starts_of[number] = f"{float(signal.timestamps[0]):.6g} s"
-                    starts[name] = starts_of.get(number, "")
+                if is_timed and rate is None:
                     rate, gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
-                    rates |= {name: rate} if rate else {}
                     gaps |= {"time_gaps": gap} if gap else {}
-        start = str(file.start_time)
-    return RawFile(columns, None, units, {"start_time": start, **gaps}, rates=rates, starts=starts)
+                    start = float(signal.timestamps[0])
+                if is_timed:
+                    rates |= {name: rate} if rate else {}
+                    near = (text for text in starts.values() if abs(float(text[:-2]) - start) < 1 / (rate or np.inf))
+                    starts[name] = next(near, f"{start:.9g} s")  # less than a sample apart is together
+        gaps["start_time"] = str(file.start_time)
+    return RawFile(columns, None, units, gaps, rates=rates, starts=starts)
+
+
+def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
+    """Whether a master channel is the time; one that counts samples, angles or distances is refused or left out."""
+    counted, unit = _COUNTED.get(getattr(master, "sync_type", 1)), known_unit(master.unit or "")
+    if counted is None and unit not in (None, *TIME_UNITS):
+        counted = unit
+    if counted is not None and (counted != "samples" or options.sample_rate is None):
+        advice = "say sample_rate" if counted == "samples" else "export the group with its time"
+        raise DataError(f"{path}: the master {master.name!r} of group {group} counts {counted}, not time; {advice}.")
+    return counted is None
 
 
 def write(recording: Recording, path: Path) -> None:

@@ -13,7 +13,7 @@ from swashtwin.recordings.recording import Recording
 def read(path: Path, options: Options) -> RawFile:
     """Vectors of an archive as columns, its single numbers and texts as attributes; an array of objects is refused."""
     with np.load(path, allow_pickle=False) as archive:
-        raw = sorted_variables(path, [(name, archive[name]) for name in archive.files])
+        raw = sorted_variables(path, [(name, archive[name]) for name in archive.files], options)
     return timed(path, raw, options)
 
 

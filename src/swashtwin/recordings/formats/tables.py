@@ -8,7 +8,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.columns import Column
-from swashtwin.recordings.formats.raw import known_unit, plain_unit
+from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _AFTER_WORD = re.compile(r"^(.*[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")
@@ -52,7 +52,7 @@ def header_pairs(header: str) -> list[tuple[str, str]]:
         for separator in (r"[;\t]|:(?!\d\d(?:\D|$))\s*|\s*=\s*", r'"?,"?'):
             parts = re.split(separator, line, maxsplit=1)
             if len(parts) == 2:
-                pairs.append((parts[0].strip().rstrip(":"), parts[1].strip(' "')))
+                pairs.append((parts[0].strip().rstrip(":"), parts[1].strip(' ",;')))
                 break
         fields = re.split(r"[;\t,]", line)
         if min(len(fields), len(above)) > 2:
@@ -139,7 +139,16 @@ SCALES = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_ra
 SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
 
 
-def obeyed(where: str, column: Column, facts: Mapping[str, Any], number: int = 0) -> Column:
+def unknown_scale(facts: Mapping[str, Any]) -> str:
+    """What the facts beside a column state of a scale that may be applied already or not; empty where nothing."""
+    found = {name: _numbers(facts.get(name)) for name in _UNKNOWN_SCALES}
+    stated = (
+        f"{name} = {found[name][0]:g}" for name, neutral in _UNKNOWN_SCALES.items() if (found[name] != neutral).any()
+    )
+    return next(stated, "")
+
+
+def obeyed(where: str, column: Column, facts: Mapping[str, Any], options: Options, number: int = 0) -> Column:
     """A column with the scale, the offset and the missing values that the facts beside it state.
 
     Parameters
@@ -149,16 +158,15 @@ def obeyed(where: str, column: Column, facts: Mapping[str, Any], number: int = 0
     Raises
     ------
     DataError
-        A scale is stated in words that are not those of the CF conventions.
+        A scale is stated in words that are not those of the CF conventions, and no sensitivity in the options.
     """
-    numbers = {name: values for name in SCALE_NAMES if (values := _numbers(facts.get(name))).size}
-    for name, neutral in _UNKNOWN_SCALES.items():
-        if name in numbers and (numbers[name] != neutral).any():
-            raise DataError(
-                f"{where} states {name} = {numbers[name].flat[0]:g}, and not whether it is applied; apply it, or call "
-                "it scale_factor (or add_offset)."
-            )
-    if not numbers.keys() & set(SCALES):
+    if options.sensitivity is None and (scale := unknown_scale(facts)):
+        raise DataError(
+            f"{where} states {scale}, and not whether it is applied; say what one of its numbers stands for, such as "
+            f'sensitivity = "{scale.split()[-1]} g", or "1 g" where it is applied.'
+        )
+    numbers = {name: values for name in SCALES if (values := _numbers(facts.get(name))).size}
+    if not numbers:
         return column
     factor, offset = (
         float(values[number if values.size > 1 else 0])

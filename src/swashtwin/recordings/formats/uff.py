@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, require_memory
-from swashtwin.recordings.formats.clock import read_time_column
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
+from swashtwin.foundation import DataError
+from swashtwin.recordings.formats.clock import TIME_UNITS, read_time_column
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, plain_unit, snapped_rate
 
 _TIME_RESPONSE = 1
-_PARSED = 3
-"""Bytes in memory for each byte of the file while it is parsed."""
+_TIME = 17
+"""What a data set calls an abscissa that is the time."""
 _STEP_DIGITS = 5e-6
 """Largest relative error of a step written with six digits."""
 _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
@@ -19,7 +19,6 @@ _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 def read(path: Path, options: Options) -> RawFile:
     """Time responses of a universal file; their step has six digits, so the rate is snapped to a sensible one."""
-    require_memory(path, _PARSED * path.stat().st_size)
     if not path.read_bytes().rstrip().endswith(b"-1"):
         raise DataError(f"{path} is cut off: its last data set has no end.")
     content = load_extra("pyuff").UFF(str(path)).read_sets()
@@ -30,28 +29,34 @@ def read(path: Path, options: Options) -> RawFile:
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
+    starts: dict[str, str] = {}
     gaps: dict[str, str] = {}
     for number, response in enumerate(responses):
         name = _name(response, number, columns)
-        columns[name] = np.asarray(response["data"], dtype=np.float64)
-        count, stated = len(columns[name]), int(response["num_pts"])
-        if count < stated or np.any(columns[name][stated:]):
-            raise DataError(f"{path} is cut off: {name} has {count} of {stated} samples.")
-        columns[name] = columns[name][:stated]  # the last line is filled with zeros
-        unit = known_unit(response.get("ordinate_axis_units_lab", ""))
-        if unit:
+        samples, count = np.asarray(response["data"]), int(response["num_pts"])
+        if len(samples) < count or np.any(samples[count:]):
+            raise DataError(f"{path} is cut off: {name} has {len(samples)} of {count} samples.")
+        if np.iscomplexobj(samples) and np.any(samples.imag):
+            raise DataError(f"{path}: {name} holds complex numbers, which are no recording; export the time signal.")
+        columns[name] = samples.real[:count].astype(np.float64)  # the last line is filled with zeros
+        along = plain_unit(str(response.get("abscissa_axis_units_lab") or "s"))
+        if response.get("abscissa_spec_data_type", 0) not in (0, _TIME) or known_unit(along) not in (None, *TIME_UNITS):
+            raise DataError(f"{path}: {name} runs along {along}, not time; export it as it was recorded.")
+        second = TIME_UNITS.get(along, 1.0)
+        if unit := known_unit(response.get("ordinate_axis_units_lab", "")):
             units[name] = unit
-        if not response["abscissa_spacing"]:
-            rate, gap = read_time_column(path, np.asarray(response["x"], dtype=np.float64)[:stated])
+        if response["abscissa_spacing"]:
+            step, first = second * float(response["abscissa_inc"]), float(response["abscissa_min"])
+            if not step > 0:
+                raise DataError(f"{path}: {name} has time steps of {step:g} s; a recording has a positive step.")
+            rates[name] = snapped_rate(step, _STEP_DIGITS / float(f"{step:e}".split("e")[0]))
+        else:
+            times = np.asarray(response["x"], dtype=np.float64)[:count]
+            (rate, gap), first = read_time_column(path, times, second), float(times[0])
             rates |= {name: rate} if rate else {}
             gaps |= {"time_gaps": gap} if gap else {}
-            continue
-        step = float(response["abscissa_inc"])
-        if not step > 0:
-            raise DataError(f"{path}: {name} has time steps of {step:g} s; a recording has a positive step.")
-        mantissa = float(f"{step:e}".split("e")[0])
-        rates[name] = snapped_rate(step, _STEP_DIGITS / mantissa)
-    return RawFile(columns, None, units, gaps, rates=rates)
+        starts[name] = f"{second * first:.6g} s"
+    return RawFile(columns, None, units, gaps, rates=rates, starts=starts)
 
 
 def _name(response: dict[str, Any], number: int, columns: dict[str, np.ndarray]) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from swashtwin.foundation import DataError
-from swashtwin_bench import collect_studies, write_paper_page
+from swashtwin_bench import PLANS, collect_studies, write_paper_page
 from swashtwin_bench.results.reported import PAPER_STUDY
 
 FIGURES = {
@@ -21,13 +21,13 @@ FIGURES = {
     "spectra": "paper_case1_*spectra",
     "identification-loss": "paper_case1_*losses",
     "identification-rates": "paper_identification_rates",
-    "training-sets": "paper_case1_scores",
+    "training-sets": "paper_case1_rows",
     "confusion": "paper_case1_confusion",
     "tsne": "paper_case1_tsne",
-    "algorithms": "paper_algorithms_classifiers",
-    "ablation": "paper_ablation_classifiers",
-    "convergence": "paper_ablation_convergence",
-    "related": "paper_related_classifiers",
+    "algorithms": "paper_algorithms_rows",
+    "ablation": "paper_ablation_rows",
+    "convergence": "paper_ablation_training",
+    "related": "paper_related_rows",
     "noise": "paper_noise_*perturbation",
     "training-loss": "paper_case1_training",
 }
@@ -47,7 +47,7 @@ def copy_figures(runs: Path, target: Path) -> list[str]:
     DataError
         The folder holds no finished run, or runs of two sizes.
     """
-    studies = collect_studies(runs) if any(runs.glob(f"{PAPER_STUDY}*/*/result.json")) else []
+    studies = collect_studies(runs, PLANS) if any(runs.glob(f"{PAPER_STUDY}*/*/result.json")) else []
     sizes = sorted({study.size for study in studies})
     if len(sizes) > 1 or not (studies or (runs / "paper" / "figures").is_dir()):
         raise DataError(f"{runs} holds {' and '.join(sizes) or 'no'} runs; give the --out of one size of bench paper.")

@@ -6,7 +6,7 @@ import pytest
 from tiny_case import tiny, tiny_recordings
 
 from swashtwin.recordings import Recording
-from swashtwin_bench import StudyResult, run_plan
+from swashtwin_bench import StudyResult, Work, run_plan
 
 
 @pytest.fixture(scope="session")
@@ -24,4 +24,4 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def result(recordings: list[Recording], out: Path) -> StudyResult:
     """Case I on the tiny rig under two seeds."""
-    return run_plan(tiny(), recordings, seeds=(0, 1), out=out, command="swashtwin bench case1 rig")
+    return run_plan(tiny(), recordings, Work((0, 1), out=out, command="swashtwin bench study case1 rig"))

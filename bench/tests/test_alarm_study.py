@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import run
 
 from swashtwin.foundation import MPa
-from swashtwin_bench import AlarmStudySettings, run_alarms
+from swashtwin_bench import Work
+from swashtwin_bench.questions.alarms import AlarmStudySettings, alarms
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin_bench.rigs.trending import TRENDS
 
@@ -16,7 +16,7 @@ TINY = AlarmStudySettings(pumps=1, healthy=10, worn=16, onset=8, severity=3.0, d
 
 
 def test_the_study_counts_false_alarms_and_says_at_which_severity_each_alarm_came(tmp_path: Path) -> None:
-    study = run_alarms(seeds=(100,), settings=TINY, out=tmp_path)
+    study = alarms(Work((100,), out=tmp_path), TINY)
     assert study.values("watched", course="healthy") == [5.0]
     assert study.values("false_alarms", course="healthy") == [0.0]
     assert "0 false alarms in 5 recordings watched (0, 95 % interval 0 to 0.52)" in study.answer[0]
@@ -26,17 +26,12 @@ def test_the_study_counts_false_alarms_and_says_at_which_severity_each_alarm_cam
 
 
 def test_a_study_that_is_run_again_reads_its_finished_courses(tmp_path: Path) -> None:
-    first = run_alarms(seeds=(100,), settings=TINY, out=tmp_path)
-    for path in tmp_path.rglob("values.json"):
+    first = alarms(Work((100,), out=tmp_path), TINY)
+    for path in tmp_path.rglob("result.json"):
         path.write_text(path.read_text(encoding="utf-8").replace('"watched": 5.0', '"watched": 77.0'), encoding="utf-8")
-    again = run_alarms(seeds=(100,), settings=TINY, out=tmp_path)
+    again = alarms(Work((100,), out=tmp_path), TINY)
     assert again.values("watched", course="healthy") == [77.0]
     assert again.values("delay", course="piston") == pytest.approx(first.values("delay", course="piston"), nan_ok=True)
-
-
-def test_the_command_refuses_a_seed_that_is_no_number() -> None:
-    result = run("bench", "alarms", "--seeds", "x", code=2)
-    assert "whole numbers" in result.output
 
 
 def test_the_recordings_of_a_course_do_not_depend_on_the_batch() -> None:

@@ -11,8 +11,8 @@ import pytest
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError
 from swashtwin.signals import order_spectrum
-from swashtwin_bench import CalibrationStudySettings, StudyTable, rig_recordings, run_calibration_study
-from swashtwin_bench.questions.contenders import CONTENDERS
+from swashtwin_bench import StudyTable, Work, rig_recordings
+from swashtwin_bench.questions.calibration import CONTENDERS, CalibrationStudySettings, calibration
 from swashtwin_bench.rigs.measuring import sensor_lines, true_values
 from swashtwin_bench.rigs.writing import RigSize
 
@@ -31,7 +31,7 @@ def _quick() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def study(_quick: None) -> StudyTable:
-    return run_calibration_study(seeds=[7], settings=CalibrationStudySettings(specimens=2, repeats=2, contenders=NAMES))
+    return calibration(Work((7,)), CalibrationStudySettings(specimens=2, repeats=2, contenders=NAMES))
 
 
 def test_each_twin_has_a_trial_for_each_pump(study):
@@ -98,12 +98,12 @@ def test_settings_that_cannot_be_are_refused_by_name(changes, named):
 
 def test_a_pressure_the_rig_has_not_is_refused():
     with pytest.raises(InputError, match="7 MPa"):
-        run_calibration_study(seeds=[7], settings=CalibrationStudySettings(pressure=7e6, specimens=1, repeats=2))
+        calibration(Work((7,)), CalibrationStudySettings(pressure=7e6, specimens=1, repeats=2))
 
 
 def test_under_thick_films_the_twin_and_the_rig_damp_less():
     settings = CalibrationStudySettings(specimens=1, repeats=2, thick_film=True, contenders=("gauss_newton",))
-    intervals = run_calibration_study(seeds=[7], settings=settings).details["intervals"]["gauss_newton"]["single"]
+    intervals = calibration(Work((7,)), settings).details["intervals"]["gauss_newton"]["single"]
     slipper = next(row for row in intervals if row["letter"] == "C_sw")
     assert slipper["truth"] < 2e5
     assert slipper["interval"][0] < 9e4

@@ -1,23 +1,30 @@
 """The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
 
 import json
+import os
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from stub_runs import run, save_run
 from tiny_case import TINY, tiny
 
-from swashtwin.foundation import ArtifactError, InputError
+from swashtwin.foundation import ArtifactError, DataError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
-from swashtwin_bench import FILLERS, Fleets, StudyResult, Workers, plan_of, run_plan
+from swashtwin_bench import FILLERS, PLANS, StudyResult, Work, collect_studies, plan_of, run_plan, write_study_report
 from swashtwin_bench.fillers.distortion import Jitter
-from swashtwin_bench.results.runs import Embedding, load_run
+from swashtwin_bench.results.page import differences_table, scores_table
+from swashtwin_bench.results.runs import load_run
 from swashtwin_bench.rivals.models import DEFAULT
+from swashtwin_bench.studies import runner
 from swashtwin_bench.studies.dataset import calibration_tasks
 from swashtwin_bench.studies.perturbations import Perturbation
+from swashtwin_bench.studies.runner import fleets, study_of
 from swashtwin_bench.studies.scenario import MACHINED, split_scenario
 from swashtwin_bench.studies.training_sets import TrainingSet
 
@@ -25,45 +32,32 @@ SETS = ("measured", "nominal", "calibrated")
 MEASURED = {"measured": TrainingSet()}
 
 
-def embeddings(study: StudyResult) -> list[Embedding]:
-    return [run.embedding for run in study.embedded_runs if run.embedding is not None]
-
-
-def confusions(study: StudyResult, seed: int) -> list[Any]:
-    """Confusion matrices of the classifiers that learnt from measured windows alone."""
-    outcomes = [
-        outcome
-        for outcome in (*study.outcomes, *study.rivals)
-        if (outcome.seed, outcome.training_set) == (seed, "measured")
-    ]
-    return [(outcome.factors, outcome.scores.confusion.tolist()) for outcome in outcomes]
+def confusions(study: StudyResult) -> list[Any]:
+    """Confusion matrices under seed 0 of the classifiers that learned from measured windows alone."""
+    tests = study.tests(training_set="measured")
+    return [(each["factors"], row["level"], row["confusion"]) for each, row in tests if each["seed"] == 0]
 
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
     table = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    expected = [(name, level) for name in SETS for level in ("L2", "L4")]
-    assert [(row["training_set"], row["level"]) for row in table["rows"]] == expected
-    for row in [*table["rows"], *table["rivals"]]:
+    expected = [(c, name, at) for c in (DEFAULT, "extra_trees") for name in SETS for at in ("L2", "L4")]
+    assert [(row["classifier"], row["training_set"], row["level"]) for row in table["rows"]] == expected
+    for row in table["rows"]:
         for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
             assert len(row[name]["values"]) == 2
             assert row[name]["mean"] == pytest.approx(np.mean(row[name]["values"]))
-    assert {row["classifier"] for row in table["rivals"]} == {"extra_trees"}
     assert (table["study"], table["seeds"]) == ("case1", [0, 1])
     assert "stand-in for a machine" in table["origin"]
     assert set(table["splits"]["0"]) == {"train", "calibration", "reference", "L2", "L4"}
-    assert len(table["contrasts"]) == 8
+    assert len(table["differences"]) == 8
 
 
-def test_synthetic_windows_are_in_the_filled_training_sets_only(result: StudyResult) -> None:
-    assert "of them synthetic" not in result.cells["measured"]
-    assert "of them synthetic" not in result.cells["L2"]
+def test_sets_hold_what_they_say(result: StudyResult) -> None:
     for name in ("nominal", "calibrated"):
         assert result.cells[name]["of them synthetic"] == 6
-        filled, bare = (result.cells[key]["swash_plate @ 15 MPa"] for key in (name, "measured"))
-        assert (filled, bare) == (9, 3)
-
-
-def test_a_test_set_holds_every_class_alike(result: StudyResult) -> None:
+        assert (result.cells[name]["swash_plate @ 15 MPa"], result.cells["measured"]["swash_plate @ 15 MPa"]) == (9, 3)
+    for name in ("measured", "L2", "L4"):
+        assert "of them synthetic" not in result.cells[name]
     for level in ("L2", "L4"):
         assert len({count for name, count in result.cells[level].items() if "15 MPa" in name}) == 1
         assert len(result.cells[level]) == 5
@@ -78,25 +72,30 @@ def test_every_training_pump_is_calibrated_away_from_the_tests(
         assert set(calibration.recording_ids) <= split.train | set(split.scarce["swash_plate"])
 
 
-def test_a_rerun_does_nothing_again(
+def test_a_rerun_does_nothing_again_and_its_folder_is_collected(
     recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin_bench.studies.runner.run_task", lambda *_: pytest.fail("was done before"))
+    monkeypatch.setattr(runner, "train_and_test", lambda *_, **__: pytest.fail("was done before"))
     messages: list[str] = []
-    again = run_plan(tiny(), recordings, seeds=(0, 1), out=out, progress=lambda what, *_: messages.append(what))
+    work = Work((0, 1), out=out, progress=lambda what, *_: messages.append(what))
+    again = run_plan(tiny(), recordings, work)
     assert again.rows() == result.rows()
     assert messages == ["6 of seed 0 done before", "6 of seed 1 done before"]
-    assert len(again.calibrations) == 2
-    for embedding, before in zip(embeddings(again), embeddings(result), strict=True):
-        np.testing.assert_allclose(embedding.features, before.features, rtol=1e-6)
+    (study,) = collect_studies(out, PLANS)
+    assert study.rows() == result.rows()
+    assert [len(each.calibrations) for each in (again, study)] == [2, 2]
+    assert study.command == "swashtwin bench study case1 rig"
 
 
-def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
+def test_another_setting_is_another_task(recordings: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
     plan, data = tiny(), "0" * 64
     keys = {task.key for task in plan.tasks(0, data)}
     assert len(keys) == 6
+    group = plan.scenario.pump.rotating_group
+    worn = replace(plan.scenario.pump, rotating_group=replace(group, piston_clearance=2 * group.piston_clearance))
     for other in (
         tiny(scenario=replace(plan.scenario, synthetic=7)),
+        tiny(scenario=replace(plan.scenario, pump=worn)),
         tiny(models={name: model.with_training(epochs=2) for name, model in plan.models.items()}),
         tiny(perturbations=(Perturbation("white", 5.0),)),
     ):
@@ -104,94 +103,20 @@ def test_another_setting_is_another_task(recordings: list[Recording]) -> None:
         assert not keys & set(network)
     assert not keys & {task.key for task in plan.tasks(1, data)}
     assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}
-
-
-def test_two_processes_give_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
-    again = run_plan(tiny(training_sets=MEASURED), recordings, seeds=(0,), workers=Workers(jobs=2))
-    assert confusions(again, 0) == confusions(result, 0)
-
-
-def test_a_dask_cluster_gives_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
-    distributed = pytest.importorskip("distributed", reason="dask is not installed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        workers = Workers(backend="dask", address=cluster.scheduler_address)
-        again = run_plan(tiny(training_sets=MEASURED), recordings, seeds=(0,), workers=workers)
-    assert confusions(again, 0) == confusions(result, 0)
-
-
-def test_an_interrupted_task_leaves_no_result_and_finished_results_stay(
-    recordings: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from swashtwin_bench.studies import runner
-
-    calls, real = [], runner.run_task
-
-    def interrupted(*arguments: Any) -> Any:
-        calls.append(arguments[0].key)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    plan = tiny(training_sets=MEASURED)
-    monkeypatch.setattr(runner, "run_task", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_plan(plan, recordings, seeds=(0,), out=tmp_path)
-    assert [path.parent.name for path in tmp_path.rglob("result.json")] == calls[:1]
-    assert len(run_plan(plan, recordings, seeds=(0,), out=tmp_path).runs) == 2
-    assert len(calls) == 3
-
-
-def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: StudyResult, tmp_path: Path) -> None:
-    run = result.runs[0]
-    folder = tmp_path / "case1" / run.task.key
-    folder.mkdir(parents=True)
-    table = run.to_dict()
-    for text, message in (
-        ('{"half', "is damaged"),
-        (json.dumps({**table, "format": "swashtwin run 0"}), "this version reads"),
-        (json.dumps({**table, "task": {**table["task"], "seed": 5}}), "other settings"),
-    ):
-        (folder / "result.json").write_text(text)
-        with pytest.raises(ArtifactError, match=message):
-            load_run(folder)
-    with pytest.raises(ArtifactError, match="other settings"):
-        run_plan(tiny(), recordings, seeds=(0,), out=tmp_path)
-
-
-def test_the_settings_behind_a_name_are_part_of_a_tasks_key(monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = plan_of("case1", "quick")
-    keys = [task.key for task in plan.tasks(0, "data")]
-    group = plan.scenario.pump.rotating_group
-    worn = replace(plan.scenario.pump, rotating_group=replace(group, piston_clearance=2 * group.piston_clearance))
-    other_pump = replace(plan, scenario=replace(plan.scenario, pump=worn))
-    assert not set(keys) & {task.key for task in other_pump.tasks(0, "data")}
-    on_a_gpu = [task.key for task in plan.tasks(0, "data", "cuda")]
-    networks = [task.factors["classifier"] == DEFAULT for task in plan.tasks(0, "data")]
-    assert [key != other for key, other in zip(keys, on_a_gpu, strict=True)] == networks
     filled = replace(plan, training_sets={"jitter": TrainingSet("jitter")})
     before = {task.key for task in filled.tasks(0, "data")}
     monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
     assert not before & {task.key for task in filled.tasks(0, "data")}
 
 
-def test_a_folder_of_other_files_is_no_fleet(tmp_path: Path) -> None:
-    (tmp_path / "rig-small-0").mkdir()
-    (tmp_path / "rig-small-0" / "half.h5").touch()
-    with pytest.raises(InputError, match="choose a new folder"):
-        Fleets(tmp_path).recordings_for(0)
-
-
 def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
-    def keys(study: str) -> dict[str, str]:
-        return {"-".join(task.factors.values()): task.key for task in plan_of(study, "paper").tasks(0, "data")}
+    def keys(study: str, **changes: Any) -> dict[str, str]:
+        plan = plan_of(study, "paper")
+        plan = replace(plan, scenario=replace(plan.scenario, **changes))
+        return {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
 
     before = {study: keys(study) for study in ("augmentation", "noise")}
-    other = {**MACHINED, "piston": (PistonWear(clearance=1e-4),)}
-    plan = plan_of("augmentation", "paper")
-    plan = replace(plan, scenario=replace(plan.scenario, faults=other))
-    changed = {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
+    changed = keys("augmentation", faults={**MACHINED, "piston": (PistonWear(clearance=1e-4),)})
     differing = {name for name, key in before["augmentation"].items() if changed[name] != key}
     assert differing == {name for name in changed if "every_class" in name}
     monkeypatch.setattr("swashtwin_bench.studies.training_sets.TRAINING_SNRS", (5.0, 25.0))
@@ -200,9 +125,179 @@ def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: py
     }
 
 
+@pytest.mark.nightly
+def test_two_processes_give_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
+    again = run_plan(tiny(training_sets=MEASURED), recordings, Work(jobs=2))
+    assert confusions(again) == confusions(result)
+
+
+def test_an_interrupted_task_leaves_no_result_and_finished_results_stay(
+    recordings: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, real = [], runner.train_and_test
+
+    def interrupted(task: Any, *arguments: Any, **keywords: Any) -> Any:
+        calls.append(task.key)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(task, *arguments, **keywords)
+
+    plan = tiny(training_sets=MEASURED)
+    monkeypatch.setattr(runner, "train_and_test", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_plan(plan, recordings, Work(out=tmp_path))
+    assert [path.parent.name for path in tmp_path.rglob("result.json")] == calls[:1]
+    assert len(run_plan(plan, recordings, Work(out=tmp_path)).runs) == 2
+    assert len(calls) == 3
+
+
+def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: StudyResult, tmp_path: Path) -> None:
+    done = result.runs[0]
+    folder = tmp_path / "case1" / done["key"]
+    folder.mkdir(parents=True)
+    for text, message in (
+        ('{"half', "is damaged"),
+        (json.dumps({**done, "format": "swashtwin run 0"}), "this version reads"),
+        (json.dumps({**done, "key": "other"}), "another task's"),
+    ):
+        (folder / "result.json").write_text(text)
+        with pytest.raises(ArtifactError, match=message):
+            load_run(folder)
+    with pytest.raises(ArtifactError, match="another task's"):
+        run_plan(tiny(), recordings, Work(out=tmp_path))
+
+
+def test_a_folder_of_other_files_is_no_fleet(tmp_path: Path) -> None:
+    (tmp_path / "rig-small-0").mkdir()
+    (tmp_path / "rig-small-0" / "half.h5").touch()
+    with pytest.raises(InputError, match="choose a new folder"):
+        fleets(tmp_path, "small", "1", Work())(0)
+
+
 def test_a_calibration_is_not_reused_for_recordings_with_other_facts(recordings: list[Recording]) -> None:
     def named(recordings: list[Recording]) -> list[str]:
         return [task.key for task in calibration_tasks(recordings, TINY, 0)]
 
     faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
     assert not set(named(recordings)) & set(named(faster))
+
+
+# ---- collecting finished runs
+
+
+def save(runs: list[Mapping[str, Any]], folder: Path) -> None:
+    """Save runs, each a second later than the one before."""
+    for number, one in enumerate(runs):
+        os.utime(save_run(one, folder), (number, number))
+
+
+STUBS = [
+    run(name, seed, 0.8, classifier) for name in SETS for seed in (0, 1) for classifier in (DEFAULT, "extra_trees")
+]
+
+
+def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(tmp_path: Path) -> None:
+    few = [each for each in STUBS if (each["seed"], each["factors"]["training_set"]) != (1, "measured")]
+    save([{**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few], tmp_path)
+    (study,) = collect_studies(tmp_path, PLANS)
+    counted = {row[0].text.split(", ")[-1]: row[1].text for row in scores_table(study).rows}
+    assert (counted["measured only"], counted["with calibrated twin"]) == ("1", "2")
+    assert {row[4].text for row in differences_table(study).rows} == {"1", "2"}
+    assert study.command == "swashtwin bench study case1 --seeds 0 && swashtwin bench study case1 --seeds 1"
+    page = write_study_report(study, folder=tmp_path / "page").read_text(encoding="utf-8")
+    assert study.command in re.sub(r"<[^>]+>", "", page).replace("&amp;", "&")
+
+
+def test_runs_of_older_settings_or_other_recordings_are_left_out_and_counted(tmp_path: Path) -> None:
+    older = [{**each, "settings": {**each["settings"], "model": {"kind": "older"}}} for each in STUBS[:2]]
+    other = [{**each, "data": "other", "origin": "elsewhere"} for each in STUBS[:3]]
+    save([*older, *other, *STUBS], tmp_path)
+    stale = tmp_path / "case1" / "old" / "result.json"
+    stale.parent.mkdir()
+    stale.write_text('{"format": "swashtwin run 1", "key": "old"}')
+    (study,) = collect_studies(tmp_path, PLANS)
+    assert len(study.runs) == len(STUBS)
+    assert {each["data"] for each in study.runs} == {"data"}
+    assert "5 runs of other settings or recordings" in study.notes[-1]
+
+
+def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_study() -> None:
+    runs = [
+        {**each, "factors": {**each["factors"], "pumps": value}, "roles": {**each["roles"], "train": [value]},
+         "cells": {**each["cells"], "L2": {"normal @ 15 MPa": int(value)}}}
+        for each in STUBS
+        for value in ("2", "1")
+    ]  # fmt: skip
+    study = study_of(plan_of("unseen-specimen"), runs)
+    table = study.to_dict()
+    assert set(table["splits"]) == set(table["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
+    assert table["splits"]["0, 2"]["train"] == ["2"]
+    assert table["cells"]["L2"] != table["cells"]["L2, 2"]
+    assert [row["pumps"] for row in study.rows()][:8] == ["1"] * 6 + ["2"] * 2
+
+
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="holds no finished run"):
+        collect_studies(tmp_path, PLANS)
+
+
+def test_several_studies_make_one_page(tmp_path: Path) -> None:
+    noisy = [
+        {**each, "study": "noise",
+         "rows": [{**row, "perturbation": at} for row in each["rows"] for at in ("clean", "5 dB")]}
+        for each in STUBS
+        if each["factors"]["training_set"] == "calibrated"
+    ]  # fmt: skip
+    save([*noisy, *({**each, "study": "algorithms"} for each in STUBS)], tmp_path)
+    page = write_study_report(*collect_studies(tmp_path, PLANS), folder=tmp_path / "page").read_text(encoding="utf-8")
+    assert "Algorithms on Case I" in page
+    assert "accuracy 0.910" in page
+    assert "swashtwin bench study case1 --seeds 0,1; seeds 0, 1; cpu; virtual rig" in page.replace("&#34;", '"'), (
+        re.findall(r"--seeds 0,1.{60}", page)
+    )
+    for name in ("noise_perturbation", "noise_confusion", "algorithms_rows", "algorithms_tsne"):
+        assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
+        assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
+
+
+# ---- what the answer says
+
+
+def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes: Any) -> str:
+    """Answer at L2 of a study with accuracies by classifier and training set, one for each seed."""
+    runs = []
+    for classifier, sets in accuracies.items():
+        for name, values in sets.items():
+            for seed, value in enumerate(values):
+                one = run(name, seed, 0.5, classifier, ("L2",), **changes)
+                runs.append({**one, "rows": [{**one["rows"][0], "accuracy": value}]})
+    (sentence,) = study_of(plan_of("case1"), runs).answer
+    return sentence
+
+
+def test_the_answer_gives_the_difference_paired_by_seed_and_whether_it_is_chance() -> None:
+    sets = {"measured": (0.5, 0.6, 0.55), "nominal": (0.6, 0.71, 0.64), "calibrated": (0.71, 0.82, 0.78)}
+    text = answer({DEFAULT: sets}, data="")
+    assert "L2: highest accuracy 0.770 (BiTCN on levels (ours), with calibrated twin)." in text
+    assert "with calibrated twin less measured only (BiTCN on levels (ours)): +22.0 points (" in text
+    assert "which may be chance" in answer({DEFAULT: {"measured": (0.5, 0.6), "calibrated": (0.7, 0.5)}})
+    assert "+10.0 points (+10.0 to +10.0), which may be chance" in answer(
+        {DEFAULT: {"measured": (0.5, 0.5), "calibrated": (0.6, 0.6)}}
+    )
+    assert "+20.0 points, one seed." in answer({DEFAULT: {"measured": (0.5,), "calibrated": (0.7,)}})
+
+
+def test_the_best_row_has_all_seeds() -> None:
+    text = answer({DEFAULT: {"calibrated": (0.9, 0.6)}, "extra_trees": {"calibrated": (0.95,)}})
+    assert "highest accuracy of those of 2 seeds 0.750" in text
+
+
+def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -> None:
+    runs = [
+        run(name, 0, 0.5, levels=("L2",), factors={"classifier": DEFAULT, "training_set": name, "synthetic": budget})
+        for name, budget in (("measured", "0"), ("calibrated", "72"), ("calibrated", "200"), ("nominal", "72"))
+    ]
+    pairs = study_of(plan_of("augmentation"), runs).differences()
+    assert {(p.first["synthetic"], p.second["training_set"], p.second["synthetic"]) for p in pairs} == {
+        ("72", "measured", "0"), ("200", "measured", "0"), ("72", "nominal", "72"),
+    }  # fmt: skip

@@ -15,9 +15,9 @@ from swashtwin.learning import (
     learn_confidence,
 )
 from swashtwin.pump import CLASSES
-from swashtwin_bench import ConfidenceStudySettings, run_confidence
+from swashtwin_bench import Work
 from swashtwin_bench.questions import confidence
-from swashtwin_bench.questions.confidence import METRICS, record_roles
+from swashtwin_bench.questions.confidence import METRICS, ConfidenceStudySettings, record_roles
 
 TINY = ConfidenceStudySettings(
     trained_pumps=1,
@@ -43,9 +43,9 @@ def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
 
 
 def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study = run_confidence(seeds=(0,), settings=TINY, out=tmp_path)
-    monkeypatch.setattr(confidence, "_task", None)
-    assert run_confidence(seeds=(0,), settings=TINY, out=tmp_path).rows() == study.rows()
+    study = confidence.confidence(Work((0,), out=tmp_path), TINY)
+    monkeypatch.setattr(confidence, "_training", None)
+    assert confidence.confidence(Work((0,), out=tmp_path), TINY).rows() == study.rows()
     table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
     assert len(table["rows"]) == 8
     for row in table["rows"]:
@@ -67,6 +67,6 @@ def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: p
         return learn_confidence(fit_extra_trees(train, n_trees=5), cut_windows(validation, like=train))
 
     monkeypatch.setattr(confidence, "_fit", fit)
-    result = confidence._task(parts, "chosen", "valve_plate", 0, TINY)
+    result = confidence._training(parts, "chosen", "valve_plate", 0, TINY)
     assert set(result) == {"same", "other", "training"}
     assert result["training"] == result["same"] != result["other"]

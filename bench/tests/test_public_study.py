@@ -9,8 +9,8 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError
 from swashtwin.recordings import Recording
-from swashtwin_bench import run_public
-from swashtwin_bench.public.study import AT_RANDOM, _live
+from swashtwin_bench import Work
+from swashtwin_bench.public.study import AT_RANDOM, PublicSettings, _live, public
 
 RATE = 1600.0
 LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}
@@ -46,7 +46,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_ordinary_training_is_read_again_where_it_was_finished(
     small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = run_public(small, classifiers=("extra_trees",), out=tmp_path)
+    study = public(Work(out=tmp_path), PublicSettings(("extra_trees",)), small)
     row, leaky = study.rows()
     assert (row["split"], row["classifier"]) == ("pump_cavitation/speed", "extra_trees")
     assert 0.3 < row["recording_balanced_accuracy"]["mean"] <= 1.0
@@ -56,9 +56,9 @@ def test_the_ordinary_training_is_read_again_where_it_was_finished(
     assert [fold["fold"] for fold in study.details["folds"]] == ["700 rpm", "1000 rpm", "1200 rpm"]
     json.dumps(study.to_dict(), allow_nan=False)
     monkeypatch.delattr(FaultClassifier, "fit")
-    assert run_public(small, classifiers=("extra_trees",), out=tmp_path).rows() == study.rows()
+    assert public(Work(out=tmp_path), PublicSettings(("extra_trees",)), small).rows() == study.rows()
     with pytest.raises(InputError, match="no classifier is called 'trees'; there are chosen, "):
-        run_public(small, classifiers=("trees",))
+        public(Work(), PublicSettings(("trees",)), small)
 
 
 def test_what_no_training_takes_is_said_and_a_channel_without_a_signal_is_left_out(
@@ -68,7 +68,7 @@ def test_what_no_training_takes_is_said_and_a_channel_without_a_signal_is_left_o
         raise DataError("too short.")
 
     monkeypatch.setattr(FaultClassifier, "fit", refuse)
-    study = run_public(small, classifiers=("chosen",))
+    study = public(Work(), PublicSettings(("chosen",)), small)
     assert study.rows()[0]["balanced_accuracy"]["mean"] is None
     assert "pump_cavitation/speed, chosen: too short." in study.notes
     signal = np.random.default_rng(0).normal(size=(2, 50))
@@ -79,11 +79,9 @@ def test_what_no_training_takes_is_said_and_a_channel_without_a_signal_is_left_o
 
 def test_a_folder_without_any_set_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="pump_cavitation"):
-        run_public(tmp_path)
+        public(Work(), PublicSettings(), tmp_path)
     one_speed = write_pump(tmp_path, (1000,), ("healthy", "cavitation100"))
     with pytest.raises(DataError, match="one group"):
-        run_public(one_speed)
+        public(Work(), PublicSettings(), one_speed)
     with pytest.raises(InputError, match="none of the sets"):
-        run_public(tmp_path, sets=["paderborn"])
-    with pytest.raises(InputError, match="seed"):
-        run_public(tmp_path, seeds=[])
+        public(Work(), PublicSettings(sets=("paderborn",)), tmp_path)

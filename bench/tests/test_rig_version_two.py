@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from swashtwin_bench.studies.sources import Fleets, require_rig
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm, um
 from swashtwin.physics import excitation_lines
@@ -21,7 +22,6 @@ from swashtwin_bench.rigs.version_two.sounds import bursts, impacts_of, loudness
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies.dataset import prepare
 from swashtwin_bench.studies.scenario import Scenario
-from swashtwin_bench.studies.sources import Fleets, require_rig
 from swashtwin_bench.studies.training_sets import twins_of
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tiny_case import TINY, tiny
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
-from swashtwin_bench import Workers, plan_of, run_plan
+from swashtwin_bench import plan_of, run_plan
 from swashtwin_bench.studies.cells import recordings_by_cell
 from swashtwin_bench.studies.dataset import calibration_tasks, prepare
 from swashtwin_bench.studies.scenario import split_scenario
@@ -69,10 +69,6 @@ def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]
         run_plan(tiny(), [replace(recordings[0], specimen=None), *recordings[1:]])
     with pytest.raises(DataError, match="500 measured windows"):
         run_plan(tiny(scenario=replace(TINY, scarce_windows=500)), recordings)
-    with pytest.raises(InputError, match="needs a seed"):
-        run_plan(tiny(), recordings, seeds=())
-    with pytest.raises(InputError, match="belongs to backend dask"):
-        Workers(address="tcp://nowhere:1")
 
 
 def test_a_pressure_as_measured_is_counted_where_it_was_set() -> None:

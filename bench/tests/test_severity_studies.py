@@ -10,8 +10,9 @@ import pytest
 
 from swashtwin.calibration import GaussNewton
 from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
-from swashtwin_bench import StudyTable, run_severity, write_study_report
-from swashtwin_bench.questions.severity import _Case, _values
+from swashtwin_bench import StudyTable, Work, write_study_report
+from swashtwin_bench.questions import severity as study
+from swashtwin_bench.questions.severity import SeverityStudySettings, _Case, _values
 from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
 
 CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
@@ -32,7 +33,7 @@ def severity(monkeypatch: pytest.MonkeyPatch) -> StudyTable:
     for module in ("questions.severity", "rigs.trending"):
         monkeypatch.setattr(f"swashtwin_bench.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
     monkeypatch.setattr("swashtwin_bench.questions.severity.PUMPS", ("A",))
-    return run_severity([7], severities=(1.0,), command="swashtwin bench severity --seeds 7")
+    return study.severity(Work((7,)), SeverityStudySettings((1.0,)))
 
 
 def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> None:

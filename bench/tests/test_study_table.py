@@ -11,7 +11,7 @@ import pytest
 
 from swashtwin.recordings import Recording
 from swashtwin_bench import StudyTable, write_study_report
-from swashtwin_bench.results.table import Trial, origin_of, spread
+from swashtwin_bench.results.table import Trial, origin_of, paired_interval, spread
 
 
 @pytest.fixture
@@ -74,6 +74,14 @@ def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
         study, trials=tuple(replace(trial, factors={"twin": trial.factors["twin"]}) for trial in study.trials)
     )
     assert "nominal" in write_study_report(alone, folder=tmp_path).read_text(encoding="utf-8")
+
+
+def test_the_corrected_interval_is_wider_than_students():
+    points = [0.02, 0.03, 0.01, 0.04]
+    plain, corrected = paired_interval(points), paired_interval(points, test_share=0.5)
+    assert corrected[0] < plain[0] < 0.025 < plain[1] < corrected[1]
+    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(math.sqrt(0.75 / 0.25))
+    assert math.isnan(paired_interval([0.1])[0])
 
 
 def test_a_spread_of_one_value_has_no_deviation():

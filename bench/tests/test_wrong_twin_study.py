@@ -33,7 +33,7 @@ def test_a_factor_along_one_axis_changes_that_stiffness_alone(pump: Pump) -> Non
 def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     chosen = (CASES["nothing, truth 1"], CASES["9 pistons"])
     monkeypatch.setattr(study, "matrix_cases", lambda: chosen)
-    words = ("bench", "wrong-twins", "--seeds", "100", "--jobs", 1, "--out", tmp_path)
+    words = ("bench", "study", "wrong-twins", "--seeds", "100", "--jobs", 1, "--out", tmp_path)
     table = run_json(*words)
     right, pistons = table["rows"]
     assert right["family"] == RIGHT

@@ -5,12 +5,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from swashtwin.cli import app
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording
-from swashtwin_bench import run_zero_shot
+from swashtwin_bench import Work
 from swashtwin_bench.questions import zero_shot
 from swashtwin_bench.questions.zero_shot import (
     ORACLE,
@@ -47,7 +45,7 @@ def test_no_recording_has_two_roles(two_pressures: list[Recording], seed: int) -
 
 def test_the_rows_are_those_of_the_schema(two_pressures: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(split_zero_shot, "__defaults__", (1,))
-    study = run_zero_shot(two_pressures, command="swashtwin bench zero-shot rig")
+    study = zero_shot.zero_shot(Work(), zero_shot.ZeroShotSettings(), two_pressures)
     table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
     assert table["study"] == "zero-shot"
     for name in ("training_set", "test", "recording_balanced_accuracy", "recall_piston"):
@@ -113,8 +111,3 @@ def test_a_single_healthy_recording_is_refused_by_name(two_pressures: list[Recor
 def test_three_pumps_held_out_need_four(two_pressures: list[Recording]) -> None:
     with pytest.raises(DataError, match="at least 4 specimens"):
         split_zero_shot(two_pressures, 0, 3)
-
-
-def test_the_command_takes_recordings_or_fleets_and_not_neither() -> None:
-    result = CliRunner().invoke(app, ["bench", "zero-shot"])
-    assert result.exit_code == 2

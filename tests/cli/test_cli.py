@@ -22,7 +22,7 @@ from swashtwin.recordings import Recording, load_recordings, write_index, write_
 from swashtwin_bench import rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.rivals.models import DEFAULT, MODELS, Model
-from swashtwin_bench.studies.cases import case_two
+from swashtwin_bench.studies.plans import plan_of
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
     small = {"windows": 2, "synthetic": 2, "held_out": 1, "test_windows": None, "method": GaussNewton(starts=1)}
     network = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(epochs=1))
     monkeypatch.setitem(MODELS["quick"], DEFAULT, network)
-    plan = case_two("quick")
+    plan = plan_of("case2")
     plan = replace(plan, scenario=replace(plan.scenario, **small))
     monkeypatch.setattr("swashtwin_bench.demo.plan_of", lambda study, size: plan)
     for module in ("rigs.writing", "demo"):
@@ -212,7 +212,7 @@ def test_the_demo_leaves_a_model_a_twin_and_a_diagnosis_and_its_commands_run(
     answer = run_json("demo", "--out", tmp_path, "--jobs", 1)
     assert {"study", "size", "seeds", "rows", "wall_s", "device", "version", "command", "report"} <= set(answer)
     wanted = [(name, level) for name in ("measured", "nominal", "calibrated") for level in ("L2", "L4")]
-    assert [(row["training_set"], row["level"]) for row in answer["rows"]] == wanted
+    assert [(row["training_set"], row["level"]) for row in answer["rows"]] == 2 * wanted
     for row in answer["rows"]:
         for metric in ("accuracy", "recall", "f1", "g_mean"):
             assert set(row[metric]) == {"mean", "std", "values"}

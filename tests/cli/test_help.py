@@ -27,7 +27,7 @@ HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "
         ("bench", "rig"),
         ("calibrate", "x", *AT_15, "--method", "guess"),
         ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--set", "epochs=5"),
-        ("bench", "case1", "x", "--seeds", "a,b"),
+        ("bench", "study", "case1", "x", "--seeds", "a,b"),
         ("demo", "--jobs", "0"),
     ],
 )
@@ -117,7 +117,7 @@ def test_an_option_takes_the_same_kind_of_value_in_every_command() -> None:
 
 @pytest.mark.parametrize(
     ("typed", "answer"),
-    [("swashtwin ca", "calibrate"), ("swashtwin bench cas", "case1"), ("swashtwin train --win", "--window-stride")],
+    [("swashtwin ca", "calibrate"), ("swashtwin bench stu", "study"), ("swashtwin train --win", "--window-stride")],
 )
 def test_the_shell_completes_commands_and_options(typed: str, answer: str) -> None:
     environment = {"_SWASHTWIN_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}

@@ -89,7 +89,7 @@ COMMANDS: dict[str, Command] = {
     "diagnose": Command(f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED),
     "export": Command("model export model.safetensors --out model.onnx", after=("train",)),
     "study_case1": Command(
-        "bench case1 plant.toml --classifiers extra_trees --training-sets measured --jobs 1 --out runs"
+        "bench study case1 plant.toml --set classifiers=extra_trees --set training_sets=measured --jobs 1 --out runs"
     ),
     "report": Command("bench report runs --out page", after=("study_case1",)),
 }

@@ -25,9 +25,8 @@ from swashtwin.report.calibration_part import calibration_answer
 from swashtwin.report.writing import part_of
 from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
 from swashtwin_bench.results.reported import paper_words
-from swashtwin_bench.results.study_figures import accuracy_drawing
 from swashtwin_bench.rigs.writing import RigSize
-from swashtwin_bench.studies.runner import assemble_result
+from swashtwin_bench.studies.runner import study_of
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def study(calibration) -> StudyResult:
     )
     runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
     runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
-    return assemble_result(plan_of("case1", "quick"), runs, calibrations=(calibration, at_10), wall_s=12.3)
+    return study_of(plan_of("case1"), runs, calibrations=(calibration, at_10))
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +116,7 @@ def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, pag
     assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
     kinds = {name.rsplit("_", 1)[-1] for name in names}
     expected = {"excitation", "waveforms", "spectra", "estimates", "losses", "paths", "confusion", "tsne", "training"}
-    assert kinds == expected | {"scores", "recall"}
+    assert kinds == expected | {"rows"}
 
 
 def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibration):
@@ -134,22 +133,9 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
     total = numbers(Path(f"{first}excitation.csv"), "total_m")
     each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
     np.testing.assert_allclose(total, each, atol=1e-15)
-    bars = columns(folder / "figures" / "study_scores.csv")
+    bars = columns(folder / "figures" / "study_rows.csv")
     accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
-    assert sorted(accuracy) == sorted(outcome.scores.accuracy for outcome in study.outcomes + study.rivals)
-
-
-def test_bars_of_several_classifiers_are_not_pooled():
-    sets = ("measured", "nominal", "calibrated", "posterior", "every_class")
-    runs = [run(name, 0, 0.9) for name in sets]
-    runs += [run(name, 0, 0.1, "extra_trees") for name in sets]
-    runs = [replace(run, task=replace(run.task, study="unseen-pressure")) for run in runs]
-    result = assemble_result(plan_of("unseen-pressure", "quick"), runs)
-    assert result.main_classifier == "spectral_bitcn"
-    drawing = accuracy_drawing(replace(result, rival_names=()), "study")
-    assert set(drawing.columns["classifier"]) == {"spectral_bitcn"}
-    assert min(value for value in drawing.columns["value"] if value == value) > 0.7
-    assert set(accuracy_drawing(result, "study").columns["classifier"]) == {"spectral_bitcn", "extra_trees"}
+    assert sorted(accuracy) == sorted(row["accuracy"] for _, row in study.tests())
 
 
 def test_a_confusion_matrix_shows_what_its_data_say(tmp_path):
@@ -225,11 +211,8 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
 
 
 def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
-    runs = [
-        replace(r, outcomes=tuple(replace(o, scarce_recall=math.nan) for o in r.outcomes), embedding=None)
-        for r in study.runs[:4]
-    ]
-    without = assemble_result(plan_of("case1", "quick"), runs)
+    runs = [{**r, "rows": [{**row, "scarce_recall": math.nan} for row in r["rows"]]} for r in study.runs[:4]]
+    without = study_of(plan_of("case1"), runs)
     page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
     assert "L4, recall in the scarce cell: no test window in the scarce cell" in page
@@ -261,7 +244,6 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
     assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
     ours = [cells for name, cells in rows if name in beside]
     assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
-    assert len(rows) == 9
     assert "G-means are of another definition" in page
 
 
@@ -275,13 +257,12 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
         ("algorithms", "spectral_bitcn", "the paper's BiTCN: accuracy 0.98"),
         ("algorithms", "tcn", "more than 8 points below BiTCN"),
         ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
-        ("ablation", "bitcn_forward", "the paper's BiTCN: below the full model"),
         ("case9", "bitcn_paper", ""),
     ],
 )
-def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(study, name, classifier, expected):
+def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(name, classifier, expected):
     key = {"classifier": classifier, "training_set": "measured", "level": "L2"}
-    assert paper_words(replace(study, study=name), key) == expected
+    assert paper_words(name, key) == expected
 
 
 def test_a_twin_used_at_another_pressure_than_its_recordings_is_named(page):

@@ -2,6 +2,9 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +12,8 @@ from swashtwin.foundation import MPa, rpm, stream
 from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
 from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording
-from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
+from swashtwin_bench.results.result import score_row
+from swashtwin_bench.results.runs import FORMAT, Task
 
 ORIGIN = "Recordings of the swashtwin virtual rig: a stand-in for a machine; no figure here says how well it works."
 
@@ -45,35 +49,52 @@ def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[
 
 
 def run(
-    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", levels: tuple[str, ...] = ("L2", "L4")
-) -> Run:
+    name: str,
+    seed: int,
+    skill: float,
+    classifier: str = "spectral_bitcn",
+    levels: tuple[str, ...] = ("L2", "L4"),
+    study: str = "case1",
+    **changes: Any,
+) -> dict[str, Any]:
+    """A run of the training set `name`, whose classifier is right with the probability `skill`."""
     factors = {"classifier": classifier, "training_set": name}
-    scores = {level: scored(skill, seed, level) for level in levels}
-    curve = tuple(Epoch(i, 1.5 / i, 1 - 0.8 / i) for i in range(1, 6)) if classifier == "spectral_bitcn" else ()
+    is_network = classifier == "spectral_bitcn"
     settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
-    return Run(
-        task=Task("case1", "quick", seed, factors, settings, "data"),
-        outcomes=tuple(
-            Outcome({**factors, "level": level}, seed, score, score.recall["swash_plate"])
-            for level, score in scores.items()
-        ),
-        history=curve,
-        values={},
-        roles={"train": ["trained on"], **{level: ["tested on"] for level in levels}},
-        fingerprints={"train": "0" * 64},
-        cells={"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
-        calibrations=(),
-        origin=ORIGIN,
-        wall_s=1.0,
-        cpu_s=1.0,
-        device="cpu",
-        version="0.1",
-        command="swashtwin bench case1 --seeds 0,1",
-        embedding=embedding(factors) if classifier == "spectral_bitcn" else None,
-    )
+    task = Task(study, seed, factors, settings, "data", "quick")
+    scores = {level: scored(skill, seed, level) for level in levels}
+    return {
+        "format": FORMAT,
+        "key": task.key,
+        **asdict(task),
+        "rows": [
+            {"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])} for at, each in scores.items()
+        ],
+        "classes": list(CLASSES),
+        "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [],
+        "values": {},
+        "roles": {"train": ["trained on"], **{level: ["tested on"] for level in levels}},
+        "sha256": {"train": "0" * 64},
+        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
+        "calibrations": [],
+        "origin": ORIGIN,
+        "command": "swashtwin bench study case1 --seeds 0,1",
+        "wall_s": 1.0,
+        "cpu_s": 1.0,
+        "device": "cpu",
+        "features": features(name) if is_network else None,
+        **changes,
+    }
 
 
-def embedding(factors: Mapping[str, str]) -> Embedding:
-    label = np.repeat(CLASSES, 8)
-    features = stream(0, factors["training_set"]).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
-    return Embedding(factors, features, label, np.tile(np.repeat(["L2", "L4"], 4), 5))
+def save_run(run: Mapping[str, Any], out: Path) -> Path:
+    """File of the run below `out`."""
+    task = Task(**{item.name: run[item.name] for item in fields(Task)})
+    task.run(out, lambda: {name: value for name, value in run.items() if name not in ("format", "key")})
+    return task.folder(out) / "result.json"
+
+
+def features(name: str) -> dict[str, list[Any]]:
+    points = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
+    levels = np.tile(np.repeat(["L2", "L4"], 4), 5)
+    return {"values": points.tolist(), "label": np.repeat(CLASSES, 8).tolist(), "level": levels.tolist()}

@@ -16,7 +16,7 @@ NETWORK = Model("bitcn", {"stride": 32, "channels": (8, 8)}, TrainingSettings(ep
 
 
 def tiny(study: str = "case1", **changes: Any) -> Plan:
-    plan = plan_of(study, "quick")
+    plan = plan_of(study)
     few = {"scarce_windows": plan.scenario.scarce_windows and 3, "synthetic": 6, "test_windows": None}
     scenario = replace(plan.scenario, windows=2, held_out=1, method=GaussNewton(starts=1), **few)
     models = {name: NETWORK if model.is_network else model for name, model in plan.models.items()}

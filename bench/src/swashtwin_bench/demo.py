@@ -26,15 +26,13 @@ from swashtwin.report import (
     percent,
     write_report,
 )
+from swashtwin_bench.results.page import study_part
 from swashtwin_bench.results.result import StudyResult
-from swashtwin_bench.results.runs import Run
-from swashtwin_bench.results.study_part import study_part
+from swashtwin_bench.results.runs import Run, Work
 from swashtwin_bench.rigs.writing import SIZES, build_rig
 from swashtwin_bench.studies.plan import Plan
-from swashtwin_bench.studies.registry import plan_of
-from swashtwin_bench.studies.runner import model_file, run_plan
-from swashtwin_bench.studies.sources import SameRecordings, require_rig
-from swashtwin_bench.studies.workers import Workers
+from swashtwin_bench.studies.plans import plan_of
+from swashtwin_bench.studies.runner import model_file, require_rig, run_plan
 
 QUESTION = "A fault nobody recorded at this pressure: can a twin replace the missing recordings?"
 """Title of the page."""
@@ -104,21 +102,19 @@ def run_demo(
     recordings = list(load_recordings(folder))
     require_rig(folder, recordings, SIZES["small"])
     plan = plan_of(STUDY, "quick")
-    study = run_plan(
-        plan,
-        SameRecordings(recordings),
-        seeds=[seed],
-        workers=Workers(jobs),
-        out=out / "runs",
-        progress=lambda activity, count, total: progress(f"Case II: {activity}", count, total),
+    work = Work(
+        (seed,),
+        jobs,
+        out / "runs",
+        lambda activity, count, total: progress(f"Case II: {activity}", count, total),
         command=command,
-        models=True,
     )
-    runs = {run.task.factors["training_set"]: run for run in study.runs if run.history}
+    study = run_plan(plan, recordings, work, keep_models=True)
+    runs = {run["factors"]["training_set"]: run for run in study.runs if run["history"]}
     validation = _validation(recordings, runs[WITH], plan)
-    models = {name: _with_confidence(load_classifier(model_file(out / "runs", runs[name].task)), validation)
+    models = {name: _with_confidence(load_classifier(model_file(out / "runs" / STUDY / runs[name]["key"])), validation)
               for name in (WITHOUT, WITH)}  # fmt: skip
-    unseen = [recording for recording in recordings if recording.recording_id in runs[WITH].roles[_UNSEEN]]
+    unseen = [recording for recording in recordings if recording.recording_id in runs[WITH]["roles"][_UNSEEN]]
     faulty = [recording for recording in unseen if plan.scenario.is_scarce(recording)]
     other = next(recording for recording in unseen if recording.label not in (*plan.scenario.scarce, "normal"))
     calibration = study.calibrations[0]
@@ -140,8 +136,8 @@ def run_demo(
 
 def _validation(recordings: Sequence[Recording], run: Run, plan: Plan) -> list[Recording]:
     """Recordings of the training pumps that no training, calibration or test used, none of the missing cell."""
-    used = {name for ids in run.roles.values() for name in ids}
-    pumps = {recording.specimen for recording in recordings if recording.recording_id in run.roles["train"]}
+    used = {name for ids in run["roles"].values() for name in ids}
+    pumps = {recording.specimen for recording in recordings if recording.recording_id in run["roles"]["train"]}
     return [
         recording
         for recording in recordings
@@ -182,8 +178,10 @@ def answer_of_demo(demo: Demo) -> tuple[str, ...]:
 def _recalls(demo: Demo) -> str:
     """Share of the fault's windows that is right, with the twins' windows and without, of both kinds of test."""
     recall = {
-        (row["training_set"], row["level"]): float(row["scarce_recall"]["mean"]) for row in demo.study.rows()
-    }  # fmt: skip
+        (row["training_set"], row["level"]): float(row["scarce_recall"]["mean"])
+        for row in demo.study.rows()
+        if row["classifier"] == demo.study.main_classifier
+    }
     return ", and ".join(
         f"{percent(recall[WITH, level])} right with them and {percent(recall[WITHOUT, level])} without on {pumps}"
         for level, pumps in ((_UNSEEN, "unseen pumps"), (_FAMILIAR, "other recordings of the training pumps"))

@@ -24,7 +24,7 @@ from swashtwin.cli import (
     table,
     tell,
 )
-from swashtwin_bench.cli.results import show_study, typed_command
+from swashtwin_bench.cli.studies import show_study, typed_command
 
 if TYPE_CHECKING:
     from swashtwin.learning import WindowSet
@@ -49,13 +49,6 @@ class RigSizeName(StrEnum):
     paper = "paper"
 
 
-class SensorCount(StrEnum):
-    """Numbers of accelerometers of the rig."""
-
-    three = "3"
-    thirteen = "13"
-
-
 class RigVersionName(StrEnum):
     """Versions of the rig."""
 
@@ -73,12 +66,6 @@ VersionOfRig = Annotated[
         "recess.",
     ),
 ]
-
-
-def require_rig_for(version: RigVersionName, rig: bool) -> None:
-    """Refuse a version of the rig where none is built."""
-    if version is not RigVersionName.first and not rig:
-        raise typer.BadParameter("chooses among the rig's versions; give --rig too.", param_hint="--rig-version")
 
 
 def demo(
@@ -153,9 +140,9 @@ def rig(
     size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
     version: VersionOfRig = RigVersionName.first,
     sensor_count: Annotated[
-        SensorCount,
+        int,
         typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
-    ] = SensorCount.three,
+    ] = 3,
     process: Annotated[
         bool,
         typer.Option(
@@ -175,7 +162,7 @@ def rig(
             seed=seed,
             size=size.value,
             version=version.value,
-            sensors=int(sensor_count.value),
+            sensors=sensor_count,
             process=process,
             file_format=file_format.value,
             progress=bar,

@@ -5,29 +5,25 @@ errors are measured on. Two Gauss-Newton searches, alike but for the phases of t
 waveform's RMSE where phases are compared and where they are not.
 """
 
-import math
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from joblib import delayed
 
 from swashtwin.calibration import IPINN, PAPER_RATES, agreement, calibrate, measure, objective_of
-from swashtwin.foundation import VERSION, DataError, InputError, MPa, parallel
+from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.physics import RK4, Twin
+from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
 from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
 from swashtwin.recordings import Recording
-from swashtwin_bench.questions.calibration import FAULTS
-from swashtwin_bench.questions.contenders import CONTENDERS, Contender
-from swashtwin_bench.results.finished import finished_values
+from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
+from swashtwin_bench.questions.calibration import CONTENDERS, FAULTS, Contender
 from swashtwin_bench.results.reported import PAPER_STUDY
-from swashtwin_bench.results.runs import Task, fingerprint_of
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.studies.sources import Source
+from swashtwin_bench.results.runs import Task, Work, fingerprint_of
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
+from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 
 STUDY = f"{PAPER_STUDY}identification"
 LABEL = "swash_plate"
@@ -36,11 +32,6 @@ PRESSURE = MPa(10)
 NOMINAL = "nominal"
 CHOSEN = f"ipinn_{min(PAPER_RATES):g}"
 """The paper's choice: the least rate of its grid."""
-SOLVED_BY_RK4 = "ipinn_rk4"
-"""The same with the settled answer of RK4 inside the loss, which is solved by lines and not step by step."""
-
-PHASES_APART = ("gauss_newton_housing", "gauss_newton_housing_phases")
-"""Two searches that differ only in whether the phases of the lines are compared."""
 
 METRICS = {
     "rmse": "RMSE [m/s²]",
@@ -51,6 +42,13 @@ METRICS = {
     "best_epoch": "best epoch",
     "wall_s": "time of one search [s]",
 }
+
+_PRINTED = {"slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m", "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m"}
+_LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
+"""Letter of each value in the paper."""
+
+_CUT = 2
+"""The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,81 +63,61 @@ class _Pump:
 
 def methods(size: str) -> dict[str, Contender | None]:
     """Ways to identify the six values, by name; None for the nominal ones. At the paper's size IPINN with the settled
-    answer of RK4 inside the loss too."""
+    answer of RK4 inside the loss too, which is solved by lines and not step by step."""
     searches = {f"ipinn_{rate:g}": Contender(IPINN(learning_rate=rate)) for rate in PAPER_RATES}
     if size == "paper":
-        searches[SOLVED_BY_RK4] = Contender(IPINN(solver=RK4()))
-    return {NOMINAL: None, **searches, **{name: CONTENDERS[name] for name in PHASES_APART}}
+        searches["ipinn_rk4"] = Contender(IPINN(solver=RK4()))
+    phases_apart = ("gauss_newton_housing", "gauss_newton_housing_phases")
+    return {NOMINAL: None, **searches, **{name: CONTENDERS[name] for name in phases_apart}}
 
 
-def run_identification(
-    source: Source,
-    *,
-    size: str,
-    seeds: Sequence[int],
-    jobs: int = 1,
-    out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+def run_identification(work: Work, size: str, fleet: Callable[[int], Sequence[Recording]]) -> StudyTable:
     """Errors of every way to identify the six values, a trial for each pump, and the loss of each epoch.
 
     Parameters
     ----------
-    source : fleets by seed.
-    size : ``"small"``, ``"medium"`` or ``"paper"``.
-    seeds : fleets.
-    out : folder that keeps finished searches.
-    progress : called with searches done and in all.
-    command : command line that repeats it.
+    work : its seeds are fleets.
+    size : name of a size of the paper's plans.
+    fleet : recordings of a seed.
 
     Raises
     ------
     DataError
         No pump has two recordings of the fault at the pressure.
     """
-    started = time.perf_counter()
-    pumps = [pump for seed in seeds for pump in _pumps(source.recordings_for(seed)[0], seed)]
-    work = [(name, contender, pump) for name, contender in methods(size).items() for pump in pumps]
-    results: list[dict[str, Any]] = []
-    for values in parallel(jobs, return_as="generator")(delayed(_finished)(*case, size, out) for case in work):
-        results.append(values)
-        if progress is not None:
-            progress(len(results), len(work))
-    cases = [(name, pump, values) for (name, _, pump), values in zip(work, results, strict=True)]
-    return StudyTable(
+    pumps = [pump for seed in work.seeds for pump in _pumps(fleet(seed), seed)]
+    cases = [(name, contender, pump, work.out) for name, contender in methods(size).items() for pump in pumps]
+    runs = work.each("searches", _run, cases)
+    results = [(name, pump, run) for (name, _, pump, _), run in zip(cases, runs, strict=True)]
+    refusals = dict.fromkeys(f"{name}: {run['refusal']}" for name, _, run in results if "refusal" in run)
+
+    def named(key: str) -> list[tuple[dict[str, Any], Any]]:
+        return [({"twin": n, "seed": p.seed, "specimen": p.name}, run[key]) for n, p, run in results if run.get(key)]
+
+    study = StudyTable(
         study=STUDY,
         title="The paper's identification: learning rates of the IPINN, and errors of the twin",
         metrics=METRICS,
         trials=tuple(
-            Trial({"twin": name}, pump.seed, {metric: values[metric] for metric in METRICS if metric in values})
-            for name, pump, values in cases
+            Trial({"twin": name}, pump.seed, {metric: run[metric] for metric in METRICS if metric in run})
+            for name, pump, run in results
         ),
         answer=(),
         settings={"label": LABEL, "pressure_Pa": PRESSURE, "methods": {n: repr(c) for n, c in methods(size).items()}},
         origin=origin_of([pumps[0].held_out]),
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
+        command=work.command,
         notes=(
-            "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault and pressure; mean "
-            "over pumps. The loss is that of the recordings calibrated on.",
-            *dict.fromkeys(f"{name}: {values['refusal']}" for name, _, values in cases if "refusal" in values),
+            "RMSE, PE and SVE are those on a recording that was held out, of the same pump, fault and pressure; the "
+            "paper measures them on the recordings that it identifies from. The loss is that of the recordings "
+            "calibrated on. The RMSE of the waveform need not fall: the spectrum loss drops the phase.",
+            *refusals,
         ),
         details={
-            "curves": [
-                {"twin": name, "seed": pump.seed, "specimen": pump.name, "loss": values["curve"]}
-                for name, pump, values in cases
-                if "curve" in values
-            ],
-            "parameters": [
-                {"twin": name, "seed": pump.seed, "specimen": pump.name, **dict(zip(PARAMETERS, six, strict=True))}
-                for name, pump, values in cases
-                for six in [values["parameters"]]
-                if six
-            ],
+            "curves": [{**names, "loss": loss} for names, loss in named("curve")],
+            "parameters": [{**names, **dict(zip(PARAMETERS, six, strict=True))} for names, six in named("parameters")],
         },
     )
+    return replace(study, answer=(_sentence(study),))
 
 
 def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
@@ -160,17 +138,11 @@ def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
     return pumps
 
 
-def _finished(name: str, contender: Contender | None, pump: _Pump, size: str, out: Path | None) -> dict[str, Any]:
-    torch.set_num_threads(1)
-    task = Task(
-        STUDY,
-        size,
-        pump.seed,
-        {"twin": name, "specimen": pump.name},
-        {"contender": repr(contender)},
-        fingerprint_of([*pump.train, pump.held_out]),
-    )
-    return finished_values(out, task, lambda: _values(contender, pump))
+def _run(name: str, contender: Contender | None, pump: _Pump, out: Path | None) -> dict[str, Any]:
+    factors = {"twin": name, "specimen": pump.name}
+    data = fingerprint_of([*pump.train, pump.held_out])
+    task = Task(STUDY, pump.seed, factors, {"contender": repr(contender)}, data)
+    return task.run(out, lambda: _values(contender, pump))
 
 
 def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
@@ -191,7 +163,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
             seed=pump.seed,
         )
     except InputError as cause:
-        return {"refusal": str(cause), "parameters": []}
+        return {"refusal": str(cause)}
     values = {
         **_errors(calibration.twin, pump.held_out),
         "wall_s": calibration.wall_s,
@@ -215,12 +187,87 @@ def _errors(twin: Twin, recording: Recording) -> dict[str, float]:
     return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
 
 
-def mean_parameters(study: StudyTable, twin: str) -> Mapping[str, tuple[float, float]]:
-    """Over the pumps, (geometric mean, factor of one standard deviation) of each of the six values of a twin; empty
-    where every search failed, and NaN is the factor of one pump."""
-    rows = [row for row in study.details["parameters"] if row["twin"] == twin]
-    logarithms = {name: np.log([row[name] for row in rows]) for name in PARAMETERS if rows}
-    return {
-        name: (float(np.exp(each.mean())), float(np.exp(each.std(ddof=1))) if len(rows) > 1 else math.nan)
-        for name, each in logarithms.items()
-    }
+def _sentence(study: StudyTable) -> str:
+    """What became of each error by the paper's rate, beside its claim that all fall."""
+    changes = []
+    for metric in ("rmse", "pe", "sve"):
+        before, after = (np.array(study.values(metric, twin=twin)) for twin in (NOMINAL, CHOSEN))
+        pairs = (after - before)[np.isfinite(after - before)]
+        low, high = paired_interval(pairs.tolist())
+        interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
+        change = f"change {pairs.mean():+.3f}{interval}" if pairs.size else "no search ended"
+        changes.append(f"{metric.upper()} {number(float(np.nanmean(before)))} in the nominal twin, {change}")
+    failed = len(study.of(twin=CHOSEN)) - pairs.size
+    return (
+        f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = {pairs.size} pumps"
+        f"{f', {failed} failed' if failed else ''}. The paper: all three fall; best epoch 453 of 500."
+    )
+
+
+def values_table(study: StudyTable) -> Table:
+    """The six values: nominal, true and identified."""
+
+    def logarithms(twin: str, name: str) -> np.ndarray:
+        return np.log([row[name] for row in study.details["parameters"] if row["twin"] == twin])
+
+    rows = []
+    for name, moved in zip(PARAMETERS, FLEET_FACTORS, strict=True):
+        before, found = float(np.exp(logarithms(NOMINAL, name).mean())), logarithms(CHOSEN, name)
+        identified = "every search failed"
+        if found.size:
+            spread = f" (× or ÷ {number(float(np.exp(found.std(ddof=1))))})" if found.size > 1 else ""
+            identified = f"{number(float(np.exp(found.mean())) / before)}{spread}"
+        printed = _PRINTED.get(name, "not printed")
+        rows.append(
+            tuple(map(Cell, (f"{_LETTERS[name]}, {words(name)}", printed, number(before), f"{moved:g}", identified)))
+        )
+    return Table(
+        "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the rig's mean, and the "
+        "geometric mean over the pumps with the factor of one standard deviation. The rig's own factor is "
+        f"{number(float(np.exp(DISPERSION)))}. The rig was built so that C_sw and C_hz move as the paper found: to "
+        "agree with the paper proves nothing.",
+        ("value", "the paper, empirical to identified", "nominal", "true / nominal", "identified / nominal"),
+        tuple(rows),
+    )
+
+
+@figure_style()
+def rates_drawing(study: StudyTable) -> Drawing:
+    """Loss of each epoch: for each learning rate the median over pumps, and the middle half of them."""
+    curves = study.details["curves"]
+    names = list(dict.fromkeys(curve["twin"] for curve in curves))
+    colors = series_colors(names)
+    figure, axes = panels(1, 1, 3.6)
+    panel = axes[0, 0]
+    cut, rises = 0.0, []
+    for name in names:
+        of_name = [curve["loss"] for curve in curves if curve["twin"] == name]
+        losses = np.full((len(of_name), max(map(len, of_name))), np.nan)
+        for row, loss in zip(losses, of_name, strict=True):
+            row[: len(loss)] = loss
+        epoch = np.arange(1, losses.shape[1] + 1)
+        low, middle, high = np.nanpercentile(losses, (25, 50, 75), axis=0)
+        panel.fill_between(epoch, low, high, color=colors[name], alpha=0.12, linewidth=0)
+        panel.plot(epoch, middle, color=colors[name], linewidth=1.5, label=words(name))
+        cut = max(cut, _CUT * float(middle[0]))
+        rises.append(f"{number(max(max(loss) / loss[0] for loss in of_name))} ({words(name)})")
+    panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
+    if 0 < cut < panel.get_ylim()[1]:
+        panel.set_ylim(top=cut)
+    name_decades(panel)
+    if names:
+        figure.legend(loc="outside upper center", ncols=3)
+    rows = [
+        {"twin": curve["twin"], "seed": curve["seed"], "specimen": curve["specimen"], "epoch": epoch, "loss": loss}
+        for curve in curves
+        for epoch, loss in enumerate(curve["loss"], 1)
+    ]
+    return render_drawing(
+        f"{study.study.replace('-', '_')}_rates",
+        figure,
+        tabulate(rows),
+        title="Loss of the IPINN by learning rate",
+        caption="Spectrum loss and boundary loss together: the median over pumps, and the 25th to 75th percentile. "
+        f"Cut at {_CUT} times the median loss of epoch 1; single epochs reach at most so many times the first loss of "
+        f"their pump: {', '.join(rises) or 'none'}.",
+    )

@@ -1,25 +1,23 @@
 """The ordinary training on every public set, on splits that keep groups apart, beside windows dealt at random."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import balanced_accuracy_score
 from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
 from swashtwin.diagnosis import FaultClassifier
-from swashtwin.foundation import VERSION, DataError, InputError, parallel, plural
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import BASELINES, NETWORKS, cut_windows, extract_features, fit_baseline, unseen_recordings
 from swashtwin.recordings import Recording, usual_window
 from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.public.sets import SPLITS, Fold, Split
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task, fingerprint_of
+from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin_bench.rivals.models import CHOSEN, Model
 
@@ -30,8 +28,6 @@ METRICS = {
     "window": "samples per window",
     "cpu_s": "processor time of a training and its test [s]",
 }
-
-CLASSIFIERS = (CHOSEN, "extra_trees")
 
 AT_RANDOM = "extra trees, random windows"
 """Row of the score that a leaky split would print."""
@@ -75,7 +71,7 @@ class _Case:
         settings |= Model(CHOSEN).describe() if self.classifier == CHOSEN else {}
         sides = {"train": sorted(self.fold.train), "test": sorted(self.fold.test)}
         factors = {"classifier": self.classifier, "split": self.split.name, "fold": self.fold.name}
-        return Task("public", "default", self.seed, factors, {"model": settings, **sides}, self.data)
+        return Task("public", self.seed, factors, {"model": settings, **sides}, self.data)
 
     def estimator(self, train: Sequence[Recording]) -> FaultClassifier:
         """The classifier before its training; others than the default take the default's windows."""
@@ -84,6 +80,10 @@ class _Case:
         window = usual_window(train) if train else None
         kind = _OnFeatures if self.classifier in BASELINES else FaultClassifier
         return kind(self.classifier, window=window, seed=self.seed)
+
+    def run(self, out: Path | None) -> dict[str, Any]:
+        """Its run, read or done."""
+        return self.task.run(out, self.values)
 
     def values(self) -> dict[str, Any]:
         """Scores on the test side, and what they cost."""
@@ -110,86 +110,71 @@ class _Case:
         }
 
 
-def run_public(
-    folder: Path | str,
-    *,
-    seeds: Sequence[int] = (0,),
-    classifiers: Sequence[str] = CLASSIFIERS,
-    sets: Sequence[str] = (),
-    jobs: int = 1,
-    out: Path | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+@dataclass(frozen=True)
+class PublicSettings:
+    """What is asked of which sets."""
+
+    classifiers: tuple[str, ...] = (CHOSEN, "extra_trees")
+    """``"chosen"``, what `FaultClassifier` trains by itself, or names that it takes."""
+    sets: tuple[str, ...] = ()
+    """Names of the sets to ask; all that are there by default."""
+
+
+def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
     """Scores of classifiers with default settings on splits that keep machines, speeds or runs apart.
 
     Parameters
     ----------
+    work : its seeds are of the trainings.
     folder : a folder with one folder for each public set, named as in `SPLITS`; missing sets are left out.
-    seeds : of the trainings.
-    classifiers : ``"chosen"``, what `FaultClassifier` trains by itself, or names that it takes.
-    sets : names of the sets to ask; all that are there by default.
-    jobs : processes that work side by side.
-    out : folder of finished trainings, which a later call reads; None writes nothing.
-    progress : called with what is done, how much of it, and of how much.
-    command : command line that repeats it.
 
     Raises
     ------
     InputError
-        There is no such set, or no seed.
+        There is no such set or classifier.
     DataError
         `folder` holds none of them.
     """
-    began = time.perf_counter()
-    if not seeds:
-        raise InputError("no seed was given; one is enough: seeds=(0,).")
-    for name in classifiers:
+    for name in settings.classifiers:
         if name not in (CHOSEN, *NETWORKS, *BASELINES):
             raise InputError(
                 f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join((*NETWORKS, *BASELINES))}."
             )
-    there, tell = _sets_there(Path(folder), sets), progress or (lambda what, count, total: None)
+    there = _sets_there(Path(folder), settings.sets)
     rows: list[tuple[_Case, dict[str, Any]]] = []
     leaky: list[Trial] = []
-    for number, name in enumerate(there):
-        tell(name, number, len(there))
+    for name in there:
         recordings = _live(read_public_set(name, Path(folder) / name))
-        data = fingerprint_of(recordings)
+        data, splits = fingerprint_of(recordings), SPLITS[name](recordings)
         cases = [
             _Case(split, fold, classifier, seed, data)
-            for split in SPLITS[name](recordings)
-            for classifier in classifiers
-            for seed in seeds
+            for split in splits
+            for classifier in settings.classifiers
+            for seed in work.seeds
             for fold in split.folds
         ]
-        values = parallel(jobs)(delayed(finished_values)(out, case.task, case.values) for case in cases)
-        rows += zip(cases, values, strict=True)
-        leaky += [trial_at_random(split, seed) for split in SPLITS[name](recordings) for seed in seeds]
-    tell("done", len(there), len(there))
+        rows += zip(cases, work.each(name, _Case.run, [(case, work.out) for case in cases]), strict=True)
+        leaky += [trial_at_random(split, seed) for split in splits for seed in work.seeds]
     trials = _trials(rows)
     refused = {f"{case.split.name}, {case.classifier}: {row['refused']}" for case, row in rows if "refused" in row}
+    missing = [name for name in settings.sets or SPLITS if name not in there]
+    absent = (f"{name} is not in {Path(folder).name} and was left out." for name in missing)
+    shown = ("balanced_accuracy", "recording_balanced_accuracy", "copies", "choice", "window", "cpu_s", "refused")
     return StudyTable(
         study="public",
         title="Real recordings, honest splits: the training of somebody who sets nothing",
         metrics=METRICS,
         trials=(*trials, *leaky),
-        answer=_answer(trials, classifiers),
-        settings={"sets": there, "jobs": jobs},
+        answer=_answer(trials, settings.classifiers),
+        settings={"sets": there},
         origin="Public recordings of real machines; none of them is an axial piston pump with known faults.",
-        wall_s=time.perf_counter() - began,
-        version=VERSION,
-        command=command,
-        notes=(
-            *_NOTES,
-            *sorted(refused),
-            *(
-                f"{name} is not in {Path(folder).name} and was left out."
-                for name in sets or SPLITS
-                if name not in there
-            ),
-        ),
-        details={"folds": [{**dict(case.task.factors), "seed": case.seed, **row} for case, row in rows]},
+        notes=(*_NOTES, *sorted(refused), *absent),
+        details={
+            "folds": [
+                {**case.task.factors, "seed": case.seed, **{name: row[name] for name in shown if name in row}}
+                for case, row in rows
+            ]
+        },
     )
 
 

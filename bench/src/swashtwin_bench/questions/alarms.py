@@ -1,20 +1,15 @@
 """Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose fault grows."""
 
 import math
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
-from joblib import delayed
 from scipy.stats import binomtest
 
-from swashtwin.foundation import VERSION, parallel
 from swashtwin.monitoring import PointMonitor
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task
+from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 from swashtwin_bench.rigs.trending import TRENDS
@@ -53,39 +48,22 @@ class AlarmStudySettings:
     """Recordings that a baseline learns from."""
 
 
-def run_alarms(
-    *,
-    seeds: Iterable[int] = (100, 101),
-    settings: AlarmStudySettings | None = None,
-    jobs: int = 1,
-    out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     """False alarms on healthy courses, and severity and delay at the alarm where a fault grows.
 
     Parameters
     ----------
-    seeds : fleets of the virtual rig.
+    work : its seeds are fleets of the virtual rig.
     settings : how much is recorded, and the rule.
-    jobs : processes that work side by side, a course each.
-    out : folder of finished courses, which a later call reads; None writes nothing.
-    progress : called with (courses done, in all).
-    command : command line that repeats the study, kept with the result.
     """
-    started, settings, seeds = time.perf_counter(), settings or AlarmStudySettings(), tuple(seeds)
     pumps = [chr(ord("A") + number) for number in range(settings.pumps)]
-    courses = [(HEALTHY, seed, pump) for seed in seeds for pump in pumps]
-    courses += [(kind, seed, pumps[0]) for kind in TRENDS for seed in seeds]
-    running = parallel(jobs, return_as="generator")(
-        delayed(_finished_course)(kind, seed, pump, settings, out) for kind, seed, pump in courses
-    )
-    trials = []
-    for (kind, seed, pump), values in zip(courses, running, strict=True):
-        trials.append(Trial({"course": kind, "pump": pump}, seed, values))
-        if progress is not None:
-            progress(len(trials), len(courses))
-    first = next(plant_course(seeds[0], pumps[0], PlantCourse(recordings=1, duration=0.1)))[0]
+    courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
+    courses += [(kind, seed, pumps[0], settings, work.out) for kind in TRENDS for seed in work.seeds]
+    trials = [
+        Trial({"course": kind, "pump": pump}, seed, {name: run[name] for name in METRICS})
+        for (kind, seed, pump, *_), run in zip(courses, work.each("courses", _run, courses), strict=True)
+    ]
+    first = next(plant_course(work.seeds[0], pumps[0], PlantCourse(recordings=1, duration=0.1)))[0]
     study = StudyTable(
         study="alarms",
         title="Does the alarm keep its promise, and does it come in time?",
@@ -94,9 +72,6 @@ def run_alarms(
         answer=(),
         settings=asdict(settings),
         origin=origin_of([first]),
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
         notes=(
             "Load and oil temperature drift over days and weeks, more than while a baseline is learned. The promise "
             "holds for a pump that does not change; under drift it is measured, not promised.",
@@ -106,25 +81,14 @@ def run_alarms(
     return replace(study, answer=tuple(_answer(study, settings)))
 
 
-def _finished_course(
-    kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None
-) -> dict[str, float]:
-    """Result of `_course`, from its file where it has one."""
-    task = Task(
-        study="alarms",
-        size="",
-        seed=seed,
-        factors={"course": kind, "pump": pump},
-        settings=asdict(settings),
-        data=f"virtual rig {RIG_VERSION}",
-    )
-    values = finished_values(out, task, lambda: _course(kind, seed, pump, settings))
-    return {name: math.nan if value is None else value for name, value in values.items()}
+def _run(kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None) -> dict[str, float]:
+    factors = {"course": kind, "pump": pump}
+    task = Task("alarms", seed, factors, asdict(settings), f"virtual rig {RIG_VERSION}")
+    return task.run(out, lambda: _course(kind, seed, pump, settings))
 
 
-def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> dict[str, float | None]:
+def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> dict[str, float]:
     """Figures of one course. Recordings before the onset of a fault count as healthy."""
-    torch.set_num_threads(1)
     is_healthy = kind == HEALTHY
     course = PlantCourse(
         recordings=settings.healthy if is_healthy else settings.worn,
@@ -134,26 +98,17 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         duration=settings.duration,
     )
     monitor = PointMonitor(f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
-    state, watched, false_alarms, large = None, 0, 0, 0
-    alarm_at: float | None = None
-    delay: float | None = None
+    state, values = None, {"watched": 0.0, "false_alarms": 0.0, "large": 0.0, "alarm_at": math.nan, "delay": math.nan}
     for number, (recording, severity) in enumerate(plant_course(seed, pump, course)):
-        point_judgment = monitor.judge(recording, state)
-        state = point_judgment.state
+        judgment = monitor.judge(recording, state)
+        state = judgment.state
         if severity == 0:
-            watched += point_judgment.stage == "watching"
-            large += point_judgment.is_large
-            false_alarms += point_judgment.pump == "raised"
-        elif point_judgment.is_alarm:
-            alarm_at, delay = severity, float(number + 1 - settings.onset)
-            break
-    return {
-        "watched": float(watched),
-        "false_alarms": float(false_alarms),
-        "large": float(large),
-        "alarm_at": alarm_at,
-        "delay": delay,
-    }
+            values["watched"] += judgment.stage == "watching"
+            values["large"] += judgment.is_large
+            values["false_alarms"] += judgment.pump == "raised"
+        elif judgment.is_alarm:
+            return {**values, "alarm_at": severity, "delay": float(number + 1 - settings.onset)}
+    return values
 
 
 def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:

@@ -8,18 +8,19 @@ rig's own lines without their noise: of the very recording that is tested on, wh
 recording of the same pump, which is all that can be known without it.
 """
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import torch
-from joblib import delayed
 
 from swashtwin.calibration import (
+    IPINN,
     Agreement,
     Calibration,
+    Calibrator,
+    GaussNewton,
+    Nuisances,
     agreement,
     agreement_of_lines,
     calibrate,
@@ -27,15 +28,37 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.foundation import VERSION, InputError, MPa, mm, parallel
+from swashtwin.foundation import InputError, MPa, mm
 from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
-from swashtwin_bench.questions.contenders import CONTENDERS
+from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
 from swashtwin_bench.rigs.measuring import measure as record
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to calibrate."""
+
+    method: Calibrator
+    """The search."""
+    nuisances: Nuisances = field(default_factory=Nuisances)
+    """What is searched beside the six values."""
+    phases: bool = False
+    """Whether the lines' phases are compared too."""
+
+
+CONTENDERS: dict[str, Contender] = {
+    "calibrated": Contender(GaussNewton(), Nuisances.by_axis(), phases=True),
+    "gauss_newton_housing_phases": Contender(GaussNewton(), Nuisances.housing(), phases=True),
+    "gauss_newton_housing": Contender(GaussNewton(), Nuisances.housing()),
+    "gauss_newton": Contender(GaussNewton()),
+    "ipinn": Contender(IPINN()),
+}
+"""Ways to calibrate by name; ``calibrated`` is the one to use, ``ipinn`` the paper's."""
 
 FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
 """What the twin of each class simulates: the recess as it was machined."""
@@ -97,38 +120,16 @@ class _Pump:
     others: dict[str, list[Recording]]
 
 
-def run_calibration_study(
-    *,
-    seeds: Sequence[int],
-    settings: CalibrationStudySettings | None = None,
-    jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
     """Errors, coverage and cost of the nominal twin and of every way to calibrate, a trial for each pump.
 
     Parameters
     ----------
-    seeds : fleets of the rig.
+    work : its seeds are fleets of the rig.
     settings : what is calibrated on what.
-    jobs : processes that work side by side.
-    progress : called with pumps done and in all.
-    command : command line that repeats the study, kept with the result.
-
-    Raises
-    ------
-    InputError
-        No seed.
     """
-    started, settings = time.perf_counter(), settings or CalibrationStudySettings()
-    if not seeds:
-        raise InputError("give at least one seed, which draws a fleet of pumps.")
-    pumps = [pump for seed in seeds for pump in _fleet(seed, settings, jobs)]
-    cases_by_pump: list[list[_Case]] = []
-    for cases in parallel(jobs, return_as="generator")(delayed(_of_pump)(pump, settings) for pump in pumps):
-        cases_by_pump.append(cases)
-        if progress is not None:
-            progress(len(cases_by_pump), len(pumps))
+    pumps = [pump for seed in work.seeds for pump in _fleet(seed, settings, work.jobs)]
+    cases_by_pump = work.each("pumps", _of_pump, [(pump, settings) for pump in pumps])
     names = [case.trial.factors["twin"] for case in cases_by_pump[0]]
     cases = [
         next(case for case in pump_cases if case.trial.factors["twin"] == name)
@@ -143,9 +144,6 @@ def run_calibration_study(
         answer=(),
         settings={**asdict(settings), "contenders": {name: _describe_contender(name) for name in settings.contenders}},
         origin=origin_of([pumps[0].held_out[0]]),
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
         details={"intervals": _intervals(cases), "other_pressures": _other_pressures(cases)},
     )
     return replace(table, answer=_answer(table, names), notes=_notes(table, settings))
@@ -214,7 +212,6 @@ class _Case:
 
 
 def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
-    torch.set_num_threads(1)
     train = [recording for recording, _ in pump.train]
     assert train[0].condition is not None
     nominal = _nominal(settings, train[0].condition)

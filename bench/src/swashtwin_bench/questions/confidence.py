@@ -2,18 +2,14 @@
 training."""
 
 import math
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from joblib import delayed
 from sklearn.metrics import roc_auc_score
 
-from swashtwin.foundation import VERSION, parallel
 from swashtwin.learning import (
     BiTCN,
     SureClassifier,
@@ -29,15 +25,10 @@ from swashtwin.learning import (
 )
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
-from swashtwin_bench.results.contrasts import paired_interval
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task, fingerprint_of
-from swashtwin_bench.results.table import StudyTable, Trial, origin_of
+from swashtwin_bench.results.runs import Task, Work, fingerprint_of
+from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
 from swashtwin_bench.rivals.models import CHOSEN, Model
-
-CLASSIFIERS = ("bitcn", "extra_trees")
-"""Classifiers by default; `CHOSEN` is the further one."""
 
 VALIDATION = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
 """Recordings that the confidence is learned from."""
@@ -68,6 +59,8 @@ METRICS = {
 class ConfidenceStudySettings:
     """How much is recorded, and how classifiers are trained on it."""
 
+    classifiers: tuple[str, ...] = ("bitcn", "extra_trees")
+    """Classifiers; ``"chosen"`` is what `FaultClassifier` trains by itself. The first is compared with the others."""
     trained_pumps: int = 3
     """Pumps trained on. Of each class and pressure one recording trains, one sets the confidence, one tests at L2."""
     validation_pumps: int = 2
@@ -90,58 +83,38 @@ class ConfidenceStudySettings:
     """Extra trees."""
 
 
-def run_confidence(
-    *,
-    seeds: Iterable[int] = (2, 3, 4),
-    settings: ConfidenceStudySettings | None = None,
-    classifiers: Iterable[str] = CLASSIFIERS,
-    jobs: int = 1,
-    out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+def confidence(work: Work, settings: ConfidenceStudySettings) -> StudyTable:
     """Calibration error, coverage, set size and the unknown, by validation recordings and level of test.
 
     Parameters
     ----------
-    seeds : fleets of the virtual rig; each draws pumps, recordings and weights anew.
+    work : its seeds are fleets of the virtual rig; each draws pumps, recordings and weights anew.
     settings : how much is recorded, and how classifiers are trained on it.
-    classifiers : of `CLASSIFIERS`, or ``"chosen"``, what `FaultClassifier` trains by itself; the first is compared with
-        the others.
-    jobs : processes that train side by side.
-    out : folder of finished trainings, which a later call reads; None writes nothing.
-    progress : called with (done, in all).
-    command : command line that repeats the study, kept with the result.
     """
-    started, settings = time.perf_counter(), settings or ConfidenceStudySettings()
-    seeds, kinds = tuple(seeds), tuple(classifiers)
-    values_by_key: dict[tuple[str, str, str, int], dict[str, float]] = {}
+    values: dict[tuple[str, str, str, int], dict[str, float]] = {}
     roles: dict[str, int] = {}
-    trainings = [(kind, left_out) for kind in kinds for left_out in (None, *CLASSES)]
-    for number, seed in enumerate(seeds):
+    trainings = [(kind, left_out) for kind in settings.classifiers for left_out in (None, *CLASSES)]
+    for seed in work.seeds:
         parts = record_roles(seed, settings)
         roles = roles or {name: len(group) for name, group in parts.items()}
         origin = origin_of(parts["train"])
-        running = parallel(jobs, return_as="generator")(
-            delayed(_finished_task)(parts, kind, left_out, seed, settings, out) for kind, left_out in trainings
-        )
-        for count, ((kind, _), result) in enumerate(zip(trainings, running, strict=True), 1):
-            for validation, by_level in result.items():
-                for level, values in by_level.items():
-                    values_by_key.setdefault((kind, validation, level, seed), {}).update(values)
-            if progress is not None:
-                progress(number * len(trainings) + count, len(seeds) * len(trainings))
+        cases = [(parts, kind, left_out, seed, settings, work.out) for kind, left_out in trainings]
+        runs = work.each(f"trainings on fleet {seed}", _run, cases)
+        for (kind, _), run in zip(trainings, runs, strict=True):
+            for validation, by_level in run["results"].items():
+                for level, numbers in by_level.items():
+                    values.setdefault((kind, validation, level, seed), {}).update(numbers)
     trials = tuple(
         Trial(
             {"classifier": kind, "validation": validation, "level": level},
             seed,
-            _average(values_by_key[kind, validation, level, seed]),
+            _average(values[kind, validation, level, seed]),
         )
-        for kind in kinds
+        for kind in settings.classifiers
         for validation in (*VALIDATION, CROSS_FITTED)
         for level in LEVELS
-        for seed in seeds
-        if (kind, validation, level, seed) in values_by_key
+        for seed in work.seeds
+        if (kind, validation, level, seed) in values
     )
     study = StudyTable(
         study="confidence",
@@ -151,9 +124,6 @@ def run_confidence(
         answer=(),
         settings=asdict(settings),
         origin=origin,
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
         notes=_NOTES,
         details={"recordings": roles, "validation": VALIDATION},
     )
@@ -188,42 +158,30 @@ def record_roles(seed: int, settings: ConfidenceStudySettings) -> dict[str, list
     }
 
 
-def _finished_task(
+def _run(
     parts: Mapping[str, list[Recording]],
     kind: str,
     left_out: str | None,
     seed: int,
     settings: ConfidenceStudySettings,
     out: Path | None,
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Result of `_task`, from its file where it has one."""
-    task = Task(
-        study="confidence",
-        size="",
-        seed=seed,
-        factors={"classifier": kind, "left_out": left_out or "none"},
-        settings={**asdict(settings), **({"model": Model(CHOSEN).describe()} if kind == CHOSEN else {})},
-        data=fingerprint_of(recording for recordings in parts.values() for recording in recordings),
-    )
-    result = finished_values(out, task, lambda: _task(parts, kind, left_out, seed, settings))
-    return {
-        validation: {
-            level: {name: math.nan if value is None else value for name, value in values.items()}
-            for level, values in by_level.items()
-        }
-        for validation, by_level in result.items()
-    }
+) -> dict[str, Any]:
+    plain = {name: value for name, value in asdict(settings).items() if name != "classifiers"}
+    model = {"model": Model(CHOSEN).describe()} if kind == CHOSEN else {}
+    factors = {"classifier": kind, "left_out": left_out or "none"}
+    data = fingerprint_of(recording for recordings in parts.values() for recording in recordings)
+    task = Task("confidence", seed, factors, {**plain, **model}, data)
+    return task.run(out, lambda: {"results": _training(parts, kind, left_out, seed, settings)})
 
 
-def _task(
+def _training(
     parts: Mapping[str, list[Recording]],
     kind: str,
     left_out: str | None,
     seed: int,
     settings: ConfidenceStudySettings,
-) -> dict[str, dict[str, dict[str, float | None]]]:
+) -> dict[str, dict[str, dict[str, float]]]:
     """Figures by validation recordings and level of one training, on all classes or on all but one."""
-    torch.set_num_threads(1)
     classes = tuple(name for name in CLASSES if name != left_out)
     cut = {
         role: cut_windows(
@@ -240,18 +198,17 @@ def _task(
     }
     if classifier.confidence is not None:
         sure_classifiers[CROSS_FITTED] = classifier
-    results: dict[str, dict[str, dict[str, float | None]]] = {}
+    results: dict[str, dict[str, dict[str, float]]] = {}
     for validation, sure_classifier in sure_classifiers.items():
         for level in LEVELS:
-            values: dict[str, float | None]
             if left_out is None:
                 scores = score_confidence(sure_classifier, cut[level], error_rate=settings.error_rate)
-                values = {name: value for name, value in scores.to_dict().items() if name in METRICS}
-                values.pop("unknown_auroc", None)
+                wanted = METRICS.keys() & scores.to_dict().keys() - {"unknown_auroc"}
+                values = {name: getattr(scores, name) for name in METRICS if name in wanted}
             else:
                 strange = [part.relabeled(None) for part in parts[level] if part.label == left_out]
                 foreign = cut_windows(strange, length=settings.length, classes=classes)
-                values = dict(_unknown(sure_classifier, cut[level], foreign, left_out, settings.error_rate))
+                values = _unknown(sure_classifier, cut[level], foreign, left_out, settings.error_rate)
             results.setdefault(validation, {})[level] = values
     return results
 

@@ -1,15 +1,12 @@
 """How well severities are found by inversion: error against the virtual rig's hidden truth."""
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy.stats
-import torch
-from joblib import delayed
 
 from swashtwin.calibration import (
     GaussNewton,
@@ -19,10 +16,11 @@ from swashtwin.calibration import (
     calibrate,
     estimate_severity,
 )
-from swashtwin.foundation import VERSION, mm, parallel
+from swashtwin.foundation import mm
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
+from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.measuring import Run
 from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
@@ -71,14 +69,15 @@ class _Case:
         return math.log(max(self.estimate, 0.05 * self.truth) / self.truth)
 
 
-def run_severity(
-    seeds: Sequence[int],
-    *,
-    severities: Sequence[float] = (0.3, 0.6, 1.0, 1.7, 3.0),
-    jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+@dataclass(frozen=True)
+class SeverityStudySettings:
+    """What trends are recorded."""
+
+    severities: tuple[float, ...] = (0.3, 0.6, 1.0, 1.7, 3.0)
+    """Over the rig's typical ones."""
+
+
+def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
     """Table of errors by fault and dimension, on trends of the virtual rig's pumps.
 
     Each pump is calibrated on four healthy recordings at 10 MPa, with the usual nuisances, up to 1 kHz; each recording
@@ -86,30 +85,19 @@ def run_severity(
 
     Parameters
     ----------
-    seeds : fleets of the rig; one pump of each.
-    severities : over the rig's typical ones.
-    jobs : processes that work side by side.
-    progress : called with pumps done and in all.
+    work : its seeds are fleets of the rig; one pump of each.
     """
-    started = time.perf_counter()
-    pumps = [(seed, name) for seed in seeds for name in PUMPS]
-    cases: list[_Case] = []
-    running = parallel(jobs, return_as="generator")
-    for count, pump_cases in enumerate(running(delayed(_of_pump)(*pump, severities) for pump in pumps), 1):
-        cases += pump_cases
-        if progress is not None:
-            progress(count, len(pumps))
+    pumps = [(seed, name, settings.severities) for seed in work.seeds for name in PUMPS]
+    cases = [case for pump in work.each("pumps", _of_pump, pumps) for case in pump]
+    first = next(trend_recordings(work.seeds[0], PUMPS[0], severities=(), healthy=1, duration=0.1))[0]
     return StudyTable(
         study="severity",
         title="How severe is the fault? Severity by inversion against the hidden truth",
         metrics=METRICS,
-        trials=tuple(_trials(cases, seeds)),
+        trials=tuple(_trials(cases, work.seeds)),
         answer=tuple(_answer(cases)),
-        settings={"severities": list(severities), "pumps": list(PUMPS), **asdict(SeveritySettings())},
-        origin=origin_of([next(trend_recordings(seeds[0], PUMPS[0], severities=(), healthy=1, duration=0.1))[0]]),
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
+        settings={"severities": list(settings.severities), "pumps": list(PUMPS), **asdict(SeveritySettings())},
+        origin=origin_of([first]),
         notes=(
             "A severity found to be zero counts as a twentieth of the truth in error and bias.",
             "Errors of the faults' laws, which widen intervals, were chosen on fleets 100 to 111.",
@@ -121,7 +109,6 @@ def run_severity(
 
 
 def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Case]:
-    torch.set_num_threads(1)
     pairs = list(trend_recordings(seed, specimen, severities=severities))
     healthy = [recording for recording, run in pairs if run.fault is None]
     assert healthy[0].condition is not None

@@ -5,26 +5,22 @@ Each case of `matrix_cases` is calibrated as a user would (`calibrate` without a
 """
 
 import math
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from joblib import delayed
 
 from swashtwin.calibration import Calibration, calibrate, is_warning
-from swashtwin.foundation import VERSION, MPa, SwashTwinError, parallel, rpm, stream
+from swashtwin.foundation import VERSION, MPa, SwashTwinError, rpm, stream
 from swashtwin.learning import wilson_interval
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, load_pump
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
 from swashtwin_bench.questions.twin_matrix import RIGHT, MatrixCase, matrix_cases
-from swashtwin_bench.results.finished import finished_values
-from swashtwin_bench.results.runs import Task
+from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin_bench.rigs.measuring import true_values
 from swashtwin_bench.rigs.writing import RIG_VERSION, RigSize, rig_recordings
@@ -46,39 +42,28 @@ LEAST_SHARE = 0.8
 """A family is named where a smaller share of its identified values holds."""
 
 
-def run_wrong_twins(
-    *,
-    seeds: Sequence[int] = (100, 101, 102, 103),
-    rounds: int = 1,
-    jobs: int = 1,
-    out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+@dataclass(frozen=True)
+class WrongTwinSettings:
+    """How much is tried."""
+
+    rounds: int = 1
+    """How often each case is tried, with another seed each time."""
+
+
+def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
     """What calibrations of wrong twins and odd truths came to, a row for each family.
 
     Parameters
     ----------
-    seeds : of the truths, the noise, and the rig's fleets; the cases take turns among them.
-    rounds : how often each case is tried, with another seed each time.
-    jobs : processes that work side by side.
-    out : folder that keeps finished cases; a study that was interrupted goes on there.
-    progress : called with cases done and in all.
-    command : command line that repeats the study, kept with the result.
+    work : its seeds are of the truths, the noise, and the rig's fleets; the cases take turns among them.
     """
-    started, cases = time.perf_counter(), matrix_cases()
-    work = [
-        (number, case, seeds[(number + turn) % len(seeds)])
-        for turn in range(rounds)
+    cases = matrix_cases()
+    tries = [
+        (number, case, work.seeds[(number + turn) % len(work.seeds)], work.out)
+        for turn in range(settings.rounds)
         for number, case in enumerate(cases)
     ]
-    trials: list[Trial] = []
-    clues = {case.name: case.clue for case in cases}
-    tasks = (delayed(_trial)(number, case, seed, out) for number, case, seed in work)
-    for trial in parallel(jobs, return_as="generator")(tasks):
-        trials.append(_with_named(trial, clues[trial.factors["case"]]))
-        if progress is not None:
-            progress(len(trials), len(work))
+    trials: list[Trial] = work.each("cases", _trial, tries)
     families = list(dict.fromkeys(case.family for case in cases))
     trials.sort(key=lambda trial: families.index(trial.factors["family"]))
     return StudyTable(
@@ -87,12 +72,9 @@ def run_wrong_twins(
         metrics=METRICS,
         trials=tuple(Trial({"family": trial.factors["family"]}, trial.seed, trial.values) for trial in trials),
         answer=_answer(trials),
-        settings={"cases": len(cases), "rounds": rounds, "spread": SPREAD, "pressure_mpa": 10},
+        settings={"cases": len(cases), "rounds": settings.rounds, "spread": SPREAD, "pressure_mpa": 10},
         origin="Simulations of the twin with noise 30 dB below, in which all but the stated mistake is right; in the "
         "families named so, recordings of the virtual rig, a stand-in for a machine.",
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
         notes=_NOTES,
         details={
             "families": family_counts(trials),
@@ -118,11 +100,13 @@ def study_twin() -> Twin:
 
 
 def _trial(number: int, case: MatrixCase, seed: int, out: Path | None) -> Trial:
-    torch.set_num_threads(1)
+    """One case; ``named`` is whether a warning names the mistake, where there are a warning and words for it."""
     factors = {"family": case.family, "case": case.name}
     settings = {"spread": SPREAD, "reach": REACH, "version": VERSION}
-    task = Task(STUDY, "matrix", seed, factors, settings, f"virtual rig {RIG_VERSION}" if case.on_rig else "own")
-    values = finished_values(out, task, lambda: _values(number, case, seed))
+    task = Task(STUDY, seed, factors, settings, f"virtual rig {RIG_VERSION}" if case.on_rig else "own")
+    values = task.run(out, lambda: {"values": _values(number, case, seed)})["values"]
+    if case.clue and values["warned"]:
+        values = {**values, "named": float(any(case.clue in note for note in values["notes"]))}
     return Trial(factors, seed, values)
 
 
@@ -179,14 +163,6 @@ def _rig_pump(seed: int) -> tuple[list[Recording], np.ndarray]:
         if recording.condition is not None and recording.condition.discharge_pressure == MPa(10)
     ]
     return [recording for recording, _ in pairs], np.exp(np.mean([truth for _, truth in pairs], axis=0))
-
-
-def _with_named(trial: Trial, clue: str) -> Trial:
-    """The trial with whether a warning names the mistake; without a warning or words for it there is nothing to say."""
-    if not (clue and trial.values["warned"]):
-        return trial
-    notes: Sequence[str] = trial.values["notes"]  # type: ignore[assignment]
-    return replace(trial, values={**trial.values, "named": float(any(clue in note for note in notes))})
 
 
 def family_counts(trials: Sequence[Trial]) -> list[dict[str, Any]]:

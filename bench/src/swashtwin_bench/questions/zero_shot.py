@@ -5,19 +5,17 @@ recordings from its first days, which others are compared with; they are never t
 a few of each beside the prior, or all of them alone (an oracle).
 """
 
-import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from joblib import delayed
 
 from swashtwin.diagnosis import PriorClassifier
-from swashtwin.foundation import VERSION, DataError, InputError, parallel, stream
+from swashtwin.foundation import DataError, stream
 from swashtwin.learning import Forest, fit_forest
 from swashtwin.pump import CLASSES, PRESSURE_TOLERANCE, values_match
 from swashtwin.recordings import Recording, stated_pressure
+from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, rig_recordings
 from swashtwin_bench.studies.cells import recordings_by_cell
@@ -132,64 +130,45 @@ def split_zero_shot(recordings: Sequence[Recording], seed: int, held_out: int = 
     )
 
 
-def run_zero_shot(
-    recordings: Sequence[Recording] | None = None,
-    *,
-    rig_version: str = RIG_VERSION,
-    seeds: Iterable[int] = (0,),
-    jobs: int = 1,
-    progress: Callable[[str, int, int], None] | None = None,
-    command: str = "",
-) -> StudyTable:
+@dataclass(frozen=True)
+class ZeroShotSettings:
+    """What is tested on."""
+
+    rig: str = RIG_VERSION
+    """Version of the virtual rig where no recordings are given."""
+
+
+def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recording] | None = None) -> StudyTable:
     """Scores on measured faults of the pump prior, which saw none, and of what measured faults teach.
 
     Parameters
     ----------
-    recordings : of several specimens, healthy ones at every pressure; None takes a fleet of the virtual rig for each
-        seed.
-    rig_version : version of the virtual rig where there are no `recordings`.
-    seeds : each draws the split and the measured faults anew, and the fleet where there are no `recordings`.
-    jobs : seeds that run side by side.
-    progress : called with (what, done, in all).
-    command : command line that repeats the study, kept with the result.
+    work : each seed draws the split and the measured faults anew, and the fleet where there are no `recordings`.
+    recordings : of several specimens, healthy ones at every pressure; None takes fleets of the virtual rig.
 
     Raises
     ------
     DataError
         The recordings cannot be split so.
-    InputError
-        No seed.
     """
-    started = time.perf_counter()
-    seeds = tuple(seeds)
-    if not seeds:
-        raise InputError("the zero-shot study needs a seed.")
-    running = parallel(jobs, return_as="generator")(delayed(_fleet)(recordings, rig_version, seed) for seed in seeds)
-    trials: list[Trial] = []
-    roles: dict[str, dict[str, list[str]]] = {}
-    origins = set()
-    for seed, (of_seed, split, origin) in zip(seeds, running, strict=True):
-        trials += of_seed
-        origins.add(origin)
-        roles[str(seed)] = {
+    fleets = work.each("fleets", _fleet, [(recordings, settings.rig, seed) for seed in work.seeds])
+    roles = {
+        str(seed): {
             "pumps": list(split.pumps),
             "healthy": sorted(split.healthy),
             "oracle": sorted(split.faulty),
             **{name: sorted(ids) for name, ids in split.tests.items()},
         }
-        if progress is not None:
-            progress("fleets" if recordings is None else "splits", len(roles), len(seeds))
+        for seed, (_, split, _) in zip(work.seeds, fleets, strict=True)
+    }
     study = StudyTable(
         study="zero-shot",
         title="Zero-shot: faults without a measured recording",
         metrics=METRICS,
-        trials=tuple(trials),
+        trials=tuple(trial for trials, *_ in fleets for trial in trials),
         answer=(),
         settings={"specimens_held_out": HELD_OUT, "fleets": "one for each seed" if recordings is None else "as given"},
-        origin=origins.pop(),
-        wall_s=time.perf_counter() - started,
-        version=VERSION,
-        command=command,
+        origin=fleets[0][2],
         notes=_NOTES,
         details={"classes": list(CLASSES), "splits": roles, "level": LEVELS},
     )
@@ -199,7 +178,6 @@ def run_zero_shot(
 def _fleet(
     recordings: Sequence[Recording] | None, rig_version: str, seed: int
 ) -> tuple[list[Trial], ZeroShotSplit, str]:
-    torch.set_num_threads(1)
     if recordings is None:
         recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"], version=rig_version)]
     split = split_zero_shot(recordings, seed)

@@ -45,17 +45,13 @@ CLASSIFIERS = {
 """What classifiers are called in sentences, tables and figures; others by their own name."""
 
 
-def training_set_words(name: str) -> str:
-    """Name of a training set in words."""
-    return TRAINING_SETS.get(name, name.replace("_", " "))
-
-
-def classifier_words(name: str) -> str:
-    """Name of a classifier in words.
+def in_words(factor: str, value: str) -> str:
+    """A factor's value in words.
 
     Examples
     --------
-    >>> classifier_words("spectral_bitcn"), classifier_words("random_forest")
+    >>> in_words("classifier", "spectral_bitcn"), in_words("classifier", "random_forest")
     ('BiTCN on levels (ours)', 'random forest')
     """
-    return CLASSIFIERS.get(name, name.replace("_", " "))
+    names = {"classifier": CLASSIFIERS, "training_set": TRAINING_SETS}.get(factor, {})
+    return names.get(value, value.replace("_", " "))

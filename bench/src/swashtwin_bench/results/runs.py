@@ -1,29 +1,32 @@
-"""One task of a study, its result, and the folder it lies in.
+"""Runs: one training and its tests, or one case of a study; each is a dict, kept in a file as soon as it is done.
 
-A task is study × seed × training set × classifier. Its key is a hash of everything that decides its result: seed,
-settings and the data themselves. A finished task lies in ``OUT/STUDY/KEY/result.json``, whole or not at all; so a
-re-run finds what is done, whatever else was changed meanwhile, and an interruption loses the running task only.
+A task's key is a hash of everything that decides its result: seed, settings and the data themselves. So a re-run finds
+what is done, whatever else was changed meanwhile, and an interruption loses the running tasks only. The files are JSON
+(with NaN as Python writes it): `bench report` and people read them, and no change of the code deletes them.
 """
 
 import hashlib
 import json
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
-import numpy as np
-from jaxtyping import Float, Shaped
+import torch
+from joblib import delayed
 
-from swashtwin.foundation import ArtifactError, read_text, replacing, write_text
-from swashtwin.learning import Epoch, Scores
+from swashtwin.foundation import ArtifactError, InputError, keep_freed_memory, parallel, read_text, write_text
 from swashtwin.recordings import Recording
 
-FORMAT = "swashtwin run 2"
+FORMAT = "swashtwin run 3"
 """Of a run's file and of its key; changes whenever the same settings would give another result."""
+
+Run = Mapping[str, Any]
+"""A finished task: what names it, as `Task` does, and what came out."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with (activity, finished, in all)."""
 
 
 class OtherFormatError(ArtifactError):
@@ -36,16 +39,16 @@ class Task:
 
     study: str
     """Study it belongs to, such as ``"case1"``."""
-    size: str
-    """Name of the study's settings, such as ``"quick"``; no part of the key, which holds the settings themselves."""
     seed: int
-    """Seed of split, weights and synthesis."""
+    """Seed of all that is drawn."""
     factors: Mapping[str, str]
     """What names its rows, such as training set and classifier."""
     settings: Mapping[str, Any]
-    """Everything that decides its result, as JSON can hold it: ``scenario``, ``training_set``, ``model``, ``tests``."""
+    """Everything that decides its result, as JSON can hold it."""
     data: str
-    """SHA-256 of the recordings (`fingerprint_of`)."""
+    """SHA-256 of the recordings (`fingerprint_of`), or what they are in words."""
+    size: str = ""
+    """Name of the study's settings, such as ``"quick"``; no part of the key, which holds the settings themselves."""
 
     @property
     def key(self) -> str:
@@ -55,149 +58,58 @@ class Task:
         words = "-".join("".join(c if c.isalnum() else "_" for c in word) for word in self.factors.values())
         return f"seed{self.seed}-{words[:80]}-{digest}"
 
+    def folder(self, out: Path) -> Path:
+        """Where its files lie under `out`."""
+        return Path(out) / self.study / self.key
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """One classifier, trained on one training set, scored on one test."""
+    def is_finished(self, out: Path | None) -> bool:
+        """Whether its result lies under `out`."""
+        return out is not None and (self.folder(out) / "result.json").is_file()
 
-    factors: Mapping[str, str]
-    """What names its row: ``classifier``, ``training_set``, ``level``, and what else a study varies."""
-    seed: int
-    """Seed of split, weights and synthesis."""
-    scores: Scores
-    """What it scored."""
-    scarce_recall: float
-    """Recall of the measured windows of the cells that were scarce; NaN where the test has none."""
-    repeat: int = 0
-    """Which draw of the noise, where the test is noisy."""
+    def run(self, out: Path | None, compute: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+        """Its run: read from ``OUT/STUDY/KEY/result.json`` where it lies there, else computed and written there.
 
-    @property
-    def classifier(self) -> str:
-        """Kind of classifier: ``"bitcn"``, or a rival such as ``"extra_trees"``."""
-        return self.factors["classifier"]
+        Parameters
+        ----------
+        out : folder of the studies; None writes nothing.
+        compute : gives what came out, as JSON can hold it.
 
-    @property
-    def training_set(self) -> str:
-        """``"measured"``, ``"nominal"``, ``"calibrated"``, or another training set."""
-        return self.factors["training_set"]
-
-    @property
-    def level(self) -> str:
-        """Level of generalization of the test set."""
-        return self.factors["level"]
+        Raises
+        ------
+        ArtifactError
+            The file is damaged, or of another version.
+        """
+        if out is not None and self.is_finished(out):
+            return load_run(self.folder(out))
+        run = {"format": FORMAT, "key": self.key, **asdict(self), **compute()}
+        if out is not None:
+            text = json.dumps(run, indent=1, ensure_ascii=False, default=str) + "\n"
+            write_text(self.folder(out) / "result.json", text)
+        return run
 
 
-@dataclass(frozen=True, eq=False)
-class Embedding:
-    """Last features of the test windows, for t-SNE."""
-
-    factors: Mapping[str, str]
-    """What names the network that made them: ``classifier``, ``training_set``, and what else a study varies."""
-    features: Float[np.ndarray, "window feature"]
-    """Features before the last layer."""
-    label: Shaped[np.ndarray, " window"]
-    """True class of each window."""
-    level: Shaped[np.ndarray, " window"]
-    """Level of generalization of each window."""
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """Result of one task."""
-
-    task: Task
-    """The task."""
-    outcomes: tuple[Outcome, ...]
-    """Scores on each of its tests."""
-    history: tuple[Epoch, ...]
-    """Loss and accuracy of each epoch; empty where nothing is trained in epochs."""
-    values: Mapping[str, float]
-    """Further numbers of the training set and of the training, such as the discriminator's area under the curve."""
-    roles: Mapping[str, Sequence[str]]
-    """Recording ids by role: ``train``, ``reference``, ``calibration``, and each level tested."""
-    fingerprints: Mapping[str, str]
-    """SHA-256 of the training set, and of each test set by its level."""
-    cells: Mapping[str, Mapping[str, int]]
-    """Windows by class and pressure in the training set, and in each test set by its level."""
-    calibrations: tuple[str, ...]
-    """Names of the calibrations it rests on, in ``OUT/calibrations``."""
-    origin: str
-    """Where the recordings come from, in words."""
-    wall_s: float
-    """Time of training and tests [s]."""
-    cpu_s: float
-    """CPU time of training and tests [s]."""
-    device: str
-    """What it was trained on."""
-    version: str
-    """Version of swashtwin."""
-    command: str
-    """Command that repeats the study."""
-    embedding: Embedding | None = field(default=None)
-    """Features of the test windows, where a network was trained."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it but the embedding, as JSON can hold it."""
-        outcomes = [
-            {
-                "factors": dict(outcome.factors),
-                "repeat": outcome.repeat,
-                "scarce_recall": None if math.isnan(outcome.scarce_recall) else outcome.scarce_recall,
-                "scores": outcome.scores.to_dict(),
-            }
-            for outcome in self.outcomes
-        ]
-        names = ("roles", "fingerprints", "cells", "calibrations", "origin", "wall_s", "cpu_s", "device", "version")
-        return {
-            "format": FORMAT,
-            "key": self.task.key,
-            "task": asdict(self.task),
-            "outcomes": outcomes,
-            "history": [asdict(epoch) for epoch in self.history],
-            "values": {name: None if math.isnan(value) else value for name, value in self.values.items()},
-            **{name: getattr(self, name) for name in (*names, "command")},
-        }
-
-
-def save_run(run: Run, out: Path) -> Path:
-    """Folder of the run under `out`, after everything was written to it; its ``result.json`` comes last, and whole."""
-    folder = Path(out) / run.task.study / run.task.key
-    if run.embedding is not None:
-        arrays = {name: getattr(run.embedding, name) for name in ("features", "label", "level")}
-        with replacing(folder / "embedding.npz") as temporary:
-            np.savez_compressed(temporary, **{**arrays, "features": run.embedding.features.astype(np.float32)})
-    write_text(folder / "result.json", json.dumps(run.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    return folder
-
-
-def load_run(folder: Path) -> Run:
-    """The run that `save_run` put into `folder`.
+def load_run(folder: Path) -> dict[str, Any]:
+    """The run whose ``result.json`` lies in `folder`.
 
     Raises
     ------
     ArtifactError
-        The file is damaged, was edited so that its key no longer fits, or is of another version
-        (`OtherFormatError`).
+        The file is damaged, lies in another task's folder, or is of another version (`OtherFormatError`).
     """
     path = Path(folder) / "result.json"
     try:
-        table = json.loads(read_text(path))
-        if table["format"] != FORMAT:
-            raise OtherFormatError(
-                f"{path} has the format {table['format']!r}, this version reads {FORMAT!r}; delete its folder to run "
-                "the task anew."
-            )
-        run = _run(table, Path(folder))
-    except ArtifactError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, BadZipFile) as cause:
+        run: dict[str, Any] = json.loads(read_text(path))
+        form, key = run["format"], run["key"]
+    except (OSError, ValueError, KeyError, TypeError) as cause:
         raise ArtifactError(
             f"{path} is damaged ({type(cause).__name__}); delete its folder to run the task again."
         ) from cause
-    if run.task.key != Path(folder).name or table["key"] != run.task.key:
-        raise ArtifactError(
-            f"{path} says other settings than its folder's name; delete the folder to run the task again."
+    if form != FORMAT:
+        raise OtherFormatError(
+            f"{path} has the format {form!r}, this version reads {FORMAT!r}; delete its folder to run the task anew."
         )
+    if key != Path(folder).name:
+        raise ArtifactError(f"{path} is another task's than its folder's; delete the folder to run the task again.")
     return run
 
 
@@ -216,35 +128,47 @@ def fingerprint_of(recordings: Iterable[Recording]) -> str:
     return digest.hexdigest()
 
 
-def _run(table: Mapping[str, Any], folder: Path) -> Run:
-    task = Task(**{entry.name: table["task"][entry.name] for entry in fields(Task)})
-    outcomes = tuple(
-        Outcome(
-            factors=outcome["factors"],
-            seed=task.seed,
-            scores=Scores.from_dict(outcome["scores"]),
-            scarce_recall=math.nan if outcome["scarce_recall"] is None else outcome["scarce_recall"],
-            repeat=outcome["repeat"],
-        )
-        for outcome in table["outcomes"]
-    )
-    return Run(
-        task=task,
-        outcomes=outcomes,
-        history=tuple(Epoch(**epoch) for epoch in table["history"]),
-        values={name: math.nan if value is None else value for name, value in table["values"].items()},
-        calibrations=tuple(table["calibrations"]),
-        embedding=_embedding(folder / "embedding.npz", task),
-        **{
-            name: table[name]
-            for name in ("roles", "fingerprints", "cells", "origin", "wall_s", "cpu_s", "device", "version", "command")
-        },
-    )
+def _silent(activity: str, finished: int, total: int) -> None:
+    pass
 
 
-def _embedding(path: Path, task: Task) -> Embedding | None:
-    if not path.is_file():
-        return None
-    with np.load(path, allow_pickle=False) as arrays:
-        features = arrays["features"].astype(np.float64)
-        return Embedding(task.factors, features, arrays["label"], arrays["level"])
+@dataclass(frozen=True)
+class Work:
+    """Under which seeds a study runs, on how many processes, and what it keeps."""
+
+    seeds: Sequence[int] = (0,)
+    """Seeds; on the virtual rig each is a fleet."""
+    jobs: int = 1
+    """Tasks side by side."""
+    out: Path | None = None
+    """Folder of finished tasks, which a later run reads; None writes nothing."""
+    progress: Progress = field(default=_silent)
+    """Called with (activity, finished, in all)."""
+    device: str = "cpu"
+    """Where networks are trained."""
+    command: str = ""
+    """Command line that repeats the study."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seeds", tuple(dict.fromkeys(self.seeds)))
+        if not self.seeds:
+            raise InputError("a study needs a seed; one is enough.")
+
+    def each(self, activity: str, function: Callable[..., Any], cases: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Result of `function` for the arguments of each case, in their order, `jobs` of them side by side.
+
+        Parameters
+        ----------
+        activity : what is done, for `progress`.
+        """
+        results = []
+        for result in parallel(self.jobs, return_as="generator")(delayed(_on_one_thread)(function, *c) for c in cases):
+            results.append(result)
+            self.progress(activity, len(results), len(cases))
+        return results
+
+
+def _on_one_thread(function: Callable[..., Any], *arguments: Any) -> Any:
+    torch.set_num_threads(1)
+    keep_freed_memory()  # a training asks for the same large tensors in each step
+    return function(*arguments)

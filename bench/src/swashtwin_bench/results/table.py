@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
+from swashtwin.foundation import VERSION
 from swashtwin.recordings import Recording
 
 
@@ -45,9 +47,9 @@ class StudyTable:
     """Settings, as JSON can hold them."""
     origin: str
     """Where the recordings come from, in words; the virtual rig says that it is none of a machine's."""
-    wall_s: float
+    wall_s: float = 0.0
     """How long it took [s]."""
-    version: str
+    version: str = VERSION
     """Version of swashtwin."""
     command: str = ""
     """Command that repeats it."""
@@ -113,6 +115,28 @@ def spread(values: Sequence[float]) -> dict[str, Any]:
         "std": float(np.std(finite, ddof=1)) if len(finite) > 1 else None,
         "values": [value if math.isfinite(value) else None for value in values],
     }
+
+
+def paired_interval(differences: Sequence[float], test_share: float | None = None) -> tuple[float, float]:
+    """95 % interval of the mean of paired differences, by Student's t; NaN for one pair.
+
+    Parameters
+    ----------
+    test_share : test recordings over training recordings, where the pairs are splits of the same recordings: the
+        variance is then (1/n + test_share) s² instead of s²/n (Nadeau and Bengio 2003, DOI 10.1023/A:1024068626366).
+
+    Examples
+    --------
+    >>> [round(value, 3) for value in paired_interval([0.1, 0.2, 0.3])]
+    [-0.048, 0.448]
+    """
+    values = np.asarray(differences, dtype=float)
+    if values.size < 2:
+        return math.nan, math.nan
+    factor = 1 / values.size + (test_share or 0.0)
+    half = float(stats.t.ppf(0.975, values.size - 1)) * math.sqrt(factor * values.var(ddof=1))
+    mean = float(values.mean())
+    return mean - half, mean + half
 
 
 def origin_of(recordings: Sequence[Recording]) -> str:

@@ -74,6 +74,7 @@ BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
 
 TRAINING: Mapping[str, TrainingSettings] = {
     "quick": replace(RECOMMENDED_TRAINING, epochs=12),
+    "medium": RECOMMENDED_TRAINING,
     "paper": RECOMMENDED_TRAINING,
 }
 """How every network is trained, by size. Both scale by the training set's deviation, so that the level, which a

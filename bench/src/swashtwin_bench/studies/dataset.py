@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
-from swashtwin.foundation import DataError, file_name
+from swashtwin.foundation import DataError, file_name, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import SPEED_TOLERANCE, OperatingCondition, group_by_condition, merge_close_values
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import FORMAT
 from swashtwin_bench.studies.cells import classes_of, cut_evenly
-from swashtwin_bench.studies.random_windows import deal_windows
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
 
 
@@ -49,10 +47,11 @@ class CalibrationTask:
         return f"{file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def run_calibration(task: CalibrationTask) -> Calibration:
-    """The calibration."""
-    torch.set_num_threads(1)
-    return calibrate(
+def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
+    """The calibration: read from ``OUT/calibrations/KEY`` where it lies there, else run and saved there."""
+    if (finished := finished_calibration(out, task.key)) is not None:
+        return finished
+    calibration = calibrate(
         task.twins,
         task.recordings,
         method=task.method,
@@ -61,17 +60,15 @@ def run_calibration(task: CalibrationTask) -> Calibration:
         explain_misfit=False,
         seed=task.seed,
     )
+    if out is not None:
+        calibration.save(Path(out) / "calibrations" / task.key / "calibration.json")
+    return calibration
 
 
-def load_finished_calibration(out: Path | None, key: str) -> Calibration | None:
+def finished_calibration(out: Path | None, key: str) -> Calibration | None:
     """The calibration of that key in ``OUT/calibrations``, or None where there is no file of it."""
-    path = None if out is None else calibration_file(out, key)
+    path = None if out is None else Path(out) / "calibrations" / key / "calibration.json"
     return load_calibration(path) if path is not None and path.is_file() else None
-
-
-def calibration_file(out: Path, key: str) -> Path:
-    """Where the calibration of that key lies."""
-    return Path(out) / "calibrations" / key / "calibration.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +206,29 @@ def prepare(
         calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
         split=split,
     )
+
+
+def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[WindowSet, WindowSet]:
+    """(training windows, test windows): the same windows, dealt anew in each class and pressure of the test.
+
+    Level L0, as many papers split. Each cell keeps its numbers of training and of test windows; only which window is
+    which is drawn. So the scores differ from those of the split by recording by the leak alone.
+
+    Parameters
+    ----------
+    measured : measured training windows.
+    test : test windows of other recordings, cut like them.
+    """
+    pool = measured + test
+    label, pressure = pool.label, pool.cell_pressure
+    in_training = np.arange(len(pool)) < len(measured)
+    rng = stream(seed, "random windows")
+    tested = zip(label[len(measured) :].tolist(), pressure[len(measured) :].tolist(), strict=True)
+    for name, value in sorted(set(tested)):
+        cell = np.flatnonzero((label == name) & (pressure == value))
+        dealt = rng.permutation(cell)
+        in_training[dealt] = np.arange(len(dealt)) < np.count_nonzero(in_training[cell])
+    return pool.subset(in_training), pool.subset(~in_training)
 
 
 def _recordings_of(windows: WindowSet, by_id: Mapping[str, Recording]) -> tuple[Recording, ...]:

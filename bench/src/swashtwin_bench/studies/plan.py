@@ -1,23 +1,24 @@
-"""A study as a plan: training sets × classifiers under a scenario, for each seed; and how one task of it is run."""
+"""A study as a plan: training sets × classifiers under a scenario, for each seed; and what one training of it gives."""
 
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
+from jaxtyping import Float
+from sklearn.decomposition import PCA
 
 from swashtwin.diagnosis import save_classifier
-from swashtwin.foundation import VERSION, InputError
+from swashtwin.foundation import InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
-from swashtwin_bench.results.runs import Embedding, Outcome, Run, Task
-from swashtwin_bench.rivals.models import Model, train_model
-from swashtwin_bench.rivals.unlisted import UnlistedClassifier
+from swashtwin_bench.results.result import score_row
+from swashtwin_bench.results.runs import Task
+from swashtwin_bench.rivals.models import Model, models_of, train_model
 from swashtwin_bench.studies.dataset import StudyDataset, cells_of
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, machined_faults
@@ -28,11 +29,29 @@ from swashtwin_bench.studies.training_sets import (
     TrainingSet,
 )
 
-EPOCH_TIME = "epoch_cpu_s"
-"""CPU time of an epoch of the training [s], among the values of a run; the mean of those since an interruption."""
-
 CLEAN = "clean"
 """Row of the tests without any perturbation."""
+
+EMBEDDED = 30
+"""Principal components of the last features that a run keeps for t-SNE."""
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What can be set of a study of classifiers; what is None or empty stays as the study has it."""
+
+    classifiers: tuple[str, ...] = ()
+    """Classifiers to train instead of the study's."""
+    training_sets: tuple[str, ...] = ()
+    """These of the study's training sets only, or others that twins fill."""
+    values: tuple[str, ...] = ()
+    """These values only of what the study varies."""
+    window: int | None = None
+    """Samples per window."""
+    rig: str | None = None
+    """Version of the virtual rig."""
+    precision: str | None = None
+    """Number format of networks in training, ``"float32"`` or ``"bfloat16"``."""
 
 
 @dataclass(frozen=True)
@@ -56,25 +75,22 @@ class Plan:
     bare: str | None = None
     """Value of the varied factor under which what is filled by nothing stands, and stands alone; None where it stands
     under each."""
-    compared: Mapping[str, str | Mapping[str, Sequence[str]]] = field(default_factory=dict)
-    """Factor and the value that all its others are compared with, or several values, each with those that it is
-    compared with."""
+    compared: Mapping[str, str] = field(default_factory=dict)
+    """Factor and the value that all its others are compared with."""
     size: str = "custom"
     """Name of the settings."""
-    rivals: tuple[str, ...] = ()
-    """Classifiers whose rows stand beside those of the study, not among them; where there are any, so do those of every
-    further classifier."""
     perturbations: tuple[Perturbation, ...] = ()
     """What recordings of the tests are changed by, each once more beside the clean tests."""
     draws: int = 5
     """Draws of each perturbation."""
+    repeats: int = 0
+    """Trainings on the data of the first seed, in place of seeds; 0 where each seed draws everything anew."""
     split_seed: int | None = None
-    """Seed of split, twins and synthesis, where only the training is repeated under each seed; by default each seed
-    draws everything anew."""
+    """Seed of split, twins and synthesis, where only the training is repeated under each seed."""
+    rig: str = "1"
+    """Version of the virtual rig on which it is run."""
     notes: tuple[str, ...] = ()
     """Notes that must be read with the numbers."""
-    model_notes: Mapping[str, str] = field(default_factory=dict)
-    """Notes on single classifiers, given where these were trained."""
 
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
@@ -85,6 +101,64 @@ class Plan:
                 "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
                 "in each draw; plans with noise cut windows along time."
             )
+
+    def with_settings(self, settings: PlanSettings) -> "Plan":
+        """The plan with what was set.
+
+        Raises
+        ------
+        InputError
+            There is no classifier, training set, value or version of the rig of that name.
+        """
+        plan, changes = self, dict[str, Any]()
+        if settings.classifiers:
+            own = self.models
+            further = models_of(self.size, [name for name in settings.classifiers if name not in own])
+            changes["models"] = {name: {**own, **further}[name] for name in settings.classifiers}
+            if "classifier" in self.compared:
+                changes["compared"] = {**self.compared, "classifier": settings.classifiers[0]}
+        if settings.training_sets:
+            choices = {**TWIN_TRAINING_SETS, **self.training_sets}
+            self._require(settings.training_sets, choices, "training set")
+            changes["training_sets"] = {name: choices[name] for name in settings.training_sets}
+        if settings.values:
+            self._require(
+                settings.values, self.variants if self.varied else {}, f"value of {self.varied or 'anything'}"
+            )
+            changes["variants"] = {name: self.variants[name] for name in settings.values}
+        if settings.rig is not None and settings.rig != self.rig:
+            scenario = replace(self.scenario, faults=machined_faults(settings.rig))
+            changes |= {"rig": settings.rig, "scenario": scenario}
+        plan = replace(plan, **changes)
+        if settings.precision is not None:
+            models = {name: each.with_training(precision=settings.precision) for name, each in plan.models.items()}
+            plan = replace(plan, models=models)
+        return plan if settings.window is None else plan.of_window(settings.window)
+
+    def _require(self, names: Sequence[str], choices: Mapping[str, Any], what: str) -> None:
+        if unknown := [name for name in names if name not in choices]:
+            there = f"there are {', '.join(choices)}" if choices else "it has none"
+            raise InputError(f"{self.study} has no {what} {unknown[0]!r}; {there}.")
+
+    def of_window(self, length: int) -> "Plan":
+        """The plan with windows of another length, and as much signal in the scarce cells.
+
+        Parameters
+        ----------
+        length : samples per window.
+        """
+
+        def of_signal(count: int) -> int:
+            return max(min(count, 1), count * self.scenario.length // length)
+
+        test = self.scenario.test_windows
+        scenario = replace(
+            self.scenario,
+            length=length,
+            scarce_windows=of_signal(self.scenario.scarce_windows),
+            test_windows=None if test is None else of_signal(test),
+        )
+        return replace(self, scenario=scenario)
 
     def tasks(self, seed: int, data: str, device: str = "cpu") -> list[Task]:
         """Every task of a seed, in order.
@@ -112,8 +186,7 @@ class Plan:
                     "training_set": sets[training_set],
                     "model": models[model],
                     "device": device if self.models[model].is_network else "cpu",
-                    # called snrs when white noise was all there was; finished runs are found by it
-                    "tests": {"snrs": list(map(str, self.perturbations)), "draws": self.draws},
+                    "tests": {"perturbations": list(map(str, self.perturbations)), "draws": self.draws},
                     **({} if self.split_seed is None else {"split_seed": self.split_seed}),
                 },
                 data=data,
@@ -121,67 +194,6 @@ class Plan:
             for variant, training_set, model in product(self.variants, self.training_sets, self.models)
             if self.bare is None or (variant == self.bare) is (self.training_sets[training_set].by is None)
         ]
-
-    def of_classifiers(self, models: Mapping[str, Model]) -> "Plan":
-        """The plan of other classifiers; the first is the study's own, which others are compared with."""
-        main, *others = models
-        is_single = isinstance(self.compared.get("classifier"), str)
-        compared = {**self.compared, **({"classifier": main} if is_single else {})}
-        return replace(self, models=models, compared=compared, rivals=tuple(others) if self.rivals else ())
-
-    def of_training_sets(self, names: Sequence[str]) -> "Plan":
-        """The plan of some of its training sets only, or of others of `TWIN_TRAINING_SETS`.
-
-        Raises
-        ------
-        InputError
-            There is none of that name.
-        """
-        choices = {**TWIN_TRAINING_SETS, **self.training_sets}
-        for name in names:
-            if name not in choices:
-                raise InputError(f"{self.study} has no training set {name!r}; there are {', '.join(choices)}.")
-        return replace(self, training_sets={name: choices[name] for name in names})
-
-    def of_window(self, length: int) -> "Plan":
-        """The plan with windows of another length, and as much signal in the scarce cells.
-
-        Parameters
-        ----------
-        length : samples per window.
-        """
-
-        def of_signal(count: int) -> int:
-            return max(min(count, 1), count * self.scenario.length // length)
-
-        test = self.scenario.test_windows
-        scenario = replace(
-            self.scenario,
-            length=length,
-            scarce_windows=of_signal(self.scenario.scarce_windows),
-            test_windows=None if test is None else of_signal(test),
-        )
-        return replace(self, scenario=scenario)
-
-    def of_rig(self, version: str) -> "Plan":
-        """The plan on a version of the virtual rig, whose twins simulate the faults that it has."""
-        return replace(self, scenario=replace(self.scenario, faults=machined_faults(version)))
-
-    def of_values(self, names: Sequence[str]) -> "Plan":
-        """The plan at some values of its varied factor only.
-
-        Raises
-        ------
-        InputError
-            It varies nothing, or not by such a value.
-        """
-        for name in names:
-            if not self.varied or name not in self.variants:
-                choices = f"the values of {self.varied} are {', '.join(self.variants)}"
-                raise InputError(
-                    f"{self.study} has no value {name!r} to choose; {choices if self.varied else 'it has none'}."
-                )
-        return replace(self, variants={name: changes for name, changes in self.variants.items() if name in names})
 
     def needs_twins(self, task: Task) -> bool:
         """Whether a task is filled by a calibrated twin."""
@@ -191,52 +203,33 @@ class Plan:
         """Seed of the data that is trained on under `seed`."""
         return seed if self.split_seed is None else self.split_seed
 
-    def position(self, task: Task) -> tuple[int, ...]:
-        """Position of a task's row among those of the plan; classifiers that the plan lacks come last."""
+    def position(self, factors: Mapping[str, str]) -> tuple[int, ...]:
+        """Position of a run among those of the plan; classifiers that the plan lacks come last."""
         named: tuple[tuple[Mapping[str, Any], str], ...] = (
-            (self.variants, task.factors.get(self.varied, "")),
-            (self.training_sets, task.factors["training_set"]),
-            (self.models, task.factors["classifier"]),
+            (self.models, factors["classifier"]),
+            (self.variants, factors.get(self.varied, "")),
+            (self.training_sets, factors["training_set"]),
         )
         return tuple(list(names).index(name) if name in names else len(names) for names, name in named)
-
-    def variant_of(self, task: Task) -> str:
-        """Name of the variant that a task is of."""
-        return task.factors[self.varied] if self.varied else ""
 
     def scenario_of(self, variant: str) -> Scenario:
         """The scenario of a variant."""
         return replace(self.scenario, **self.variants[variant])
 
 
-@dataclass(frozen=True)
-class RunFacts:
-    """Facts that a run's file holds, and that have no part in its result."""
-
-    device: str = "cpu"
-    """Where networks are trained."""
-    command: str = ""
-    """Command that repeats the study."""
-    origin: str = ""
-    """Where the recordings come from, in words."""
-    calibrations: tuple[str, ...] = ()
-    """Names of the calibrations behind the twins."""
-    values: Mapping[str, float] = field(default_factory=dict)
-    """Figures of the synthetic windows."""
-    checkpoint: Path | None = None
-    """File that a training saves to after each epoch and goes on from; it is deleted when the training ends."""
-    model: Path | None = None
-    """File that a trained network is saved to."""
-
-
-def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, facts: RunFacts) -> Run:
-    """One task: train on the measured and the synthetic windows, test at every level.
+def train_and_test(
+    task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, values: Mapping[str, float], out: Path | None,
+    *, keep_model: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """What one task comes to: train on the measured and the synthetic windows, test at every level.
 
     Parameters
     ----------
-    synthetic : what the task's training_set adds.
+    synthetic : what the task's training set adds.
+    values : figures of these windows.
+    out : folder of the studies; a network's training saves to the task's folder after each epoch, and goes on there.
+    keep_model : whether a trained network is saved there.
     """
-    torch.set_num_threads(1)
     wall, cpu = time.perf_counter(), time.process_time()
     model = plan.models[task.factors["classifier"]]
     if plan.training_sets[task.factors["training_set"]].class_weights:
@@ -248,44 +241,56 @@ def run_task(task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet
         train,
         seed=task.seed,
         manifest=dataset.manifest,
-        device=facts.device,
-        checkpoint=facts.checkpoint,
+        device=task.settings["device"],
+        checkpoint=None if out is None else task.folder(out) / "training.safetensors",
         progress=lambda _: ends.append(time.process_time()),
     )
-    epoch_time = {EPOCH_TIME: float(np.mean(np.diff(ends)))} if len(ends) > 1 else {}
-    if facts.model is not None and isinstance(classifier, FittedClassifier):
-        save_classifier(classifier, facts.model)
-    outcomes = tuple(_outcomes(classifier, task, plan, dataset))
-    tested = dataset.tests
-    return Run(
-        task=task,
-        outcomes=outcomes,
-        history=getattr(classifier, "history", ()),
-        values={**facts.values, **epoch_time},
-        roles=dataset.roles(),
-        fingerprints={"train": train.fingerprint(), **{name: test.fingerprint() for name, test in tested.items()}},
-        cells={"train": cells_of(train), **{name: cells_of(test) for name, test in tested.items()}},
-        calibrations=facts.calibrations,
-        origin=facts.origin,
-        wall_s=time.perf_counter() - wall,
-        cpu_s=time.process_time() - cpu,
-        device=facts.device if model.is_network else "cpu",
-        version=VERSION,
-        command=facts.command,
-        embedding=_embedding(classifier, task, dataset),
-    )
+    if keep_model and out is not None and isinstance(classifier, FittedClassifier):
+        save_classifier(classifier, task.folder(out) / "model.safetensors")
+    rows = list(_rows(classifier, plan, dataset))
+    sets = {"train": train, **dataset.tests}
+    return {
+        "rows": rows,
+        "classes": list(classifier.classes),
+        "history": [asdict(epoch) for epoch in getattr(classifier, "history", ())],
+        # the mean of an epoch since an interruption [s]
+        "values": {**values, **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {})},
+        "roles": dataset.roles(),
+        "sha256": {name: windows.fingerprint() for name, windows in sets.items()},
+        "cells": {name: cells_of(windows) for name, windows in sets.items()},
+        "wall_s": time.perf_counter() - wall,
+        "cpu_s": time.process_time() - cpu,
+        "device": task.settings["device"],
+        "features": _features(classifier, dataset) if isinstance(classifier, FittedClassifier) else None,
+    }
 
 
-def _outcomes(classifier: Classifier, task: Task, plan: Plan, dataset: StudyDataset) -> Iterator[Outcome]:
+@dataclass(frozen=True, eq=False)
+class _Unlisted:
+    """A classifier that names none of its training recordings, so that other windows of them may be tested on: only for
+    level L0, which shows how much of a score is leak."""
+
+    classifier: Classifier
+    manifest: tuple[str, ...] = ()
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        return self.classifier.classes
+
+    def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
+        return self.classifier.predict_proba(windows)
+
+
+def _rows(classifier: Classifier, plan: Plan, dataset: StudyDataset) -> Iterator[dict[str, Any]]:
     for level, clean in dataset.tests.items():
+        tested = _Unlisted(classifier) if level == RANDOM_WINDOWS else classifier
         for perturbation in (None, *plan.perturbations):
             varied = {"perturbation": str(perturbation or CLEAN)} if plan.perturbations else {}
-            factors = {**task.factors, "level": level, **varied}
             for repeat in range(plan.draws if perturbation else 1):
                 test = perturbation.of_test(dataset, level, repeat) if perturbation else clean
-                tested = UnlistedClassifier(classifier) if level == RANDOM_WINDOWS else classifier
                 scores = evaluate(tested, test, level=level)
-                yield Outcome(factors, task.seed, scores, scarce_recall(scores, dataset.scenario), repeat)
+                yield {"level": level, **varied, "repeat": repeat,
+                       **score_row(scores, scarce_recall(scores, dataset.scenario))}  # fmt: skip
 
 
 def scarce_recall(scores: Scores, scenario: Scenario) -> float:
@@ -300,13 +305,13 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
     return float(np.mean(cells)) if cells else math.nan
 
 
-def _embedding(classifier: Classifier, task: Task, dataset: StudyDataset) -> Embedding | None:
-    if not isinstance(classifier, FittedClassifier):
-        return None
+def _features(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, list[Any]]:
+    """Principal components of the last features of the test windows, with class and level of each, for t-SNE."""
     tests = dataset.tests
-    return Embedding(
-        factors=task.factors,
-        features=np.concatenate([classifier.embed(test) for test in tests.values()]),
-        label=np.concatenate([test.label for test in tests.values()]),
-        level=np.concatenate([np.full(len(test), level) for level, test in tests.items()]),
-    )
+    features = np.concatenate([classifier.embed(test) for test in tests.values()]).astype(float)
+    count = min(EMBEDDED, *features.shape)
+    return {
+        "values": np.round(PCA(count, svd_solver="full").fit_transform(features), 4).tolist(),
+        "label": [label for test in tests.values() for label in test.label.tolist()],
+        "level": [level for level, test in tests.items() for _ in range(len(test))],
+    }

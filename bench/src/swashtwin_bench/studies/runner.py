@@ -1,319 +1,201 @@
 """Runs a plan: finished tasks are read, the others run side by side, and each is saved when it ends."""
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from swashtwin.calibration import Calibration
-from swashtwin.foundation import InputError
+from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
-from swashtwin.recordings import Recording
-from swashtwin_bench.results.answers import answer_of
-from swashtwin_bench.results.result import METRICS, StudyResult, contrasts_of, trials_of, varied_of
-from swashtwin_bench.results.runs import Run, Task, load_run, save_run
+from swashtwin.recordings import Recording, load_recordings
+from swashtwin_bench.results.result import FURTHER, METRICS, StudyResult, trials_of
+from swashtwin_bench.results.runs import OtherFormatError, Run, Task, Work, fingerprint_of, load_run
 from swashtwin_bench.results.table import origin_of
+from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 from swashtwin_bench.studies.dataset import (
-    CalibrationTask,
     StudyDataset,
-    calibration_file,
     calibration_tasks,
-    load_finished_calibration,
+    finished_calibration,
     prepare,
     read_for,
     run_calibration,
 )
-from swashtwin_bench.studies.plan import Plan, RunFacts, run_task
-from swashtwin_bench.studies.sources import SameRecordings, Source
-from swashtwin_bench.studies.training_sets import FURTHER, fill_cells
-from swashtwin_bench.studies.workers import Workers
+from swashtwin_bench.studies.plan import Plan, train_and_test
+from swashtwin_bench.studies.training_sets import fill_cells
 
-Report = Callable[[str, int, int], None]
-_Case = tuple[int, str]
-"""Seed, and name of the plan's variant."""
+Source = Sequence[Recording] | Callable[[int], Sequence[Recording]]
+"""Recordings: the same under every seed, or those of a seed."""
 
-TASKS_AHEAD = 4
-"""Tasks for each process that are prepared together: fewer leave processes idle at the end of a batch, more take
-memory."""
-
-MOST_SEEDS = 2
-"""Seeds whose recordings are in memory at once, however few tasks each has; a fleet of the paper's size takes
-0.9 GB."""
+_Call = tuple[Task, Plan, StudyDataset, WindowSet, dict[str, Any], Work, bool]
 
 
-@dataclass(frozen=True, eq=False)
-class _SeedTasks:
-    """Tasks of one seed that have no result yet."""
-
-    seed: int
-    recordings: Sequence[Recording]
-    tasks: tuple[Task, ...]
-    facts: RunFacts
-
-
-def run_plan(
-    plan: Plan,
-    data: Source | Sequence[Recording],
-    *,
-    seeds: Sequence[int] = (0,),
-    workers: Workers | None = None,
-    out: Path | None = None,
-    device: str = "cpu",
-    progress: Report | None = None,
-    command: str = "",
-    checkpoints: bool = False,
-    models: bool = False,
-) -> StudyResult:
+def run_plan(plan: Plan, source: Source, work: Work | None = None, *, keep_models: bool = False) -> StudyResult:
     """The study's table, after every task of every seed was run or read.
 
     Parameters
     ----------
-    data : recordings, or a source of them by seed.
-    workers : where tasks run; one after the other in this process by default.
-    out : folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies there is not run again. None
-        writes nothing.
-    device : where networks are trained.
-    progress : called with (activity, finished, in all); with checkpoints also from another thread, of epochs.
-    command : command line that repeats the study.
-    checkpoints : whether a training that was interrupted goes on from its last epoch. Needs `out`, on a disk that the
-        workers share.
-    models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one that lacks it is trained
-        again. Needs `out`.
+    source : recordings, or what gives those of a seed.
+    work : seeds, processes, and the folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies
+        there is not run again, and a training that was interrupted goes on from its last epoch.
+    keep_models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one that lacks it is
+        trained again.
 
     Raises
     ------
     DataError
         The recordings cannot be split as the scenario needs.
     ArtifactError
-        A run in `out` is damaged.
+        A run in the folder is damaged.
     InputError
-        No seed, or no task.
+        No task.
     """
-    started, report = time.perf_counter(), progress or (lambda activity, finished, total: None)
-    seeds = tuple(dict.fromkeys(seeds))
-    if not seeds:
-        raise InputError("a study needs a seed.")
-    source, workers = data if isinstance(data, Source) else SameRecordings(data), workers or Workers()
+    started, work = time.perf_counter(), work or Work()
+    seeds: Sequence[int] = work.seeds
+    if plan.repeats:
+        source = source(seeds[0]) if callable(source) else source
+        plan, seeds = replace(plan, split_seed=seeds[0]), range(plan.repeats)
     per_seed = len(plan.tasks(0, ""))
     if not per_seed:
         raise InputError(
             f"{plan.study} has nothing to do: {', '.join(plan.training_sets)} is not trained at {plan.varied} "
             f"{', '.join(plan.variants)}."
         )
-    together = min(MOST_SEEDS, max(1, -(-TASKS_AHEAD * workers.jobs // per_seed)))
     runs: list[Run] = []
-    calibrations: dict[str, Calibration] = {}
-    with workers.started():
-        for start in range(0, len(seeds), together):
-            batch = []
-            for seed in seeds[start : start + together]:
-                unfinished, finished = _look_up(plan, source, seed, out, RunFacts(device, command), models)
-                runs += finished
-                batch += [unfinished] if unfinished.tasks else []
-                if finished:
-                    report(f"{len(finished)} of seed {seed} done before", len(runs), per_seed * len(seeds))
-            for run in _run_seeds(batch, plan, workers, out, calibrations, report, checkpoints, models):
-                if out is not None:
-                    save_run(run, out)
-                runs.append(run)
-                report("training", len(runs), per_seed * len(seeds))
-    first = (calibrations.get(key) or load_finished_calibration(out, key) for key in first_calibrations(runs))
-    return assemble_result(
-        plan,
-        runs,
-        calibrations=[calibration for calibration in first if calibration is not None],
-        wall_s=time.perf_counter() - started,
-        command=command,
-    )
+    data = "" if callable(source) else fingerprint_of(source)
+    for seed in seeds:
+        recordings = source(seed) if callable(source) else source
+        data = fingerprint_of(recordings) if callable(source) else data
+        tasks = plan.tasks(seed, data, work.device)
+        todo = [task for task in tasks if not _is_finished(task, plan, work.out, keep_models)]
+        runs += [load_run(task.folder(work.out)) for task in tasks if work.out is not None and task not in todo]
+        if len(todo) < per_seed:
+            done = per_seed - len(todo)
+            work.progress(f"{done} of seed {seed} done before", len(runs), per_seed * len(seeds))
+        calls = _calls(plan, recordings, seed, todo, work, keep_models)
+        calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
+        runs += work.each("training", _finished_training, calls)
+    result = study_of(plan, runs, out=work.out)
+    return replace(result, wall_s=time.perf_counter() - started, command=work.command or result.command)
 
 
-def model_file(out: Path, task: Task) -> Path:
-    """Where the trained network of a task lies."""
-    return Path(out) / task.study / task.key / "model.safetensors"
+def _is_finished(task: Task, plan: Plan, out: Path | None, keep_models: bool) -> bool:
+    needs_model = keep_models and plan.models[task.factors["classifier"]].is_network
+    return out is not None and task.is_finished(out) and (not needs_model or model_file(task.folder(out)).is_file())
 
 
-def _is_finished(out: Path, task: Task, needs_model: bool) -> bool:
-    file = model_file(out, task)
-    return (file.parent / "result.json").is_file() and (file.is_file() or not needs_model)
+def model_file(folder: Path) -> Path:
+    """Where the trained network of a task lies in its folder."""
+    return folder / "model.safetensors"
 
 
-def _look_up(
-    plan: Plan, source: Source, seed: int, out: Path | None, facts: RunFacts, models: bool
-) -> tuple[_SeedTasks, list[Run]]:
-    """(tasks of a seed without a result, finished runs)."""
-    recordings, data = source.recordings_for(seed)
-    tasks, finished = [], []
-    for task in plan.tasks(seed, data, facts.device):
-        needs_model = models and plan.models[task.factors["classifier"]].is_network
-        if out is not None and _is_finished(out, task, needs_model):
-            finished.append(load_run(Path(out) / task.study / task.key))
-        else:
-            tasks.append(task)
-    return _SeedTasks(seed, recordings, tuple(tasks), replace(facts, origin=origin_of(recordings))), finished
-
-
-def _run_seeds(
-    batch: Sequence[_SeedTasks],
-    plan: Plan,
-    workers: Workers,
-    out: Path | None,
-    calibrations: dict[str, Calibration],
-    report: Report,
-    checkpoints: bool,
-    models: bool,
-) -> Iterator[Run]:
-    """Run every task of some seeds: first their calibrations, then what fills their cells, then the trainings."""
-    pairs = [(group, task) for group in batch for task in group.tasks]
-    groups = {(group.seed, plan.variant_of(task)): group for group, task in pairs}
-    with_twins = {(group.seed, plan.variant_of(task)) for group, task in pairs if plan.needs_twins(task)}
-    calibration_tasks_of = {
-        case: calibration_tasks(group.recordings, plan.scenario_of(case[1]), plan.data_seed(group.seed))
-        if case in with_twins
-        else []
-        for case, group in groups.items()
-    }
-    read = {
-        case: read_for(group.recordings, plan.scenario_of(case[1]), plan.data_seed(group.seed))
-        for case, group in groups.items()
-    }
-    every_task = [task for tasks in calibration_tasks_of.values() for task in tasks]
-    _calibrate(every_task, workers, out, calibrations, report)
-    datasets = {
-        case: prepare(
-            group.recordings,
-            plan.scenario_of(case[1]),
-            plan.data_seed(group.seed),
-            [(task, calibrations[task.key]) for task in calibration_tasks_of[case]],
-            read=read[case],
+def _calls(
+    plan: Plan, recordings: Sequence[Recording], seed: int, todo: Sequence[Task], work: Work, keep_models: bool
+) -> list[_Call]:
+    """What `_finished_training` is called with for each task: first the calibrations, then what fills the cells."""
+    calls: list[_Call] = []
+    variants = dict.fromkeys(task.factors.get(plan.varied, "") for task in todo)
+    for variant in variants:
+        tasks = [task for task in todo if task.factors.get(plan.varied, "") == variant]
+        scenario, data_seed = plan.scenario_of(variant), plan.data_seed(seed)
+        searches = calibration_tasks(recordings, scenario, data_seed) if any(map(plan.needs_twins, tasks)) else []
+        read = read_for(recordings, scenario, data_seed)  # what cannot be read is refused before any search
+        calibrations = work.each("calibration", run_calibration, [(search, work.out) for search in searches])
+        dataset = prepare(
+            recordings,
+            scenario,
+            data_seed,
+            zip(searches, calibrations, strict=True),
+            read=read,
             noisy_tests=bool(plan.perturbations),
             noisy_training=any(training_set.noise for training_set in plan.training_sets.values()),
         )
-        for case, group in groups.items()
-    }
-    fills = _fill_cells(pairs, plan, datasets, workers, report)
-    sent = {case: replace(dataset, calibrations={}, train_recordings=()) for case, dataset in datasets.items()}
-    calls = []
-    for group, task in pairs:
-        case = (group.seed, plan.variant_of(task))
-        synthetic, values = fills[(*case, task.factors["training_set"])]
-        names = tuple(calibration_task.key for calibration_task in calibration_tasks_of[case])
-        path = None if out is None or not checkpoints else Path(out) / task.study / task.key / "training.safetensors"
-        model = None if out is None or not models else model_file(out, task)
-        facts = replace(group.facts, calibrations=names, values=values, checkpoint=path, model=model)
-        calls.append((task, plan, sent[case], synthetic, facts))
-    calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
-    for _, run in workers.each(run_task, calls):
-        yield run
+        names = list(dict.fromkeys(task.factors["training_set"] for task in tasks))
+        fills = work.each("filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names])
+        filled = dict(zip(names, fills, strict=True))
+        sent = replace(dataset, calibrations={}, train_recordings=())
+        facts = {"calibrations": [search.key for search in searches], "origin": origin_of(recordings)}
+        quiet = Work(work.seeds, out=work.out, command=work.command)
+        for task in tasks:
+            synthetic, values = filled[task.factors["training_set"]]
+            calls.append((task, plan, sent, synthetic, {**facts, "values": values}, quiet, keep_models))
+    return calls
 
 
-def _calibrate(
-    tasks: Sequence[CalibrationTask],
-    workers: Workers,
-    out: Path | None,
-    calibrations: dict[str, Calibration],
-    report: Report,
-) -> None:
-    """Put every calibration into `calibrations`: read from `out` where it lies there, else run and saved there."""
-    by_key = {task.key: task for task in tasks}
-    for key in by_key:
-        if key not in calibrations and (calibration := load_finished_calibration(out, key)) is not None:
-            calibrations[key] = calibration
-    missing = [key for key in by_key if key not in calibrations]
-    calls = [(by_key[key],) for key in missing]
-    for count, (index, calibration) in enumerate(workers.each(run_calibration, calls), 1):
-        calibrations[missing[index]] = calibration
-        if out is not None:
-            calibration.save(calibration_file(out, missing[index]))
-        report("calibration", count, len(missing))
-
-
-def _fill_cells(
-    pairs: Sequence[tuple[_SeedTasks, Task]],
+def _finished_training(
+    task: Task,
     plan: Plan,
-    datasets: Mapping[_Case, StudyDataset],
-    workers: Workers,
-    report: Report,
-) -> dict[tuple[int, str, str], tuple[WindowSet, dict[str, float]]]:
-    """Synthetic windows and their figures, by seed, variant and training set."""
-    keys = list(
-        dict.fromkeys((group.seed, plan.variant_of(task), task.factors["training_set"]) for group, task in pairs)
-    )
-    calls = [(datasets[seed, variant], plan.training_sets[name]) for seed, variant, name in keys]
-    fills = {}
-    for index, fill in workers.each(fill_cells, calls):
-        fills[keys[index]] = fill
-        report("filling cells", len(fills), len(calls))
-    return fills
+    dataset: StudyDataset,
+    synthetic: WindowSet,
+    facts: Mapping[str, Any],
+    work: Work,
+    keep_model: bool,
+) -> Run:
+    """The run of a task, saved as soon as it is done."""
+    if keep_model and work.out is not None and not model_file(task.folder(work.out)).is_file():
+        (task.folder(work.out) / "result.json").unlink(missing_ok=True)
+
+    def compute() -> dict[str, Any]:
+        values = facts["values"]
+        result = train_and_test(task, plan, dataset, synthetic, values, work.out, keep_model=keep_model)
+        return {**{name: facts[name] for name in ("calibrations", "origin")}, "command": work.command, **result}
+
+    return task.run(work.out, compute)
 
 
-def first_calibrations(runs: Sequence[Run]) -> list[str]:
-    """Names of the calibrations under the first seed."""
-    first = min((run.task.seed for run in runs), default=0)
-    return list(dict.fromkeys(name for run in runs if run.task.seed == first for name in run.calibrations))
-
-
-def assemble_result(
-    plan: Plan,
-    runs: Sequence[Run],
-    *,
-    calibrations: Sequence[Calibration] = (),
-    wall_s: float | None = None,
-    command: str = "",
+def study_of(
+    plan: Plan, runs: Sequence[Run], *, out: Path | None = None, calibrations: Sequence[Calibration] | None = None
 ) -> StudyResult:
     """Table of a study, from finished runs, however many they are.
 
     Parameters
     ----------
-    calibrations : those of the first seed, as far as there are files of them.
-    wall_s : how long the study took [s]; by default its runs together.
-    command : command line that repeats it; by default those of its runs (`StudyResult.commands`).
+    out : folder of the calibrations.
+    calibrations : those of the first seed; by default as far as they lie in `out`.
     """
-    ordered = sorted(runs, key=lambda run: (plan.position(run.task), run.task.seed))
-    trials = trials_of(ordered)
-    further = {name for run in ordered for name in run.values}
-    classifiers = list(dict.fromkeys(run.task.factors["classifier"] for run in ordered))
-    main = next((name for name in plan.models if name in classifiers and name not in plan.rivals), classifiers[0])
-    classes = ordered[0].outcomes[0].scores.classes
+    ordered = sorted(runs, key=lambda run: (plan.position(run["factors"]), run["seed"]))
+    first = min(run["seed"] for run in ordered)
+    if calibrations is None:
+        keys = dict.fromkeys(key for run in ordered if run["seed"] == first for key in run["calibrations"])
+        calibrations = [each for key in keys if (each := finished_calibration(out, key)) is not None]
+    further = {name for run in ordered for name in (*run["values"], "wall_s")}
+    commands = dict.fromkeys(run["command"] for run in ordered if run["command"])
     result = StudyResult(
         study=plan.study,
         title=plan.title,
         metrics={
             **METRICS,
-            **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in classes},
+            **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in ordered[0]["classes"]},
             **{name: heading for name, heading in FURTHER.items() if name in further},
-            "wall_s": "time of one run [s]",
         },
-        trials=trials,
+        trials=trials_of(ordered),
         answer=(),
         settings=_settings(ordered),
-        origin=ordered[0].origin,
-        wall_s=sum(run.wall_s for run in ordered) if wall_s is None else wall_s,
-        version=ordered[-1].version,
-        command=command,
-        notes=tuple(_notes(plan, classifiers)),
-        device=", ".join(sorted({run.device for run in ordered})),
-        size=ordered[0].task.size,
+        origin=ordered[0]["origin"],
+        wall_s=sum(run["wall_s"] for run in ordered),
+        command=" && ".join(commands),
+        notes=plan.notes,
+        device=", ".join(sorted({run["device"] for run in ordered})),
+        size=ordered[0]["size"],
         runs=tuple(ordered),
-        main_classifier=main,
-        rival_names=tuple(name for name in classifiers if name != main) if plan.rivals else (),
-        contrasts=contrasts_of(trials, ordered, plan.compared, plan.bare),
+        compared=plan.compared,
+        bare=plan.bare,
         calibrations=tuple(calibrations),
     )
-    return replace(result, answer=answer_of(result))
-
-
-def _notes(plan: Plan, classifiers: Collection[str]) -> Iterator[str]:
-    """What must be read with the numbers of the classifiers that were trained."""
-    yield from plan.notes
-    yield from (note for name, note in plan.model_notes.items() if name in classifiers)
+    return replace(result, answer=result.sentences())
 
 
 def _settings(runs: Sequence[Run]) -> dict[str, Any]:
     """Settings of all runs together: the scenario, what differs from it by what a study varies, and by name the
     training sets and the classifiers."""
-    first = runs[0].task.settings
-    scenarios = {", ".join(varied_of(run)): run.task.settings["scenario"] for run in runs}
+    first = runs[0]["settings"]
+    scenarios = {
+        ", ".join(value for name, value in run["factors"].items() if name not in ("classifier", "training_set")): run[
+            "settings"
+        ]["scenario"]
+        for run in runs
+    }
     names = {name for scenario in scenarios.values() for name in scenario}
     differing = {name for name in names if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1}
     variants = {
@@ -324,6 +206,102 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
         **{name: value for name, value in first["scenario"].items() if name not in differing},
         **({"variants": variants} if differing else {}),
         "tests": first["tests"],
-        "training_sets": {run.task.factors["training_set"]: run.task.settings["training_set"] for run in runs},
-        "models": {run.task.factors["classifier"]: run.task.settings["model"] for run in runs},
+        "training_sets": {run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs},
+        "models": {run["factors"]["classifier"]: run["settings"]["model"] for run in runs},
     }
+
+
+def fleets(folder: Path, size: str, version: str, work: Work) -> Callable[[int], Sequence[Recording]]:
+    """What gives the fleet of the virtual rig of a seed, built once and kept as ``rig-SIZE-SEED`` in `folder`, or
+    ``rigVERSION-SIZE-SEED`` where the version is not 1."""
+
+    def fleet(seed: int) -> Sequence[Recording]:
+        name = "rig" if version == RIG_VERSION else f"rig{version}"
+        place = Path(folder) / f"{name}-{size}-{seed}"
+        if not (place / "recordings.toml").is_file():
+            show = lambda count, total: work.progress("recording on the rig", count, total)  # noqa: E731
+            build_rig(place, seed=seed, size=size, version=version, jobs=work.jobs, progress=show)
+        recordings = list(load_recordings(place))
+        require_rig(place, recordings, SIZES[size], version)
+        return recordings
+
+    return fleet
+
+
+def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize, version: str = RIG_VERSION) -> None:
+    """Refuse a folder that holds other recordings than a whole rig of that size and version.
+
+    Raises
+    ------
+    DataError
+        It does.
+    """
+    origin = recordings[0].attributes.get("origin", "")
+    is_whole = len(recordings) == size.specimens * size.repeats * 15
+    if not (origin.endswith(f"version {version}") and is_whole):
+        raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")
+
+
+def collect_studies(folder: Path, plans: Mapping[str, Callable[[str], Plan]]) -> list[StudyResult]:
+    """Every study whose runs lie below a folder, in the order of `plans`, each size by itself.
+
+    Of each row and seed the latest run counts, and only runs of the latest settings and recordings; a note says how
+    many others were left out, those of another version of swashtwin among them.
+
+    Parameters
+    ----------
+    plans : plan of each study by its name, for a size's name.
+
+    Raises
+    ------
+    DataError
+        There is no such folder, or no finished run in it.
+    ArtifactError
+        A run is damaged.
+    """
+    if not Path(folder).is_dir():
+        raise DataError(f"{folder} does not exist, or is no folder; give the --out of a study of swashtwin bench.")
+    paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
+    runs: list[Run] = []
+    for path in paths:
+        try:
+            runs.append(load_run(path.parent))
+        except OtherFormatError:
+            continue
+    runs = [run for run in runs if run["study"] in plans and "rows" in run]
+    if not runs:
+        raise DataError(f"{folder} holds no finished run of a study of classifiers; give the --out of such a study.")
+    order = list(plans)
+    kinds = sorted({(run["study"], run["size"]) for run in runs}, key=lambda kind: (order.index(kind[0]), kind))
+    studies = []
+    for name, size in kinds:
+        of_kind = [run for run in runs if (run["study"], run["size"]) == (name, size)]
+        latest = _latest(of_kind)
+        plan = plans[name](size)
+        if left_out := len(of_kind) - len(latest):
+            note = f"{left_out} runs of other settings or recordings lie in the folder and are left out."
+            plan = replace(plan, notes=(*plan.notes, note))
+        studies.append(study_of(plan, latest, out=folder))
+    return studies
+
+
+def _latest(runs: Sequence[Run]) -> list[Run]:
+    """Runs of the latest recordings and settings, one for each row and seed; `runs` are in the order of time."""
+    last = runs[-1]
+    candidates = [run for run in runs if run["origin"] == last["origin"]]
+    if len({(run["data"], run["seed"]) for run in candidates}) > len({run["data"] for run in candidates}):
+        # not a fleet for each seed: other recordings under other seeds are another study
+        candidates = [run for run in candidates if run["data"] == last["data"]]
+
+    def varied(run: Run) -> str:
+        return repr([value for name, value in run["factors"].items() if name not in ("classifier", "training_set")])
+
+    agreements: tuple[tuple[Callable[[Run], Any], Callable[[Run], Any]], ...] = (
+        (varied, lambda run: (run["settings"]["scenario"], run["settings"]["tests"])),
+        (lambda run: repr(run["factors"]), lambda run: run["settings"]),
+        (lambda run: run["seed"], lambda run: run["data"]),
+    )
+    for where, what in agreements:
+        latest = {where(run): what(run) for run in candidates}
+        candidates = [run for run in candidates if what(run) == latest[where(run)]]
+    return list({(repr(run["factors"]), run["seed"]): run for run in candidates}.values())

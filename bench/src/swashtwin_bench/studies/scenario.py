@@ -135,7 +135,7 @@ class Scenario:
         except (DataError, InputError) as cause:
             raise DataError(
                 f"windows along the shaft's angle cannot be cut: {cause} Or leave the recording out, or cut windows "
-                "along time (--values time)."
+                "along time (--set values=time)."
             ) from cause
 
     def is_near(self, recording: Recording) -> bool:

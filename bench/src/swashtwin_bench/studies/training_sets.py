@@ -37,10 +37,6 @@ CALIBRATED_TWINS = TWINS[1:]
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
 """Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
 
-FURTHER = {"discriminator": "AUROC measured/synthetic"}
-"""Headings of the figures of synthetic windows."""
-
-
 TRAINING_SNRS = (0.0, 25.0)
 """Range of the ratios of noise in training [dB], a little wider than the tests'."""
 

@@ -1,0 +1,409 @@
+"""The paper's studies and ours of scarcity as plans, by name, recipe and size.
+
+A classifier must tell five classes apart at 15 MPa, but of the swash plate fault only one recording was taken there
+(Case I), or none (Case II). Three training sets: what was measured; the same with the scarce cell filled from the
+nominal twin; the same with it filled from calibrated twins. The test sets are always measured, never simulated, and
+share no recording with training or calibration:
+
+- L2: other recordings of the pumps that were trained on;
+- L4: pumps that were never seen.
+
+Our reading, where the paper is silent: the test is at the pressure of the scarce cell, all classes alike; the windows
+of the scarce cell come from one recording of one pump; the twins are calibrated, one for each training pump, on that
+pump's training recordings of the same fault at the pressure nearest to the scarce one.
+
+Recipe ``ours`` trains our network and the recommended settings; ``paper`` the paper's own network, recipe and counts,
+in size ``paper`` at the full rate with all epochs, and both cases a second time on windows dealt at random, for the
+paper does not say how it split.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+from swashtwin.calibration import GaussNewton, Nuisances
+from swashtwin.foundation import InputError
+from swashtwin.learning import PAPER_TRAINING, RANGE, TrainingSettings
+from swashtwin_bench.fillers.registry import FILLERS
+from swashtwin_bench.results.reported import PAPER_STUDY
+from swashtwin_bench.rigs.fleet import PAPER_RECESS
+from swashtwin_bench.rigs.writing import DEEP_VERSION
+from swashtwin_bench.rivals.models import ABLATED, DEFAULT, MODELS, NOISY, Model, models_of
+from swashtwin_bench.studies.perturbations import Perturbation, noises
+from swashtwin_bench.studies.plan import Plan
+from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
+from swashtwin_bench.studies.training_sets import (
+    PAPER_TRAINING_SETS,
+    TRAINING_SNRS,
+    TWIN_TRAINING_SETS,
+    TrainingSet,
+)
+
+OURS, PAPER = "ours", "paper"
+
+SIZES: Mapping[str, tuple[str, ...]] = {OURS: ("quick", "paper"), PAPER: ("quick", "medium", "paper")}
+"""Sizes by recipe, the least first: minutes of a laptop; the paper's counts with 30 epochs and its network on patches,
+which take hours; the paper's counts and epochs, with its own network weeks of a CPU."""
+
+_FULL = Scenario(windows=18, scarce_windows=50, synthetic=150)
+_COUNTS = replace(_FULL, windows=19, class_windows=650)
+
+SCENARIOS: dict[tuple[str, str], Scenario] = {
+    (OURS, "quick"): Scenario(),
+    (OURS, "paper"): _FULL,
+    (PAPER, "quick"): Scenario(windows=2, scarce_windows=8, synthetic=24),
+    (PAPER, "medium"): _COUNTS,
+    (PAPER, "paper"): _COUNTS,
+}
+"""Case I by recipe and size. In full: 648 or 650 windows a class, 50 in the scarce cell, 150 synthetic ones."""
+
+_EMPTY_CELL = {"scarce_windows": 0, "synthetic": 200, "test_windows": 50}
+
+CASE_TWO: dict[tuple[str, str], Mapping[str, Any]] = {
+    (OURS, "quick"): {**_EMPTY_CELL, "synthetic": 96},
+    (OURS, "paper"): _EMPTY_CELL,
+    (PAPER, "quick"): {"scarce_windows": 0, "synthetic": 32},
+    (PAPER, "medium"): _EMPTY_CELL,
+    (PAPER, "paper"): _EMPTY_CELL,
+}
+"""What Case II has in place of Case I's counts: as many synthetic windows as Case I has of both kinds."""
+
+TRAINING: dict[str, TrainingSettings] = {
+    "quick": replace(PAPER_TRAINING, epochs=6, batch_size=10),
+    "medium": replace(PAPER_TRAINING, epochs=30),
+    "paper": PAPER_TRAINING,
+}
+"""The paper's recipe; ``quick`` in small batches, so that few windows still make a hundred steps."""
+
+MAIN = "paper_bitcn"
+"""The paper's network: at the full rate, or in size medium on patches of `PATCH` samples."""
+
+PATCH = 16
+"""Samples of a step of the paper's network and its ablations in size medium: a sixteenth of the arithmetic."""
+
+NETWORKS: dict[str, tuple[str, Mapping[str, Any]]] = {
+    MAIN: ("bitcn", {}),
+    "paper_ordinary": ("bitcn_ordinary", {}),
+    "paper_no_attention": ("bitcn_no_attention", {}),
+    "paper_forward": ("bitcn_forward", {}),
+    **{name: (name, {}) for name in ("tcn", "lstm", "bilstm", "bigru", "autoencoder", "sensor_graph")},
+}
+"""Kind and settings of each network that the paper trains or cites; all defaults are our reading."""
+
+CLASSIFIERS: Mapping[str, tuple[str, ...]] = {
+    "algorithms": (MAIN, "tcn", "lstm", "bilstm", "bigru"),
+    "ablation": (MAIN, "paper_ordinary", "paper_no_attention", "paper_forward"),
+    "noise": (MAIN, "tcn", "lstm", "bilstm"),
+    "related": (MAIN, "autoencoder", "sensor_graph"),
+}
+"""Networks of the paper's studies that compare them."""
+
+SNRS = (20.0, 15.0, 10.0, 5.0)
+"""Signal-to-noise ratios of the paper's tests [dB]."""
+
+PERTURBATIONS = (
+    *noises("white", *SNRS, 0.0),
+    *noises("pink", 20.0, 10.0, 5.0, 0.0),
+    *noises("hum", 20.0, 10.0, 5.0, 0.0),
+    Perturbation("gain", 12.0),
+    Perturbation("speed", 0.02),
+)
+"""What our tests of noise are changed by."""
+
+
+def case_one(size: str, recipe: str) -> Plan:
+    """Case I, few samples."""
+    names = (DEFAULT, "extra_trees") if size == "quick" else (DEFAULT, "bitcn", "extra_trees")
+    plan = Plan(
+        study="case1" if recipe == OURS else f"{PAPER_STUDY}case1",
+        title="Case I, few samples: measured, nominal and calibrated training sets",
+        scenario=SCENARIOS[recipe, size],
+        models=models_of(size, names) if recipe == OURS else _networks(size, (MAIN,)),
+        size=size,
+        compared={"training_set": "calibrated"},
+    )
+    return plan if recipe == OURS else _with_random_windows(plan)
+
+
+def _with_random_windows(plan: Plan) -> Plan:
+    """A case a second time, on windows that are dealt at random."""
+    return replace(
+        plan,
+        varied="windows",
+        variants={"by recording": {}, "at random": {"levels": (RANDOM_WINDOWS, plan.scenario.levels[1])}},
+        notes=(
+            *plan.notes,
+            "Windows at random (L0): those of training and nearer test are dealt anew in each class at the tested "
+            "pressure, with the same counts, so other windows of the tested recordings are trained on: a diagnosis of "
+            "the leak, never a headline. Twins are calibrated as in the split by recording.",
+        ),
+    )
+
+
+def case_two(size: str, recipe: str) -> Plan:
+    """Case II, a condition that was never measured with the fault."""
+    scenario = replace(SCENARIOS[recipe, size], **CASE_TWO[recipe, size])
+    title = "Case II, missing condition: no measured window in the cell that twins fill"
+    note = "The filled cell itself is level L5: no measured window of this class was trained on at this pressure."
+    plan = _like_case_one(size, recipe, "case2", title, scenario=scenario, notes=(note,))
+    return plan if recipe == OURS else _with_random_windows(plan)
+
+
+def recess(size: str, recipe: str) -> Plan:
+    """Case I with the paper's recess of 0.6 mm, which the twins simulate too.
+
+    Trees on features, which keep the level, stand beside the network, whose windows are scaled one by one.
+    """
+    plan = _like_case_one(size, recipe, "recess", "Case I with the paper's recess of 0.6 mm")
+    return replace(
+        plan,
+        rig=DEEP_VERSION,
+        scenario=replace(plan.scenario, faults={**plan.scenario.faults, "swash_plate": (PAPER_RECESS,)}),
+        models={**plan.models, "extra_trees": Model("extra_trees")},
+    )
+
+
+def algorithms(size: str, recipe: str) -> Plan:
+    """The networks that the paper compares, trained repeatedly on the same data; by our recipe every classifier there
+    is, on fleets."""
+    names = [name for name in MODELS["quick"] if name not in (*ABLATED, NOISY) and not name.startswith("bitcn_")]
+    plan = _calibrated(size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names)
+    return plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
+
+
+def ablation(size: str, recipe: str) -> Plan:
+    """The network without one of its parts on Case I's calibrated training set."""
+    title = "Ablation: BiTCN without one of its parts"
+    return _calibrated(size, recipe, "ablation", title, (DEFAULT, *ABLATED))
+
+
+def related(size: str, recipe: str) -> Plan:
+    """Networks that the paper names as related work, on Case I's calibrated training set."""
+    names = (DEFAULT, "autoencoder", "sensor_graph", "cnn_lstm")
+    return _calibrated(size, recipe, "related", "Networks that the paper names as related work", names)
+
+
+def noise(size: str, recipe: str) -> Plan:
+    """Noise in the tests of classifiers trained clean; by our recipe gains and speeds too, and training with noise."""
+    names = (DEFAULT, NOISY, "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
+    plan = _calibrated(size, recipe, "noise", "Noise, gains and speeds in tests, trained clean and with noise", names)
+    added = (
+        "Added SNR: noise whose power is the variance of the whole recording (mean removed) over 10^(SNR/10), for each "
+        "channel, added at the recording's own rate before windows are cut; the mean of draws seeded by recording, "
+        "ratio and repeat. Without a name it is white and Gaussian."
+    )
+    if recipe == PAPER:
+        draws = 1 if size == "quick" else 5
+        return replace(plan, perturbations=noises("white", *SNRS), draws=draws, notes=(added,))
+    return replace(
+        plan,
+        training_sets={**plan.training_sets, "calibrated_noise": TrainingSet("calibrated", noise=True)},
+        perturbations=PERTURBATIONS,
+        notes=(
+            f"{added} Pink is Gaussian with a density of 1/f; hum is the first 20 harmonics of 50 Hz with amplitudes "
+            "of 1/h and phases drawn for each channel.",
+            "Gain: each channel of a recording up to 12 dB louder or quieter, uniform in dB. Speed: time of a "
+            "recording stretched by up to 2 %, uniform, which its stated speed does not say.",
+            "Trained with noise: every training recording and every synthetic window stands in the training set a "
+            f"second time with noise, at a ratio drawn between {TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB. New "
+            f"noise in every epoch: half the windows of each, at ratios between 0 and {RANGE:g} dB, in twice the usual "
+            "epochs.",
+        ),
+    )
+
+
+def shaft_angle(size: str) -> Plan:
+    """Case I from windows along the shaft's angle, beside those along time."""
+    names = (DEFAULT, "extra_trees") if size == "quick" else (DEFAULT, "ridge", "svm", "extra_trees", "wdcnn")
+    return _like_case_one(
+        size, OURS, "shaft-angle", "Windows along the shaft's angle instead of along time",
+        models=models_of(size, names),
+        varied="domain",
+        variants={"time": {}, "angle": {"along_angle": True}},
+        compared={"domain": "angle", "training_set": "calibrated"},
+        notes=(
+            "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are samples at "
+            "the stated speed; the angle comes from the clearest of its lowest six piston-pass lines. Twins are "
+            "calibrated on recordings as they are. The scarce cell may hold a window or two less along the angle.",
+        ),
+    )  # fmt: skip
+
+
+def augmentation(size: str) -> Plan:
+    """Whatever can fill the scarce cell of Case I, with the same number of windows each."""
+    budgets = (0, 72, 200) if size == "quick" else (0, 50, 150, 200, 500)
+    return _like_case_one(
+        size, OURS, "augmentation", "Augmentation: what fills the scarce cell, by the number of synthetic windows",
+        training_sets={
+            "measured": TrainingSet(),
+            "class_weights": TrainingSet(class_weights=True),
+            **{name: TrainingSet(name) for name in FILLERS},
+            **TWIN_TRAINING_SETS,
+        },
+        varied="synthetic",
+        variants={str(budget): {"synthetic": budget} for budget in budgets},
+        bare="0",
+        notes=(
+            "AUROC measured/synthetic: how well trees on vibration features tell the measured windows of the filled "
+            "cell from the synthetic ones; 0.5 is not at all. Where it is near 1 and only this cell is filled, a "
+            "classifier can learn 'synthetic' for the class: then the recall in the scarce cell, which is of measured "
+            "windows, falls behind. The row every class fills all classes at this pressure alike.",
+            "Class weights change the training of networks only.",
+        ),
+    )  # fmt: skip
+
+
+def calibrators(size: str) -> Plan:
+    """The paper's way to calibrate the twins of Case I, against Gauss-Newton with the housing's constants free, on
+    recordings of the fault and on healthy ones."""
+    free: dict[str, Any] = {"method": GaussNewton(starts=1), "nuisances": Nuisances.housing()}
+    ways: dict[str, Mapping[str, Any]] = {
+        "none": {}, "ipinn": {}, "gauss_newton": free, "healthy": {**free, "calibrated_on": "normal"},
+    }  # fmt: skip
+    return _like_case_one(
+        size, OURS, "calibrators", "Calibrators: how the way in which twins are calibrated changes the scores",
+        training_sets={
+            "measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in ("calibrated", "every_class")}
+        },
+        varied="calibrator",
+        variants=ways,
+        bare="none",
+        compared={"calibrator": "gauss_newton", "training_set": "calibrated"},
+        notes=(
+            "ipinn: the paper's network. gauss_newton: Gauss-Newton from one start, with the constants of housing and "
+            "mounting free beside the six values. Both on each pump's recordings of the fault at the pressure nearest "
+            "to the scarce one, as in Case I. healthy: gauss_newton on the pump's healthy recordings of every "
+            "pressure, the fault put in as machined.",
+        ),
+    )  # fmt: skip
+
+
+def few_shot(size: str) -> Plan:
+    """From no measured window of the scarce cell to many, with and without twins."""
+    return _like_case_one(
+        size, OURS, "few-shot", "Few shots: how many measured windows of the cell make a twin needless",
+        varied="real_windows",
+        variants={str(count): {"scarce_windows": count} for count in (0, 5, 10, 20, 50, 100, 200)},
+        notes=(
+            "Windows come from as few recordings as hold them; on the rig up to 50 are of one recording of one pump.",
+            "A pump that lends windows is calibrated on the whole recordings that they are of, and where none is lent "
+            "on the same fault at another pressure: the twins see more of the cell than the measured windows show.",
+        ),
+    )  # fmt: skip
+
+
+def unseen_pressure(size: str) -> Plan:
+    """No fault was ever measured at the test's pressure; healthy pumps were."""
+    scenario = replace(
+        SCENARIOS[OURS, size],
+        scarce=("swash_plate", "cylinder_block", "piston", "valve_plate"),
+        scarce_windows=0,
+        levels=("L3", "L4"),
+        method=GaussNewton(starts=1),
+        nuisances=Nuisances.housing(),
+        calibrated_on="normal",
+    )
+    return _like_case_one(
+        size, OURS, "unseen-pressure", "Unseen pressure: every fault known at other pressures only",
+        scenario=scenario,
+        training_sets={
+            **PAPER_TRAINING_SETS,
+            "posterior": TrainingSet("posterior"),
+            "every_class": TWIN_TRAINING_SETS["every_class"],
+        },
+        notes=(
+            "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "
+            "constants, and simulate the faults as machined: on the rig, as it typically draws them.",
+            "Measured normals of the pressure are trained on. Where only faults are synthetic, a classifier can take "
+            "'synthetic' for 'faulty'; in the row every class, normals are synthetic too.",
+        ),
+    )  # fmt: skip
+
+
+def unseen_specimen(size: str) -> Plan:
+    """How many pumps one has to know to tell the faults of another."""
+    return _like_case_one(
+        size, OURS, "unseen-specimen", "Unseen specimen: how many pumps one has to know to tell another's faults",
+        varied="pumps",
+        variants={str(count): {"specimens": count} for count in (1, 2, 3, 4)},
+        training_sets={name: PAPER_TRAINING_SETS[name] for name in ("measured", "calibrated")},
+        notes=("The same pumps are held out whatever the number; L2 is of the pumps that are trained on.",),
+    )  # fmt: skip
+
+
+def _like_case_one(size: str, recipe: str, study: str, title: str, **changes: Any) -> Plan:
+    """Case I by recording, with what differs."""
+    name = study if recipe == OURS else f"{PAPER_STUDY}{study}"
+    plan = replace(case_one(size, recipe), study=name, title=title, notes=(), varied="", variants={"": {}})
+    return replace(plan, **changes)
+
+
+def _calibrated(size: str, recipe: str, study: str, title: str, ours: Iterable[str]) -> Plan:
+    """Case I's calibrated training set, learned by several classifiers: `ours`, or those of the paper."""
+    models = models_of(size, ours) if recipe == OURS else _networks(size, CLASSIFIERS[study])
+    sets = {"calibrated": PAPER_TRAINING_SETS["calibrated"]}
+    compared = {"classifier": next(iter(models))}
+    return _like_case_one(size, recipe, study, title, models=models, training_sets=sets, compared=compared)
+
+
+def _networks(size: str, names: Iterable[str]) -> dict[str, Model]:
+    """Networks by the paper's recipe."""
+    models = {}
+    for name in names:
+        kind, settings = NETWORKS[name]
+        if size == "medium" and kind.startswith("bitcn"):
+            settings = {**settings, "stride": PATCH}
+        models[name] = Model(kind, settings, TRAINING[size])
+    return models
+
+
+OF_BOTH_RECIPES: Mapping[str, Callable[[str, str], Plan]] = MappingProxyType(
+    {
+        "case1": case_one,
+        "case2": case_two,
+        "recess": recess,
+        "algorithms": algorithms,
+        "ablation": ablation,
+        "noise": noise,
+        "related": related,
+    }
+)
+"""The paper's studies, which can be run by its recipe or by ours."""
+
+
+def _by(plan: Callable[[str, str], Plan], recipe: str) -> Callable[[str], Plan]:
+    return lambda size: plan(size, recipe)
+
+
+PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
+    {
+        **{name: _by(plan, OURS) for name, plan in OF_BOTH_RECIPES.items()},
+        "shaft-angle": shaft_angle,
+        "augmentation": augmentation,
+        "calibrators": calibrators,
+        "few-shot": few_shot,
+        "unseen-pressure": unseen_pressure,
+        "unseen-specimen": unseen_specimen,
+        **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in OF_BOTH_RECIPES.items()},
+    }
+)
+"""Plan of each study, by its name and the name of a size."""
+
+
+def plan_of(study: str, size: str = "quick", recipe: str = OURS) -> Plan:
+    """Plan of a study by its name, a size and a recipe.
+
+    Raises
+    ------
+    InputError
+        There is none of that name, size or recipe.
+    """
+    name = study if recipe == OURS else f"{PAPER_STUDY}{study}"
+    sizes = SIZES[PAPER if name.startswith(PAPER_STUDY) else OURS]
+    if name not in PLANS:
+        names = PLANS if recipe == OURS else OF_BOTH_RECIPES
+        raise InputError(f"no study {study!r} by the recipe {recipe!r}; studies are {', '.join(names)}.")
+    if size not in sizes:
+        raise InputError(f"{study} has no size {size!r}; its sizes are {', '.join(sizes)}.")
+    return PLANS[name](size)

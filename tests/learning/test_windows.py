@@ -265,7 +265,10 @@ def test_a_leak_is_named():
     with pytest.raises(LeakError, match="recording a stands in training and in test"):
         check_disjoint(first + second, first)
     copied = cut_windows([replace(recording("a"), recording_id="a copy")], length=100)
-    with pytest.raises(LeakError, match="recording a copy, which holds the same samples as a, stands in training and"):
+    with pytest.raises(
+        LeakError,
+        match="recording a copy, which holds the samples of a, as they are or altered",
+    ):
         check_disjoint(first + second, copied)
     part = cut_windows([Recording(recording("a").signal[:, 200:], 1000.0, "a part", label="normal")], length=100)
     with pytest.raises(LeakError, match="a part holds a window of training recording a"):

@@ -1,20 +1,23 @@
 """Manifests: which recordings had a part in something, by name and by content.
 
-A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`), or to none where
-its content is not known. Content decides; only where one side has none, the name does.
+A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`) and to their
+`fingerprints`, or to none where its content is not known. Content decides; only where one side has none, the name does.
 """
 
 from collections.abc import Iterable, Mapping
 
+from swashtwin.recordings.likeness import MARK, fingerprints, near_copies
 from swashtwin.recordings.recording import Recording
 
 Manifest = Mapping[str, tuple[str, ...]]
-"""Hashes of the content of each recording, by its id."""
+"""Hashes and fingerprints of the content of each recording, by its id."""
 
 
 def manifest_of(recordings: Iterable[Recording]) -> dict[str, tuple[str, ...]]:
     """Manifest of recordings; their samples are read once."""
-    return join_manifests({recording.recording_id: recording.content_hashes()} for recording in recordings)
+    return join_manifests(
+        {recording.recording_id: (*recording.content_hashes(), *fingerprints(recording))} for recording in recordings
+    )
 
 
 def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str, tuple[str, ...]]:
@@ -36,8 +39,9 @@ def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str,
 def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Those of `recordings` that are in `manifest`: id there, by id here.
 
-    A recording is in it if it shares the content of a channel with one of the manifest, whatever both are called; where
-    the content of either is not known, if the names are the same.
+    A recording is in it if it shares the content of a channel with one of the manifest, whatever both are called, or is
+    a copy of one that was cut, filtered, scaled, resampled or reversed (`near_copies`); where the content of either is
+    not known, if the names are the same.
 
     Examples
     --------
@@ -53,7 +57,12 @@ def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) 
             seen[name] = same
         elif name in listed and not (hashes and listed[name]):
             seen[name] = name
-    return seen
+    others = {name: hashes for name, hashes in recordings.items() if name not in seen}
+    return {**seen, **near_copies(_fingerprints(listed), _fingerprints(others))}
+
+
+def _fingerprints(manifest: Manifest) -> dict[str, list[str]]:
+    return {name: [text for text in entries if text.startswith(MARK)] for name, entries in manifest.items()}
 
 
 def repeated_recordings(manifest: Manifest) -> dict[str, str]:
@@ -72,6 +81,6 @@ def repeated_recordings(manifest: Manifest) -> dict[str, str]:
 def say_seen(seen: Mapping[str, str]) -> str:
     """The first of `seen_recordings`, and how many more, to begin a sentence with."""
     name, listed = next(iter(seen.items()))
-    same = "" if name == listed else f", which holds the same samples as {listed},"
+    same = "" if name == listed else f", which holds the samples of {listed}, as they are or altered,"
     more = f" and {len(seen) - 1} more" if len(seen) > 1 else ""
     return f"recording {name}{same}{more}"

@@ -1,0 +1,93 @@
+"""A copy of a training recording that was altered is known as one; another recording of the machine is not."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.signal import butter, resample_poly, sosfilt
+
+from swashtwin.diagnosis import FaultClassifier
+from swashtwin.foundation import LeakError
+from swashtwin.recordings import Recording, manifest_of, seen_recordings
+
+RATE = 8000.0
+ORDERS = 14.3 * np.arange(1, 100)
+
+
+def recording(number: int, label: str = "normal") -> Recording:
+    """One machine: the same orders at a speed that wanders a little, in other noise."""
+    draw = np.random.default_rng(number)
+    turns = np.cumsum(1 + 0.001 * draw.normal(size=20000).cumsum() / 100) / RATE
+    phase = np.random.default_rng(0).uniform(0, 6, ORDERS.size)
+    size = 1 / np.arange(1, 100) ** (0.3 if label == "piston" else 0.6)
+    lines = (size[:, None] * np.sin(2 * np.pi * ORDERS[:, None] * turns + phase[:, None])).sum(axis=0)
+    signal = np.stack([lines, 0.5 * lines]) + 0.3 * draw.normal(size=(2, turns.size))
+    return Recording(signal, RATE, f"{label} {number}", channels=("x", "y"), label=label)
+
+
+def spiked(x: np.ndarray) -> np.ndarray:
+    x = x.copy()
+    x[:, 500] += 1
+    return x
+
+
+def filtered(kind: str, edge: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda x: sosfilt(butter(4, edge, kind, fs=RATE, output="sos"), x)
+
+
+NOISE = np.random.default_rng(99).normal(size=(2, 20000))
+SIZE = 2.0  # about the root mean square
+KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "the same": lambda x: x,
+    "one sample changed": spiked,
+    "one sample appended": lambda x: np.pad(x, ((0, 0), (0, 1))),
+    "one sample in front": lambda x: np.pad(x, ((0, 0), (1, 0))),
+    "last samples left out": lambda x: x[:, :-7],
+    "offset": lambda x: x + 5 * SIZE,
+    "drift": lambda x: x + np.linspace(0, 5 * SIZE, x.shape[1]),
+    "tiny noise": lambda x: x + 0.01 * SIZE * NOISE,
+    "louder": lambda x: 3.7 * x,
+    "turned over": lambda x: -x,
+    "reversed": lambda x: x[:, ::-1],
+    "first half": lambda x: x[:, :10000],
+    "last half": lambda x: x[:, 10000:],
+    "from the middle": lambda x: x[:, 3333:14444],
+    "middle, reversed, louder, offset": lambda x: 2 - 3 * x[:, 14444:3333:-1],
+    "low-pass": filtered("lowpass", 1000),
+    "high-pass": filtered("highpass", 1000),
+    "band-pass": filtered("bandpass", [300, 2500]),
+    "half the rate": lambda x: resample_poly(x, 1, 2, axis=1),
+    "two thirds of the rate": lambda x: resample_poly(x, 2, 3, axis=1),
+    "one and a half times the rate": lambda x: resample_poly(x, 3, 2, axis=1),
+    "ten bits": lambda x: np.round(x / np.abs(x).max() * 512),
+    "exchanged channels": lambda x: 1.01 * x[::-1],
+    "one channel": lambda x: 1.01 * x[1:],
+}
+RATES = {"half the rate": 1 / 2, "two thirds of the rate": 2 / 3, "one and a half times the rate": 3 / 2}
+
+
+@pytest.fixture(scope="module")
+def manifest() -> dict[str, tuple[str, ...]]:
+    return manifest_of([recording(number) for number in range(6)])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_altered_copy_is_known_by_the_recording_it_is_of(manifest: dict[str, tuple[str, ...]], kind: str) -> None:
+    signal = KINDS[kind](recording(3).signal)
+    copy = Recording(signal, RATE * RATES.get(kind, 1.0), "new", channels=tuple("xy")[: len(signal)])
+    assert seen_recordings(manifest, manifest_of([copy])) == {"new": "normal 3"}
+
+
+def test_other_recordings_of_the_machine_are_no_copies(manifest: dict[str, tuple[str, ...]]) -> None:
+    assert not seen_recordings(manifest, manifest_of(recording(number) for number in range(100, 130)))
+
+
+def test_an_evaluation_refuses_an_altered_copy_and_names_the_pair() -> None:
+    train = [recording(number, label) for label in ("normal", "piston") for number in range(2)]
+    classifier = FaultClassifier("levels", window=1000, epochs=1).fit(train)
+    copy = recording(1, "piston")
+    copy = copy.replace(recording_id="new", signal=1 + 2 * copy.signal[:, 2000:])
+    assert classifier.evaluate([recording(7), recording(8, "piston")]).n_recordings == 2
+    with pytest.raises(LeakError, match="recording new, which holds the samples of piston 1, as they are or altered"):
+        classifier.evaluate([copy])
+    assert "this very recording, under the name piston 1" in classifier.diagnose(copy).notes[0]

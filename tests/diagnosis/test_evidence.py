@@ -1,6 +1,7 @@
 """Evidence adds up to the answer, finds a line that was planted, and changes with the weights."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,3 +206,19 @@ def test_every_class_has_checks_and_the_unknown_has_those_of_any_fault() -> None
         assert all(check.what and check.why for check in next_checks(label))
     assert next_checks("valve_plate")[1] not in next_checks("valve_plate", unknown=True)
     assert next_checks("a class of the user's")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda x: x + 5, "Channel base_x has an offset of"),
+        (lambda x: x[[0, 0]], "Channel cover_z follows another one (correlation 1.000"),
+        (lambda x: 8 * x, "The gain of channel base_x looks 18 dB higher"),
+    ],
+)
+def test_a_named_network_without_confidence_notes_what_its_training_never_saw(
+    classifier: FittedClassifier, change: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    new = recording("new", "normal")
+    assert diagnose(classifier, new).notes == ()
+    assert any(words in note for note in diagnose(classifier, new.replace(signal=change(new.signal))).notes)

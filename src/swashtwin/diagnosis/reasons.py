@@ -130,6 +130,19 @@ def _of_channel(
         yield f"The noise floor of channel {name} is {_moved(floor, f'dB re 1 ({unit})²/Hz')}."
     if level is not None:
         yield f"The level of channel {name} is {_moved(level, f'dB re 1 {unit}')}."
+    offset, likeness = changes.get("offset"), changes.get("likeness")
+    if offset is not None and offset.excess > 0:
+        times, most = (10 ** (value / 20) for value in (offset.value, offset.high))
+        yield (
+            f"Channel {name} has an offset of {times:.2g} times its fluctuation; in the training it was {most:.2g} at "
+            "most. Check the sensor's coupling and the amplifier."
+        )
+    if likeness is not None and likeness.excess > 0:
+        now, most = (math.sqrt(1 - 10 ** (-value / 10)) for value in (likeness.value, likeness.high))
+        yield (
+            f"Channel {name} follows another one (correlation {now:.3f}; {most:.3f} at most in the training): is one "
+            "signal recorded twice?"
+        )
     if lines is not None:
         low, high, share = (100 * 10 ** (value / 10) for value in (lines.low, lines.high, lines.value))
         yield (

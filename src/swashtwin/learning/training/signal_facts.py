@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 
 from swashtwin.learning.features import band_levels, line_powers
 from swashtwin.learning.windows.window_set import WindowSet
 
-FACTS = ("level", "noise_floor", "line_share")
-"""Mean square, level of the quietest tenth of the spectrum, and share of the power in the strongest fiftieth; in dB."""
+FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
+"""Variance, level of the quietest tenth of the spectrum, and share of the power in the strongest fiftieth; the square
+of the mean over the variance, and the share that another channel explains, as -log(1 - r^2); in dB."""
 N_BANDS = 16
 """Logarithmic bands by which swapped channels are told, in dB; they follow the `FACTS`."""
 N_FACTS = len(FACTS) + N_BANDS
@@ -24,8 +25,12 @@ _LEAST_SPREAD, _LEAST_BAND_SPREAD = 1.0, 3.0
 _LEAST_EXCESS = 0.5
 """Difference below which a fact is not told: it would be rounded to 0 dB."""
 _LEAST_POWER = 1e-30
+_LEAST_OFFSET, _MOST_LIKE = 1e-2, 1e-4
+"""Offset, and share that no other channel explains, below which they count as such."""
 _LEAST_RECORDINGS = 5
 """Training recordings from which a range can be told."""
+_FAR = 10.0
+"""Distance [dB] from fewer than these that is told."""
 
 
 @dataclass(frozen=True)
@@ -56,20 +61,31 @@ def signal_facts(windows: WindowSet) -> Float64[np.ndarray, "window channel fact
 
     The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean removed.
     """
-    return np.stack([_facts_of(windows.signal[:, c], windows.sample_rate) for c in range(windows.n_channels)], axis=1)
+    samples = windows.signal.astype(np.float64)
+    unit = samples - samples.mean(axis=2, keepdims=True)
+    unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), _LEAST_POWER)
+    square = (unit @ unit.swapaxes(1, 2)) ** 2 * (1 - np.eye(windows.n_channels))
+    alone = np.maximum(1 - square.max(axis=2), _MOST_LIKE)
+    return np.stack(
+        [_facts_of(samples[:, c], alone[:, c], windows.sample_rate) for c in range(windows.n_channels)], axis=1
+    )
 
 
-def _facts_of(signal: Float[np.ndarray, "window time"], sample_rate: float) -> Float64[np.ndarray, "window fact"]:
-    samples = signal.astype(np.float64)
+def _facts_of(
+    samples: Float64[np.ndarray, "window time"], alone: Float64[np.ndarray, " window"], sample_rate: float
+) -> Float64[np.ndarray, "window fact"]:
     power = line_powers(samples)
     n_lines = power.shape[1]
     quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
-    density = np.partition(power, (quietest, first_strong), axis=1) * (signal.shape[1] / sample_rate)
+    density = np.partition(power, (quietest, first_strong), axis=1) * (samples.shape[1] / sample_rate)
     strongest = density[:, first_strong:].sum(axis=1)
+    variance = np.maximum(samples.var(axis=1), _LEAST_POWER)
     powers = (
-        samples.var(axis=1),
+        variance,
         density[:, quietest],
         strongest / np.maximum(density.sum(axis=1), _LEAST_POWER),
+        np.maximum(samples.mean(axis=1) ** 2 / variance, _LEAST_OFFSET),
+        1 / alone,
     )
     facts = 10 * np.log10(np.maximum(np.stack(powers, axis=1), _LEAST_POWER))
     return np.concatenate([facts, 10 * band_levels(power, N_BANDS)], axis=1)
@@ -87,6 +103,7 @@ def outside_facts(
     `ERROR_RATE` of the training recordings, each against the others; against those of other machines, where there
     are several. So at most about this share of recordings that are like the training's get any such remark; with
     fewer than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that of being unknown.
+    Fewer than five give no such rate: what is 10 dB outside their range is told.
 
     Parameters
     ----------
@@ -94,18 +111,18 @@ def outside_facts(
     machines : machine of each; "" where not stated.
     facts : mean facts of the recording in question.
     """
-    if len(training) < _LEAST_RECORDINGS:
-        return ()
     values, recorded = training[:, :, : len(FACTS)], facts[:, : len(FACTS)]
     spread = np.maximum(values.std(axis=0), _LEAST_SPREAD)
-    deviation = np.sort(_left_out_deviations(values, machines, spread))
-    limit = deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))]
+    limit, least = 0.0, _FAR
+    if len(training) >= _LEAST_RECORDINGS:
+        deviation = np.sort(_left_out_deviations(values, machines, spread))
+        limit, least = deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))], _LEAST_EXCESS
     low, high = values.min(axis=0), values.max(axis=0)
     excess = np.maximum(recorded - high, low - recorded)
     beyond = excess / spread
     outside = [
         OutsideFact(int(c), FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond)))
-        for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= _LEAST_EXCESS))
+        for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= least))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))
 
@@ -137,7 +154,7 @@ def swapped_channels(
     neither of them was as far from its own in any training recording.
     """
     profiles, profile = training[:, :, len(FACTS) :], facts[:, len(FACTS) :]
-    if len(training) < _LEAST_RECORDINGS or len(profile) < 2:
+    if len(training) < 2 or len(profile) < 2:
         return None
     mean, spread = profiles.mean(axis=0), np.maximum(profiles.std(axis=0), _LEAST_BAND_SPREAD)
 

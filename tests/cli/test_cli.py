@@ -253,8 +253,8 @@ def test_index_proposes_what_split_and_inspect_read(tmp_path: Path) -> None:
             (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
     answer = run_json("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g")
     assert (answer["recordings"], answer["classes"]) == (4, ["normal", "piston"])
-    assert "--overwrite" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
-    assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--overwrite").stdout
+    assert "--force" in one_line(run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", code=3))
+    assert "4 recordings" in run("index", tmp_path, "--sample-rate", "2 kHz", "--unit", "g", "--force").stdout
     run("data", "split", tmp_path, "--test-fraction", 0.5)
     assert len(load_recordings(tmp_path / "test.toml")) == 2
     facts = ("--sample-rate", "2 kHz", "--unit", "g")
@@ -276,7 +276,7 @@ def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) ->
 
 def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
     out = tmp_path / "worn.h5"
-    words = ("twin", "simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT)
+    words = ("twin", "simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT, "--force")
     nominal = run_json(*words)
     calibrated = run_json(*words, "--calibration", chain["calibrate"]["calibration"])
     assert nominal["label"] == calibrated["label"] == "swash_plate"

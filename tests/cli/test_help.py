@@ -88,7 +88,7 @@ def test_the_first_screen_has_at_most_twelve_commands_in_the_order_of_a_user_s_w
     assert list(GROUPS) == ["data", "signal", "twin", "history", "model"]
 
 
-@pytest.mark.parametrize(("command", "most"), [("train", 18), ("calibrate", 24)])
+@pytest.mark.parametrize(("command", "most"), [("train", 19), ("calibrate", 16)])
 def test_a_command_has_few_options_since_set_takes_the_rest(command: str, most: int) -> None:
     parameters = get_command(app).commands[command].params  # type: ignore[attr-defined]
     options = [parameter for parameter in parameters if parameter.param_type_name == "option"]

@@ -45,28 +45,6 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
     assert [verdict["n_windows"] for verdict in verdicts] == [8] * 4
 
 
-def test_convert_replaces_a_store_only_where_told(folder: Path) -> None:
-    file = folder / "normal_1.csv"
-    assert "1 recording, 0.2 s" in run("data", "convert", file, "--out", folder / "a.h5", *FACTS).stdout
-    before = (folder / "a.h5").read_bytes()
-    assert "--overwrite" in one_line(run("data", "convert", file, "--out", folder / "a.h5", *FACTS, code=3))
-    assert "does not say its sample rate" in one_line(
-        run("data", "convert", file, "--out", folder / "a.h5", "--overwrite", code=3)
-    )
-    assert (folder / "a.h5").read_bytes() == before
-
-
-def test_convert_never_writes_over_what_it_reads(folder: Path) -> None:
-    store, table = folder / "a.h5", folder / "normal_1.csv"
-    run("index", folder, *FACTS)
-    run("data", "convert", table, "--out", store, *FACTS)
-    before = store.read_bytes(), table.read_bytes()
-    for source, out in ((store, store), (folder, table), (table, table)):
-        refusal = one_line(run("data", "convert", source, "--out", out, "--overwrite", code=3))
-        assert f"{out} is read from {source} and would be lost; name another --out." in refusal
-    assert (store.read_bytes(), table.read_bytes()) == before
-
-
 @pytest.mark.parametrize("command", ["inspect", "signal features", "data convert"])
 def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
     out = ("--out", folder / "s.h5") if command == "data convert" else ()
@@ -136,7 +114,7 @@ def test_check_answers_whether_recordings_are_sound_and_enough(folder: Path) -> 
     }
     assert "not enough: calibrated confidence: --error-rate 0.1 needs 9" in run("check", folder).stdout
     (folder / "piston_2.csv").unlink()
-    run("index", folder, *FACTS, "--overwrite")
+    run("index", folder, *FACTS, "--force")
     said = run("check", folder, code=5).stdout
     assert "The data are sound, but not enough: no test on recordings" in said
     assert "piston: one recording only, two are needed" in said

@@ -14,7 +14,7 @@ from swashtwin.recordings.index import path_from, save_index
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 COMMANDS = (
-    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --overwrite",
+    "index data --label-pattern '(?P<label>[a-z]+)_' --speed '1500 rpm' --pressure '10 MPa' --force",
     "inspect data",
     "data convert data --out store.h5",
     "data split data --out split --test-fraction 0.25",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import (
     FaultText,
     Json,
@@ -29,7 +29,7 @@ from swashtwin.cli.options import (
     read_settings,
     reads_files,
 )
-from swashtwin.cli.pages import Report, write_page
+from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
 from swashtwin.cli.sources import is_collection, load_sources
 from swashtwin.foundation import parse, plural
 
@@ -84,6 +84,7 @@ def calibrate(
     ] = Path("calibration.json"),
     report: Report = None,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Find a twin's six interface values from recordings, and how uncertain they are.
@@ -95,7 +96,10 @@ def calibrate(
     from swashtwin import presets
     from swashtwin.pump import load_pump
 
-    require_target(out, ".json")
+    values_file, read = out.with_name(f"{out.stem}-interfaces.toml"), [source, Path(pump)]
+    require_output(out, suffixes=[".json"], inputs=read, own=['"format": "swashtwin calibration'], force=force)
+    require_output(values_file, inputs=read, own=["calibrated with"], force=force)
+    require_page(report, inputs=read, force=force)
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
     kinds = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}
     kind = type(recipe.pop("method", calibration.GaussNewton())) if method is None else kinds[method]
@@ -121,7 +125,7 @@ def calibrate(
         limits = calibration.identifiability(result, recordings)
         page = write_page(report, result, limits, recordings=recordings, about={"Calibration": out})
     result.save(out)
-    values = result.save_interfaces(out.with_name(f"{out.stem}-interfaces.toml"))
+    values = result.save_interfaces(values_file)
     shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
     facts = result.to_dict()
     answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}

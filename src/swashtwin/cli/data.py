@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import progress, say, tell
-from swashtwin.cli.exits import refuse_existing, require_target
 from swashtwin.cli.options import (
     GroupName,
     Index,
     Json,
-    Overwrite,
     Reading,
     Resample,
     Seed,
@@ -20,10 +18,8 @@ from swashtwin.cli.options import (
     present,
     reads_files,
 )
-from swashtwin.cli.sources import (
-    load_sources,
-    refuse_source,
-)
+from swashtwin.cli.outputs import Force, require_output
+from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -47,15 +43,13 @@ def convert(
     out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is complete.")],
     reading: Reading,
     resample: Resample = None,
-    overwrite: Overwrite = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write recordings of any format to one chunked HDF5 store; they may be larger than memory."""
     from swashtwin.recordings import write_store
 
-    require_target(out)
-    refuse_source(out, paths)
-    refuse_existing(out, overwrite)
+    require_output(out, inputs=paths, force=force)
     recordings = load_sources(paths, **reading, **present(resample=resample))
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
@@ -84,7 +78,7 @@ def split(
         typer.Option(help="Folds with equal shares of classes, of equal size, one for each group, or drawn at random."),
     ] = None,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Split an index by recording into train.toml and test.toml, for a twin and a classifier alike.
@@ -99,13 +93,12 @@ def split(
         reason = "the number of folds sets it; only --dealing shuffled draws a share."
         raise typer.BadParameter(reason, param_hint="--test-fraction")
     folder = out or (source if source.is_dir() else source.parent)
-    for name in ("train", "test"):
-        refuse_existing(folder / ("fold-1" if folds or dealing else "") / f"{name}.toml", overwrite)
+    first = folder / ("fold-1" if folds or dealing else "")
+    require_output(first / "train.toml", first / "test.toml", inputs=[source], force=force)
     recordings = load_recordings(source)
     sides = _sides(recordings, 0.2 if test_fraction is None else test_fraction, group, folds, dealing, seed)
-    for fold, side in sides.items():
-        for name in side:
-            refuse_existing(folder / fold / f"{name}.toml", overwrite)
+    targets = [folder / fold / f"{name}.toml" for fold, side in sides.items() for name in side]
+    require_output(*targets, inputs=[source], force=force)
     parts: list[dict[str, Any]] = []
     for fold, side in sides.items():
         paths = {name: folder / fold / f"{name}.toml" for name in side}

@@ -13,10 +13,9 @@ from swashtwin.cli.options import (
     ModelFile,
     Reading,
     Sources,
-    as_folder,
     reads_files,
 )
-from swashtwin.cli.pages import Report, write_page
+from swashtwin.cli.outputs import Force, Report, require_page, write_page
 from swashtwin.cli.sources import load_distinct
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
@@ -39,6 +38,7 @@ def diagnose(
     ] = None,
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
     report: Report = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Name the class of each recording, or whether it deviates, and what to know before trusting it.
@@ -47,6 +47,7 @@ def diagnose(
     """
     from swashtwin.diagnosis import FaultClassifier, explain, load_model
 
+    require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
     recordings = load_distinct(paths, **reading)
     rate = {} if error_rate is None else {"error_rate": error_rate}
@@ -101,7 +102,8 @@ def _row(verdict: "Diagnosis") -> tuple[object, ...]:
 
 def report(
     sources: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Calibrations and models.")],
-    out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.", callback=as_folder)],
+    out: Annotated[Path, typer.Option(help="Folder for report.html with its data, or one .html file.")],
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write one page of saved calibrations and models.
@@ -110,11 +112,11 @@ def report(
     """
     from swashtwin.calibration import load_calibration
     from swashtwin.diagnosis import load_model
-    from swashtwin.report import write_report
 
     require_files(sources)
+    require_page(out, inputs=sources, force=force)
     items: list[Any] = [
         load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources
     ]
-    page = write_report(*items, folder=out, about={"File": ", ".join(path.name for path in sources)})
+    page = write_page(out, *items, about={"File": ", ".join(path.name for path in sources)})
     tell({"report": page, "sources": sources}, as_json, lambda: say(f"Report: {page}"))

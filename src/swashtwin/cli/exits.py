@@ -1,7 +1,6 @@
 """How a command ends: its exit code, and one line for the person who waits."""
 
 import errno
-import os
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.foundation import InputError, SwashTwinError, escape_controls
+from swashtwin.foundation import SwashTwinError, escape_controls
 
 BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
 """Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording has no verdict. 5:
@@ -80,19 +79,6 @@ def _line(cause: object) -> str:
     return " ".join(str(cause).split())
 
 
-def require_target(path: Path, *suffixes: str) -> None:
-    """Refuse a file that cannot be written, before the work whose result it is to hold."""
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; name a file, such as {path / ('result' + (suffixes or ('',))[0])}.")
-    if suffixes and path.suffix.lower() not in suffixes:
-        raise InputError(f"{path} must end in {' or '.join(suffixes)}.")
-    existing = next(parent for parent in path.absolute().parents if parent.exists())
-    if not existing.is_dir():
-        raise InputError(f"{existing} is a file; name a file in a folder.")
-    if not os.access(existing, os.W_OK):
-        raise InputError(f"{existing} cannot be written to; name a file elsewhere.")
-
-
 def require_files(paths: Sequence[Path | None]) -> None:
     """Refuse a file that is not there, before anything slow begins."""
     from swashtwin.foundation import MissingFileError
@@ -100,12 +86,6 @@ def require_files(paths: Sequence[Path | None]) -> None:
     for path in paths:
         if path is not None and not path.exists():
             raise MissingFileError(f"{path} does not exist.")
-
-
-def refuse_existing(path: Path, overwrite: bool) -> None:
-    """Refuse a target that exists, unless it may be replaced."""
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists and may have been edited; replace it with --overwrite, or name another --out.")
 
 
 @contextmanager

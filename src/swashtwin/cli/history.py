@@ -7,21 +7,21 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell
 from swashtwin.cli.options import Json
-from swashtwin.foundation import InputError
+from swashtwin.cli.outputs import Force, as_folder, require_output
 
 
 def export(
     database: Annotated[
         str, typer.Argument(metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the tables.")],
+    out: Annotated[Path, typer.Option(help="Folder for the tables.", callback=as_folder)],
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write the history to tables: recordings, indicators by machine, alarms, events and the rest."""
     from swashtwin.monitoring import History, load_watch_config
 
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file; name a folder with --out.")
+    require_output(*out.glob("*.csv"), *out.glob("indicators/*.csv"), inputs=[Path(database)], force=force)
     if "://" in database:
         url, folder = database, out
     else:

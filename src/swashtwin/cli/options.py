@@ -2,7 +2,6 @@
 
 import inspect
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import StrEnum
@@ -17,17 +16,6 @@ if TYPE_CHECKING:
     from swashtwin.pump import Fault, OperatingCondition
 
 T = TypeVar("T")
-
-
-def as_folder(path: Path | None) -> Path | None:
-    """The same path, refused before any work where no folder can be there or nothing can be written into it."""
-    if path is not None:
-        existing = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
-        if not existing.is_dir():
-            raise typer.BadParameter(f"{existing} is a file; name a folder.")
-        if not os.access(existing, os.W_OK):
-            raise typer.BadParameter(f"{existing} cannot be written to; name a folder elsewhere.")
-    return path
 
 
 def _kind_of_file(path: Path) -> str:
@@ -101,8 +89,6 @@ Sources = Annotated[
     list[Path],
     typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.", callback=as_sources),
 ]
-ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 GroupName = Annotated[
     str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
 ]

@@ -6,12 +6,15 @@ from typing import Annotated
 import typer
 
 from swashtwin.cli.console import note, progress, say, tell
-from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Json, PumpName, Seed
+from swashtwin.cli.outputs import Force, artifact_marks, require_output
 from swashtwin.foundation import plural
 
 _FEW = 200
 """Virtual pumps for which no further processes are worth their start."""
+
+_PRIOR = artifact_marks("prior classifier")
 
 
 def prior(
@@ -21,6 +24,7 @@ def prior(
     speed: Annotated[str | None, typer.Option(help='Speeds of the pumps, such as "800 rpm to 1200 rpm".')] = None,
     pressure: Annotated[str | None, typer.Option(help='Their discharge pressures, such as "4 MPa to 17 MPa".')] = None,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
@@ -28,7 +32,7 @@ def prior(
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, simulate_changes
 
-    require_target(out, ".safetensors")
+    require_output(out, suffixes=[".safetensors"], inputs=[Path(pump)], own=_PRIOR, force=force)
     drawing = PumpPrior(
         pump=load_pump(pump),
         speed=_range(speed, "rad/s", "--speed") or PumpPrior.speed,
@@ -75,13 +79,14 @@ def adapt(
     design: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("pump.safetensors"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index teach it further."""
     from swashtwin.diagnosis import PriorClassifier
     from swashtwin.recordings import load_recordings
 
-    require_target(out, ".safetensors")
+    require_output(out, suffixes=[".safetensors"], inputs=[Path(design), source], own=_PRIOR, force=force)
     shipped, recordings = PriorClassifier.load(design), load_recordings(source)
     unlabeled = sum(recording.label is None for recording in recordings)
     with progress("measuring levels"):

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, tell
-from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH, refuse_existing
+from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH
 from swashtwin.cli.options import (
     Index,
     Json,
-    Overwrite,
     Reading,
     Resample,
     Sources,
@@ -21,6 +20,7 @@ from swashtwin.cli.options import (
     read_pairs,
     reads_files,
 )
+from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_distinct, single_file_options
 from swashtwin.cli.summaries import All, show_check, show_inspection
 from swashtwin.foundation import plural
@@ -47,7 +47,7 @@ def index(
     pressure_unit: Annotated[
         str | None, typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".')
     ] = None,
-    overwrite: Overwrite = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Propose an index of a folder's files, for you to check and correct.
@@ -57,7 +57,7 @@ def index(
     from swashtwin.recordings import propose_index, save_index
 
     path = out or folder / "recordings.toml"
-    refuse_existing(path, overwrite)
+    require_output(path, suffixes=[".toml"], inputs=[csv_table], force=force)
     ask = None if as_json or not sys.stdin.isatty() else _ask
     with progress("reading files") if ask is None else nullcontext(), single_file_options():
         proposal = propose_index(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
-from swashtwin.cli.exits import require_target, resumable
+from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import (
     Json,
     Reading,
@@ -17,8 +17,9 @@ from swashtwin.cli.options import (
     band_from,
     reads_files,
 )
+from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
-from swashtwin.cli.sources import load_distinct, load_sources, refuse_source
+from swashtwin.cli.sources import load_distinct, load_sources
 from swashtwin.cli.summaries import MOST_ROWS, number_or_none, show_medians, show_trend
 from swashtwin.foundation import plural
 
@@ -33,6 +34,8 @@ Bands = Annotated[
     list[str] | None, typer.Option("--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.')
 ]
 
+_TABLE = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
+"""Start of a table of indicators."""
 _NO_ZONE = "No ISO zone is printed: no part of ISO 20816 or 10816 is made for axial piston pumps."
 _SHOWN = ("rms", "velocity_rms", "crest_factor", "kurtosis")
 """Indicators that the screen has room for, beside the amplitudes of orders."""
@@ -62,6 +65,7 @@ def features(
     band: Bands = None,
     tachometer: Tachometer = None,
     track: Track = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
@@ -69,9 +73,7 @@ def features(
     No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own baseline by swashtwin
     signal trend.
     """
-    if out is not None:
-        require_target(out, ".csv")
-        refuse_source(out, source)
+    require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
     shaft = Shaft(tachometer, track)
     recordings = load_distinct(source, **reading)
     if out is None:
@@ -130,6 +132,7 @@ def spectrum(
     ] = None,
     tachometer: Tachometer = None,
     track: Track = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and SVG."""
@@ -138,7 +141,7 @@ def spectrum(
     from swashtwin.signals import spectrum_of
 
     target = out or Path(f"{file.stem}_{kind.value}.svg")
-    csv_file = _csv_beside(target, [file])
+    csv_file = _csv_beside(target, [file], force)
     if band is not None and kind is not SpectrumKind.envelope:
         raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
     shaft = Shaft(tachometer, track)
@@ -202,6 +205,7 @@ def trend(
         typer.Option(help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """An indicator over recordings, against the machine's own healthy baseline at the same speed and pressure.
@@ -212,7 +216,7 @@ def trend(
     from swashtwin.report import trend_drawing
     from swashtwin.signals import trend_of
 
-    csv_file = None if out is None else _csv_beside(out, source)
+    csv_file = None if out is None else _csv_beside(out, source, force)
     indicators = _indicators_of(load_distinct(source, **reading), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
@@ -293,12 +297,11 @@ def _indicators_of(
     return stacked(tables)
 
 
-def _csv_beside(figure: Path, sources: list[Path]) -> Path:
-    """The CSV file beside a figure; neither may be one of the files read."""
-    require_target(figure, ".svg")
+def _csv_beside(figure: Path, sources: list[Path], force: bool) -> Path:
+    """The CSV file beside a figure; both are refused where they may not be written."""
     csv_file = figure.with_name(f"{figure.stem}-data.csv")
-    for target in (figure, csv_file):
-        refuse_source(target, sources)
+    require_output(figure, suffixes=[".svg"], inputs=sources, own=[FIGURE], force=force)
+    require_output(csv_file, inputs=sources, force=force or figure.exists())
     return csv_file
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.exits import require_files, resumable
 from swashtwin.cli.options import (
     Json,
     OptionalFault,
@@ -18,6 +18,7 @@ from swashtwin.cli.options import (
     Speed,
     fault_from,
 )
+from swashtwin.cli.outputs import Force, require_output
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def simulate(
     sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
     count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write what the accelerometers of a twin measure, as synthetic recordings.
@@ -59,7 +61,7 @@ def simulate(
     from swashtwin.recordings import WRITABLE
 
     if count == 1:
-        require_target(out, *WRITABLE)
+        require_output(out, suffixes=WRITABLE, inputs=[calibration, Path(pump)], force=force)
     elif out.suffix in WRITABLE:
         raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
     require_files([calibration])

@@ -77,16 +77,6 @@ def _with_folders(
     return pairs
 
 
-def refuse_source(target: Path, paths: list[Path]) -> None:
-    """Refuse to write a file that is also read."""
-    from swashtwin.foundation import InputError
-    from swashtwin.recordings import source_files
-
-    for path in paths:
-        if any(target.resolve() == file.resolve() for file in source_files(path)):
-            raise InputError(f"{target} is read from {path} and would be lost; name another --out.")
-
-
 def is_collection(path: Path, facts: dict[str, Any]) -> bool:
     """Whether a source states the facts of its recordings itself; no option may then state them again."""
     from swashtwin.recordings import is_store

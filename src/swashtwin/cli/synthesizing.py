@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files, require_target
+from swashtwin.cli.exits import require_files
 from swashtwin.cli.options import CalibrationFile, Json, OptionalFault, Seed, UsualWindow, fault_from
+from swashtwin.cli.outputs import Force, artifact_marks, require_output
 
 if TYPE_CHECKING:
     from swashtwin.synthesis import Fidelity
@@ -25,6 +26,7 @@ def synthesize(
     ] = None,
     window: UsualWindow = None,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
@@ -39,8 +41,8 @@ def synthesize(
     from swashtwin.learning import save_windows
     from swashtwin.recordings import load_recordings
 
-    require_target(out)
     require_files([calibration, like])
+    require_output(out, inputs=[calibration, like], own=artifact_marks("window set"), force=force)
     result = load_calibration(calibration)
     with progress("synthesizing"):
         windows = synthesis.synthesize(

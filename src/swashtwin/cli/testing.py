@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_target
 from swashtwin.cli.options import Index, Json, ModelFile, Seed
-from swashtwin.cli.pages import Report, page_entry, write_page
+from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ def evaluate(
     ] = None,
     report: Report = None,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Score a model on the recordings of an index that had no part in it."""
@@ -35,6 +35,7 @@ def evaluate(
 
     if level is not None and level not in learning.LEVELS:
         raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
+    require_page(report, inputs=[model, source], force=force)
     trained, recordings = load_model(model), load_recordings(source)
     confidence: ConfidenceScores | None = None
     scores: Scores | AlarmScores
@@ -63,7 +64,7 @@ def evaluate(
 
     names = [recording.recording_id for recording in chosen]
     sure = {"confidence": confidence and confidence.to_dict()} if isinstance(trained, FaultClassifier) else {}
-    tell({"model": model, "recordings": names, **scores.to_dict(), **sure, **page_entry(page)}, as_json, show)
+    tell({"model": model, "recordings": names, **scores.to_dict(), **sure, "report": page}, as_json, show)
 
 
 def _note_level(trained: "FaultClassifier", tested: "list[Recording] | Recordings", stated: str) -> None:
@@ -122,12 +123,13 @@ def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> Non
 def export(
     model: ModelFile,
     out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("model.onnx"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write a model as an ONNX file, which runs without torch and without swashtwin."""
     from swashtwin.diagnosis import export_onnx, load_classifier
 
-    require_target(out, ".onnx")
+    require_output(out, suffixes=[".onnx"], inputs=[model], own=["swashtwin"], force=force)
     classifier = load_classifier(model)
     with progress("writing ONNX"):
         export_onnx(classifier, out)

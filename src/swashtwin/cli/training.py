@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files, require_target, resumable
+from swashtwin.cli.exits import require_files, resumable
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -19,6 +19,7 @@ from swashtwin.cli.options import (
     defaults_of,
     read_settings,
 )
+from swashtwin.cli.outputs import Force, artifact_marks, require_output
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import Choice
 
+_MODELS = artifact_marks("classifier", "anomaly detector")
 _TEST_FRACTION = 0.2
 """Share held out by default."""
 
@@ -86,6 +88,7 @@ def train(
     checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on.
@@ -102,7 +105,7 @@ def train(
 
     if resume and checkpoint is None:
         raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
-    require_target(out)
+    require_output(out, inputs=[source, *(add or ()), checkpoint], own=_MODELS, force=force)
     require_files(add or [])
     recipe = {} if is_chosen else _recipe(network, settings, preset, window)
     if budget is not None:

@@ -12,9 +12,9 @@ from swashtwin.cli.console import progress, say, table, tell
 from swashtwin.cli.options import (
     CalibrationFile,
     Json,
-    as_folder,
     read_words,
 )
+from swashtwin.cli.outputs import as_folder
 from swashtwin.foundation import parse
 
 if TYPE_CHECKING:

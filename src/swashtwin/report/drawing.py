@@ -88,8 +88,10 @@ def render_drawing(
     """
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
+    svg = text.getvalue().replace("<svg", "<!-- figure of swashtwin -->\n<svg", 1)
     # XML allows no control characters, which names of recordings may have
-    return Drawing(name, title, caption, escape_controls(text.getvalue(), keep="\n"), columns, description)
+    svg = escape_controls(svg, keep="\n")
+    return Drawing(name, title, caption, svg, columns, description)
 
 
 def tabulate(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:

@@ -18,7 +18,7 @@ from swashtwin.cli import (
     note_done_before,
     progress,
     require_files,
-    require_target,
+    require_output,
     resumable,
     say,
     table,
@@ -208,7 +208,7 @@ def augment(
 
     if not has_filler(filler):
         raise typer.BadParameter(f"{filler!r} is none of {', '.join(FILLERS)}.", param_hint="--filler")
-    require_target(out)
+    require_output(out, inputs=[source, held_out], force=True)
     require_files([held_out])
     pascals = math.nan if pressure is None else parse(pressure, "Pa", name="--pressure")
     train = cut_windows(load_recordings(source), length=window, classes=declared_classes(source))

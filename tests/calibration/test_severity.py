@@ -149,15 +149,6 @@ def test_a_change_is_known_better_than_either_severity(calibration: Calibration,
     assert high / low < interval[1] / interval[0]
 
 
-def test_healthy_recordings_narrow_the_interval(calibration: Calibration, record: Record) -> None:
-    recording = record(replace(LONG, depth=mm(0.06)), "narrow")
-    law = SeveritySettings(law=0.0)
-    taught = estimate_severity(calibration, [recording], LONG, free=(), settings=law).estimates[0].severity
-    bare = estimate_severity(calibration.nominal, [recording], LONG, free=(), settings=law)
-    assert bare.estimates[0].severity.log_std > 1.1 * taught.log_std
-    assert any("no healthy calibration" in text for text in bare.notes)
-
-
 def test_which_piston_is_worn_changes_no_amplitude_and_is_not_offered(true_twin: Twin) -> None:
     first, third = (true_twin.with_fault(PistonWear(um(60), piston=index)) for index in (0, 3))
     orders = first.orders[first.orders % 7 != 0][3:]
@@ -289,7 +280,7 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
     with pytest.raises(DataError, match="the recording has the channels cover_z, the calibration"):
         estimate_severity(calibration, [healthy[0].picked(["cover_z"])], LONG)
     with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
-        estimate_severity(calibration.nominal.with_fault(LONG), healthy, LONG)
+        estimate_severity(replace(calibration, twin=calibration.twin.with_fault(LONG)), healthy, LONG)
     with pytest.raises(InputError, match="depth is 0"):
         estimate_severity(calibration, healthy, replace(LONG, depth=0.0))
     with pytest.raises(InputError, match=r"drift \(-1\) must be zero or a positive"):

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from swashtwin.calibration.severity.dimensions import Dimension
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
-from swashtwin.foundation import InputError, deg
+from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import Fault, OperatingCondition
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
@@ -63,18 +63,6 @@ class DimensionEstimate:
         low, high = (f"{end / self.dimension.per_unit:.3g}" for end in self.interval)
         return f"{self.dimension.words(self.value)} ({low} ... {high})"
 
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it, in SI."""
-        return {
-            "name": self.dimension.name,
-            "value": self.value,
-            "interval": list(self.interval),
-            "log_std": self.log_std if math.isfinite(self.log_std) else None,
-            "verdict": self.verdict,
-            "unit": self.dimension.unit,
-            "per_unit": self.dimension.per_unit,
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class Severity:
@@ -115,27 +103,6 @@ class Severity:
         """The dimension that carries the severity."""
         return self.dimensions[0]
 
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it."""
-        names = (
-            "recording_id",
-            "evidence",
-            "threshold",
-            "detection_limit",
-            "traded_with",
-            "misfit",
-            "simulations",
-            "wall_s",
-        )
-        return {
-            **{name: getattr(self, name) for name in names},
-            "repeatability": self.repeatability if math.isfinite(self.repeatability) else None,
-            "condition": asdict(self.condition),
-            "fault": None if self.fault is None else {"kind": type(self.fault).__name__, **asdict(self.fault)},
-            "dimensions": [dimension.to_dict() for dimension in self.dimensions],
-            "notes": list(self.notes),
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class SeverityTrend:
@@ -173,13 +140,17 @@ class SeverityTrend:
         return ratio, (ratio / factor, ratio * factor)
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it."""
-        return {
-            "reference": {"kind": type(self.reference).__name__, **asdict(self.reference)},
-            "confidence": COVERAGE,
-            "estimates": [severity.to_dict() for severity in self.estimates],
-            "left_out": [list(pair) for pair in self.left_out],
-            "notes": list(self.notes),
-            "settings": dict(self.settings),
-            "version": self.version,
-        }
+        """All of it as JSON can hold it, in SI; a dimension with its unit and what one such unit is in SI."""
+        table: dict[str, Any] = to_table(self)
+        for row, severity in zip(table["estimates"], self.estimates, strict=True):
+            row["fault"] = _fault_table(severity.fault)
+            for entry, item in zip(row["dimensions"], severity.dimensions, strict=True):
+                dimension = entry.pop("dimension")
+                entry |= {name: dimension[name] for name in ("name", "unit", "per_unit")}
+                entry["log_std"] = item.log_std if math.isfinite(item.log_std) else None
+            row["repeatability"] = severity.repeatability if math.isfinite(severity.repeatability) else None
+        return {**table, "reference": _fault_table(self.reference), "confidence": COVERAGE}
+
+
+def _fault_table(fault: Fault | None) -> dict[str, Any] | None:
+    return None if fault is None else {"kind": type(fault).__name__, **asdict(fault)}

@@ -10,7 +10,6 @@ from swashtwin.calibration.severity.severity import (
     Severity,
     SeveritySettings,
 )
-from swashtwin.physics import Twin
 from swashtwin.pump import (
     PRESSURE_TOLERANCE,
     values_match,
@@ -21,29 +20,32 @@ WIDER = 1.5
 """Ratio of the calibration's band to that of severities from which a note is due."""
 
 
-def recording_notes(healthy_calibration: Calibration | Twin, recording: Recording, misfit: float) -> Iterable[str]:
+def recording_notes(calibration: Calibration, recording: Recording, misfit: float) -> Iterable[str]:
     assert recording.condition is not None
-    if isinstance(healthy_calibration, Calibration):
-        pressure = recording.condition.discharge_pressure
-        calibrated = [fit.condition.discharge_pressure for fit in healthy_calibration.fits]
-        if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
-            at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
-            yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
+    pressure = recording.condition.discharge_pressure
+    calibrated = [fit.condition.discharge_pressure for fit in calibration.fits]
+    if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
+        at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
+        yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
     if misfit > 2:
         yield f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another fault"
 
 
 def severity_notes(
-    healthy_calibration: Calibration | Twin,
+    calibration: Calibration,
     space: FaultSpace,
     estimates: Sequence[Severity],
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Iterable[str]:
-    if isinstance(healthy_calibration, Twin):
-        yield "no healthy calibration of this pump was given: its values were free, and the severity is less certain."
-    else:
-        yield from _calibration_notes(healthy_calibration, settings.band[1])
+    band, most = calibration.settings.get("band"), settings.band[1]
+    if band is not None and band[1] > WIDER * most:
+        yield (
+            f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
+            f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
+        )
+    if not calibration.settings.get("phases"):
+        yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."
     partners = {estimate.traded_with for estimate in estimates} - {None}
     if partners:
         yield (
@@ -61,14 +63,3 @@ def severity_notes(
         )
     if not healthy and space.reference.label != "swash_plate":
         yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."
-
-
-def _calibration_notes(calibration: Calibration, most: float) -> Iterable[str]:
-    band = calibration.settings.get("band")
-    if band is not None and band[1] > WIDER * most:
-        yield (
-            f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
-            f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
-        )
-    if not calibration.settings.get("phases"):
-        yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from swashtwin.calibration.objective.measurement import Lines, Measurement, measure, select_agreeing
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, Nuisances, Unknowns, search_space, unknowns_of
+from swashtwin.calibration.objective.unknowns import VALUES, Unknowns, search_space
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
@@ -44,7 +44,7 @@ FIXED_STD = 1e-4
 
 
 def estimate_severity(
-    healthy_calibration: Calibration | Twin,
+    calibration: Calibration,
     recordings: Iterable[Recording],
     fault: Fault,
     *,
@@ -67,8 +67,7 @@ def estimate_severity(
 
     Parameters
     ----------
-    healthy_calibration : calibration of this pump on its healthy recordings. With a twin instead nothing is known of
-        the pump: its values are free within a factor of ten, mounting, bearings and sensors with the usual priors.
+    calibration : of this pump on its healthy recordings.
     recordings : of this pump, labelled as the fault, as normal, or not at all; others are left out.
     fault : its kind, with typical dimensions: the search starts there, and those not free stay as they are.
     healthy : healthy recordings of this pump, for the part of its lines that the twin does not model, such as the
@@ -84,18 +83,22 @@ def estimate_severity(
     """
     settings = settings or SeveritySettings()
     space, candidates, healthy_recordings = fault_space(fault, free), list(recordings), list(healthy)
-    _require_healthy(healthy_calibration)
+    if calibration.twin.fault is not None:
+        raise InputError(
+            f"the known pump is calibrated with a fault ({calibration.twin.label}); calibrate on its healthy "
+            "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
+        )
     _require_one_machine([*candidates, *healthy_recordings])
     used, left_out = _chosen(candidates, fault)
     with one_thread():
         estimates = tuple(
-            _of_recording(healthy_calibration, recording, space, healthy_recordings, settings) for recording in used
+            _of_recording(calibration, recording, space, healthy_recordings, settings) for recording in used
         )
     return SeverityTrend(
         reference=fault,
         estimates=estimates,
         left_out=left_out,
-        notes=tuple(severity_notes(healthy_calibration, space, estimates, healthy_recordings, settings)),
+        notes=tuple(severity_notes(calibration, space, estimates, healthy_recordings, settings)),
         settings={
             **asdict(settings),
             "band": list(settings.band),
@@ -103,15 +106,6 @@ def estimate_severity(
         },
         version=VERSION,
     )
-
-
-def _require_healthy(healthy_calibration: Calibration | Twin) -> None:
-    twin = healthy_calibration if isinstance(healthy_calibration, Twin) else healthy_calibration.twin
-    if twin.fault is not None:
-        raise InputError(
-            f"the known pump is calibrated with a fault ({twin.label}); calibrate on its healthy recordings, so that "
-            "the fault's share stays to be found: swashtwin calibrate --fault normal."
-        )
 
 
 def _require_one_machine(recordings: Sequence[Recording]) -> None:
@@ -141,14 +135,14 @@ def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recordi
 
 
 def _of_recording(
-    healthy_calibration: Calibration | Twin,
+    calibration: Calibration,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
     started = time.perf_counter()
-    inversion = _inversion(healthy_calibration, recording, space, healthy, settings)
+    inversion = _inversion(calibration, recording, space, healthy, settings)
     minima, misfit = inversion.search()
     minima, ends = inversion.profiled(minima)
     point, height = minima[0].point, minima[0].height
@@ -182,32 +176,37 @@ def _of_recording(
         wall_s=time.perf_counter() - started,
         notes=(
             *inversion.objective.comparisons[0].measurement.notes,
-            *recording_notes(healthy_calibration, recording, misfit),
+            *recording_notes(calibration, recording, misfit),
         ),
     )
 
 
 def _inversion(
-    healthy_calibration: Calibration | Twin,
+    calibration: Calibration,
     recording: Recording,
     space: FaultSpace,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Inversion:
     assert recording.condition is not None
-    healthy_twin = healthy_calibration if isinstance(healthy_calibration, Twin) else healthy_calibration.nominal
-    twin = replace(healthy_twin.at(recording.condition), fault=space.reference, path=None)
+    twin = replace(calibration.nominal.at(recording.condition), fault=space.reference, path=None)
     lines = _lines_of(twin, settings.band)
-    phases = isinstance(healthy_calibration, Calibration) and bool(healthy_calibration.settings.get("phases"))
+    phases = bool(calibration.settings.get("phases"))
     measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
     if background is not None and phases:  # of an amplitude whose phase nobody knows remains an error
         background, floor = None, np.hypot(floor, np.asarray(background))
-    unknowns = _unknowns(healthy_calibration, limited, measurement.channels)
+    calibrated, channels = calibration.posterior.channels, measurement.channels
+    if channels != calibrated:
+        raise DataError(
+            f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
+            "the same from both (channels = [...] in the index)."
+        )
+    unknowns = calibration.posterior.unknowns
     comparison = Comparison(limited, measurement, background, floor)
     objective = Objective((comparison,), search_space(limited), unknowns)
-    prior = _prior(healthy_calibration, unknowns, recording.condition, healthy, settings)
+    prior = _prior(calibration, unknowns, recording.condition, healthy, settings)
     return Inversion(objective, space, prior, settings.port_timing)
 
 
@@ -240,30 +239,16 @@ def _background(
     return np.where(silent, healthy_lines.amplitude, 0.0), floor
 
 
-def _unknowns(healthy_calibration: Calibration | Twin, twin: Twin, channels: tuple[str, ...]) -> Unknowns:
-    if isinstance(healthy_calibration, Twin):
-        return unknowns_of(twin, channels, search_space(twin), Nuisances.usual(excitation=0.0))
-    calibrated = healthy_calibration.posterior.channels
-    if channels != calibrated:
-        raise DataError(
-            f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
-            "the same from both (channels = [...] in the index)."
-        )
-    return healthy_calibration.posterior.unknowns
-
-
 def _prior(
-    healthy_calibration: Calibration | Twin,
+    calibration: Calibration,
     unknowns: Unknowns,
     condition: OperatingCondition,
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Prior:
     drift = np.zeros((len(unknowns), len(unknowns)))
-    if isinstance(healthy_calibration, Twin):
-        return Prior(unknowns.center, np.diag(unknowns.deviation**2), drift)
-    center, covariance = healthy_calibration.posterior.point.copy(), healthy_calibration.posterior.covariance.copy()
-    pump, here = healthy_calibration.twin.pump, _calibrated_at(healthy_calibration, condition, healthy)
+    center, covariance = calibration.posterior.point.copy(), calibration.posterior.covariance.copy()
+    pump, here = calibration.twin.pump, _calibrated_at(calibration, condition, healthy)
     shift = np.log(film_factors(pump, here, condition, bore_exponent=0.5).values())
     center[VALUES] += shift
     uncertain = shift / 2

@@ -22,7 +22,10 @@ from swashtwin.pump import (
 )
 from swashtwin.pump.geometry import compression_angle, decompression_angle
 from swashtwin.pump.numbers import in_trade_units, pump_text
+from swashtwin.pump.scaling import catalog_mass
 
+MASS = 24 + 4.6 + 0.7
+"""Mass of the shipped pump [kg]."""
 PLATES = [
     Nameplate(45e-6, 9, rpm(1500), MPa(28)),
     Nameplate(140e-6, 9, rpm(1800), MPa(35), deg(18)),
@@ -52,7 +55,7 @@ def test_a_scaled_pump_meets_its_nameplate_and_comes_back_from_its_file(
 
 def test_the_original_comes_back_from_its_own_nameplate(pump: Pump) -> None:
     assert pump.rated is not None
-    plate = Nameplate(pump.rotating_group.displacement, 7, pump.rated.speed, pump.rated.discharge_pressure)
+    plate = Nameplate(pump.rotating_group.displacement, 7, pump.rated.speed, pump.rated.discharge_pressure, mass=MASS)
     for again, before in zip(pump_numbers(scaled_pump(pump, plate, "again")), pump_numbers(pump), strict=True):
         assert again.value == pytest.approx(before.value, rel=1e-12), before.path
 
@@ -71,7 +74,8 @@ def test_every_number_says_whether_it_is_the_nameplates_scaled_or_a_guess(pump: 
 
 def test_eight_times_the_displacement_is_twice_the_size(pump: Pump) -> None:
     assert pump.rated is not None
-    eight = Nameplate(8 * pump.rotating_group.displacement, 7, pump.rated.speed, pump.rated.discharge_pressure)
+    rated = (pump.rated.speed, pump.rated.discharge_pressure)
+    eight = Nameplate(8 * pump.rotating_group.displacement, 7, *rated, mass=8 * MASS)
     scaled = {number.path: number.value for number in pump_numbers(scaled_pump(pump, eight, "eight"))}
     expected = {
         "rotating_group.piston_diameter": 2, "rotating_group.slipper_diameter": 2, "positions.mount": 2,
@@ -83,6 +87,16 @@ def test_eight_times_the_displacement_is_twice_the_size(pump: Pump) -> None:
     for number in pump_numbers(pump):
         if number.path in expected:
             assert scaled[number.path] == pytest.approx(expected[number.path] * number.value, rel=1e-9), number.path
+
+
+def test_a_scaled_pump_weighs_what_catalogs_or_its_plate_say(pump: Pump) -> None:
+    for plate, mass in ((PLATES[0], 21), (replace(PLATES[1], mass=77.0), 77)):
+        masses = scaled_pump(pump, plate, "mine").masses
+        assert masses.shell + masses.rotor + masses.retainer == pytest.approx(mass, rel=0.05)
+    for size, mass in ((18, 12), (28, 15), (45, 21), (71, 33), (100, 45), (140, 60)):
+        assert catalog_mass(size * 1e-6) == pytest.approx(mass, rel=0.12)
+    with pytest.raises(InputError, match="slip of the unit"):
+        replace(PLATES[0], mass=21000.0)
 
 
 def test_the_kidneys_open_where_the_oil_has_reached_the_stated_pressure(pump: Pump) -> None:

@@ -103,6 +103,9 @@ def new_pump(
     pressure: Annotated[
         str | None, typer.Option(help='Discharge pressure that the port timing is made for, such as "280 bar".')
     ] = None,
+    mass: Annotated[
+        str | None, typer.Option(help='Mass without oil, such as "21 kg"; that of catalogs by default.')
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
     as_json: Json = False,
 ) -> None:
@@ -112,7 +115,7 @@ def new_pump(
     """
     import swashtwin.pump as pump
 
-    plate = _nameplate(displacement, pistons, speed, pressure)
+    plate = _nameplate(displacement, pistons, speed, pressure, mass)
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
     result: dict[str, Any] = {"pump": path}
     if plate is not None:
@@ -131,19 +134,19 @@ _MOST_EFFECTS = 12
 
 
 def _nameplate(
-    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None
+    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None, mass: str | None
 ) -> "Nameplate | None":
     """Nameplate of the options; None where none of them is there, and a wrong command line where some are missing."""
     from swashtwin.pump import read_nameplate
 
     if displacement is None or pistons is None or speed is None or pressure is None:
         options = {"--displacement": displacement, "--pistons": pistons, "--speed": speed, "--pressure": pressure}
-        stated = [option for option, value in options.items() if value is not None]
+        stated = [option for option, value in {**options, "--mass": mass}.items() if value is not None]
         if stated:
-            missing = [option for option, value in options.items() if value is None]
+            missing = [option for option, value in {**options, "--mass": mass}.items() if value is None]
             raise typer.BadParameter(f"a nameplate needs {', '.join(missing)} too.", param_hint=stated[0])
         return None
-    return read_nameplate(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure)
+    return read_nameplate(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass)
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:

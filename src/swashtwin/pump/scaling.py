@@ -5,9 +5,11 @@ pressure P and speed W of the nameplates. The bores keep their share of the pitc
 
     D = L sin(pi/n) / sin(pi/n0),    S = L tan(gamma) / tan(gamma0),    N D^2 S = V_g / V_g0
 
-and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3). Masses follow L^3,
-inertias L^5, structural stiffnesses L: the laws of similarity for one material (M. Weber, *Das allgemeine
-Ähnlichkeitsprinzip der Physik*, 1930; for machines of one series Pahl and Beitz, *Engineering Design*, size ranges).
+and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3). Structural stiffnesses
+follow L: the laws of similarity for one material (M. Weber, *Das allgemeine Ähnlichkeitsprinzip der Physik*, 1930; for
+machines of one series Pahl and Beitz, *Engineering Design*, size ranges). Housings are not similar: the mass of the
+whole pump is the one stated, or that of catalogs, `catalog_mass`; its parts keep their shares of it (ratio M), and
+inertias follow M L^2.
 The other laws are our own derivations from the films and volumes of docs/explanation/physics.md, section 4:
 
 - gaps grow with the part that they belong to, the oil is the same: a squeeze film's damping mu a^4 / h^3 follows its
@@ -51,6 +53,8 @@ class Nameplate:
     """Rated discharge pressure [Pa]."""
     swash_angle: float | None = None
     """Inclination of the swash plate at full displacement [rad]; None takes the original's."""
+    mass: float | None = None
+    """Mass of the pump without oil [kg]; None takes that of catalogs (`catalog_mass`)."""
 
     def __post_init__(self) -> None:
         OperatingCondition(self.speed, self.discharge_pressure)
@@ -63,12 +67,34 @@ class Nameplate:
             raise InputError(f"piston_count ({self.piston_count}) must lie in 3...19; most pumps have 7 or 9.")
         if self.swash_angle is not None and not 0 < self.swash_angle < math.radians(45):
             raise InputError(f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg.")
+        if self.mass is not None and not 0.1 <= self.mass <= 5000:
+            raise InputError(f"mass ({self.mass:.4g} kg) must lie in 0.1...5000 kg; look for a slip of the unit.")
+
+
+def catalog_mass(displacement: float) -> float:
+    """Usual mass [kg] of a variable swash plate pump without oil, by its volume per revolution [m^3].
+
+    22 kg (V / 45 cm^3)^0.8: within 12 % of 12, 15, 21, 33, 45 and 60 kg that the A10V(S)O of series 31 weighs at 18,
+    28, 45, 71, 100 and 140 cm^3 (catalogs RE 92701 and 92711 of Bosch Rexroth, "weight without fluid").
+
+    Examples
+    --------
+    >>> round(catalog_mass(100e-6))
+    42
+    """
+    return 22.0 * (displacement / 45e-6) ** 0.8
 
 
 def read_nameplate(
-    *, displacement: str, pistons: int, speed: str, pressure: str, swash_angle: str | None = None
+    *,
+    displacement: str,
+    pistons: int,
+    speed: str,
+    pressure: str,
+    swash_angle: str | None = None,
+    mass: str | None = None,
 ) -> Nameplate:
-    """Nameplate of quantities with units, such as ``"45 cm3/rev"``, ``"1500 rpm"``, ``"280 bar"``, ``"17 deg"``.
+    """Nameplate of quantities with units, such as ``"45 cm3/rev"``, ``"1500 rpm"``, ``"280 bar"``, ``"21 kg"``.
 
     Raises
     ------
@@ -90,6 +116,7 @@ def read_nameplate(
         parse(speed, "rad/s", name="speed"),
         parse(pressure, "Pa", name="pressure"),
         None if swash_angle is None else parse(swash_angle, "rad", name="swash_angle"),
+        None if mass is None else parse(mass, "kg", name="mass"),
     )
 
 
@@ -106,8 +133,8 @@ _LAWS = {
         ("L", "as the length", "valve_plate", "film outer_land_outer_radius outer_land_inner_radius"),
         ("L", "as the length", "valve_plate", "inner_land_outer_radius inner_land_inner_radius film_radius"),
         ("N D^2 S", "as the displacement; measure yours", "line", "volume"),
-        ("L^3", "as the volume", "masses", "shell rotor retainer"),
-        ("L^5", "mass times length squared", "masses", "shell_inertia rotor_inertia"),
+        ("M", "its share of the pump's mass", "masses", "shell rotor retainer"),
+        ("M L^2", "mass times length squared", "masses", "shell_inertia rotor_inertia"),
         ("D^2 S", "as the volume", "masses", "piston_slipper"),
         ("1/W", "the quality grade of balancing stays, ISO 21940-11", "masses", "rotor_eccentricity"),
         ("L", "as the length", "positions", "shell rotor valve_plate mount"),
@@ -146,6 +173,8 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
             f"{original.name} states no [rated] speed and discharge_pressure to scale from; add them to its file."
         )
     ratios = _ratios(original, original.rated, nameplate)
+    weight = catalog_mass(nameplate.displacement) if nameplate.mass is None else nameplate.mass
+    ratios["M"] = weight / _mass(original)
     stated = {
         "rotating_group.piston_count": nameplate.piston_count,
         "rotating_group.swash_angle": nameplate.swash_angle,
@@ -160,6 +189,8 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
             return stated[path]
         law, reason = _LAWS.get(law_of, ("", ""))
         factor = _power(law, ratios)
+        if law.startswith("M"):
+            reason += f" ({weight:.3g} kg, {'by catalogs; weigh yours' if nameplate.mass is None else 'as stated'})"
         there = f"{original.name} ({original.sources.get(path, 'no source')})"
         sources[path] = f"scaled: {law} = {factor:.4g}, {reason}, of {there}" if law else f"guess: as {there}"
         if not law:
@@ -181,6 +212,11 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
     pump = _with_timing(Pump(name=name, sources=sources, **changes), original, original.rated, ratios, sources)
     require_sound_geometry(pump)
     return pump
+
+
+def _mass(pump: Pump) -> float:
+    """Mass of the whole pump [kg]."""
+    return pump.masses.shell + pump.masses.rotor + pump.masses.retainer
 
 
 def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, float]:

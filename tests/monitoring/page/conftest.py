@@ -21,7 +21,8 @@ from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.service.running import SourceStatus, WatchStatus
+from swashtwin.monitoring.service.running import WatchStatus
+from swashtwin.monitoring.sources.delivery import Standing
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -179,7 +180,8 @@ def plant(filled_folder: Path, tmp_path: Path) -> Iterator[Plant]:
 
 def watch_status() -> WatchStatus:
     """A watch that works."""
-    source = SourceStatus("http", "http", True, "", 86)
+    source = Standing("http", "http")
+    source.succeed(86)
     return WatchStatus(NOW, 2, 1, (source,), 5 * 10**9, {"judged": 90.0, "seconds_judging": 2.5})
 
 

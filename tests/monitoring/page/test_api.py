@@ -1,6 +1,7 @@
 """What other programs ask, and recordings that they send."""
 
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.service.running import WatchStatus
 from swashtwin.monitoring.sources.delivery import check_facts
 
 HOST = "http://127.0.0.1:8642"
@@ -213,14 +215,8 @@ def test_two_pages_have_metrics_of_their_own(plant, client: TestClient) -> None:
 
 
 def test_health_fails_with_a_problem_of_the_watch(plant) -> None:
-    from dataclasses import replace
-    from datetime import UTC, datetime
-
-    from swashtwin.monitoring.service.running import SourceStatus, WatchStatus
-
-    status = WatchStatus(datetime.now(UTC), 0, 0, (SourceStatus("m", "mqtt", False, "", 0),), 1, {})
-    app = build_app(plant.config, plant.history, status=lambda: replace(status, problems=("m is not reached",)))
-    client = TestClient(app, base_url=HOST)
+    status = WatchStatus(datetime.now(UTC), 0, 0, (), 1, {}, ("m is not reached",))
+    client = TestClient(build_app(plant.config, plant.history, status=lambda: status), base_url=HOST)
     answer = client.get("/health")
     assert answer.status_code == 503
     assert answer.json()["problems"] == ["m is not reached"]

@@ -90,6 +90,11 @@ NO_SECRET = Secret("")
 class Entries(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A table of the file."""
 
+    @property
+    def kind(self) -> str:
+        """What its ``kind = ...`` says."""
+        return str(self.__struct_config__.tag)
+
 
 class Machine(Entries, frozen=True, kw_only=True):
     """A pump that is watched."""
@@ -136,13 +141,10 @@ class Broker(Entries, frozen=True, kw_only=True):
     """An MQTT broker and how to log in."""
 
     host: Text
-    """Name or address."""
     port: Port | Literal[0] = 0
     """By default 1883, with TLS 8883."""
     user: Text | None = None
-    """User name."""
     password: Secret = NO_SECRET
-    """Password of that user."""
     tls: bool = False
     """Whether the connection is encrypted."""
     ca: Path | None = None
@@ -156,9 +158,7 @@ class Broker(Entries, frozen=True, kw_only=True):
 class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="folder"):
     """Files that another program writes into a folder."""
 
-    kind: ClassVar[str] = "folder"
     name: Text = "folder"
-    """Unique."""
     path: Path
     """Folder, searched with its sub-folders."""
     pattern: Text = "*"
@@ -174,9 +174,7 @@ class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="fo
 class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"):
     """Recordings as messages of an MQTT broker."""
 
-    kind: ClassVar[str] = "mqtt"
     name: Text = "mqtt"
-    """Unique."""
     topic: Text
     """Topic, with ``+`` where the machine's name stands."""
     machine: Text | None = None
@@ -190,9 +188,7 @@ class MqttSource(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"
 class HttpSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="http"):
     """Recordings that are sent to the page's ``POST /api/recordings``."""
 
-    kind: ClassVar[str] = "http"
     name: Text = "http"
-    """Unique."""
 
 
 class AlarmSettings(Entries, frozen=True, kw_only=True):
@@ -207,9 +203,7 @@ class AlarmSettings(Entries, frozen=True, kw_only=True):
 class LogChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="log"):
     """Messages as lines of a file."""
 
-    kind: ClassVar[str] = "log"
     name: Text = "log"
-    """Unique."""
     path: Path | None = None
     """File; by default ``alarms.log`` in the watch's folder."""
 
@@ -217,11 +211,8 @@ class LogChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="log"
 class WebhookChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="webhook"):
     """Messages as JSON, posted to a URL."""
 
-    kind: ClassVar[str] = "webhook"
     name: Text = "webhook"
-    """Unique."""
     url: SecretUrl
-    """Where to post."""
     token: Secret = NO_SECRET
     """Sent as ``Authorization: Bearer``."""
 
@@ -229,31 +220,21 @@ class WebhookChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="
 class MqttChannel(Broker, frozen=True, kw_only=True, tag_field="kind", tag="mqtt"):
     """Messages as JSON, published to a topic."""
 
-    kind: ClassVar[str] = "mqtt"
     name: Text = "mqtt"
-    """Unique."""
     topic: Text
-    """Topic to publish to."""
 
 
 class EmailChannel(Entries, frozen=True, kw_only=True, tag_field="kind", tag="email"):
     """Messages by e-mail."""
 
-    kind: ClassVar[str] = "email"
     name: Text = "email"
-    """Unique."""
     host: Text
-    """Mail server."""
     port: Port | Literal[0] = 0
     """By default 587, 465 or 25, by `tls`."""
     sender: Text
-    """Address of the sender."""
     recipients: Annotated[tuple[Text, ...], Meta(min_length=1)]
-    """Addresses of the recipients."""
     user: Text | None = None
-    """User name."""
     password: Secret = NO_SECRET
-    """Password of that user."""
     tls: Literal["starttls", "tls", "none"] = "starttls"
     """Whether, and how, the connection is encrypted."""
 
@@ -279,7 +260,6 @@ class PageSettings(Entries, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     """Address to listen at; beyond this computer only with `users`."""
     port: Port = 8642
-    """Port."""
     users: Path | None = None
     """File of people's hashed passwords and programs' hashed tokens, as ``swashtwin watch user`` writes it."""
     hosts: tuple[Text, ...] = ()
@@ -333,17 +313,11 @@ class WatchConfig(Entries, frozen=True, kw_only=True):
     history: SecretUrl | None = None
     """URL of the database; None: SQLite in `folder`."""
     machines: tuple[Machine, ...] = field(name="machine", default=())
-    """Machines that are watched."""
     sources: tuple[Source, ...] = field(name="source", default=())
-    """Where recordings come from."""
     alarms: AlarmSettings = AlarmSettings()
-    """The alarm's promise."""
     channels: tuple[Channel, ...] = field(name="channel", default=())
-    """Where messages go, besides the page."""
     retention: Retention = Retention()
-    """Which waveforms stay."""
     page: PageSettings = PageSettings()
-    """Where the page is served, and to whom."""
 
     @property
     def history_url(self) -> str:

@@ -1,30 +1,14 @@
 """The database of the history: its transactions, its version, and one error for all that may befall it."""
 
-import json
-import math
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, select, text
+import msgspec
+from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, inspect, select, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import (
-    ArgumentError,
-    DatabaseError,
-    IntegrityError,
-    InterfaceError,
-    NotSupportedError,
-    ProgrammingError,
-)  # fmt: skip
-from sqlalchemy.exc import (
-    DataError as ValueMistake,
-)
-from sqlalchemy.exc import (
-    TimeoutError as PoolTimeoutError,
-)
 from sqlalchemy.orm import Session
 
 from swashtwin.foundation import DataError, InputError, MissingExtraError, MissingFileError, SwashTwinError
@@ -38,7 +22,7 @@ _WAIT = 30
 """Seconds that a transaction waits for another one."""
 _LOCK = 0x73776173
 """Number under which PostgreSQL lets one process at a time make the tables."""
-_MISTAKES = (ValueMistake, IntegrityError, ProgrammingError, NotSupportedError)
+_MISTAKES = (exc.DataError, exc.IntegrityError, exc.ProgrammingError, exc.NotSupportedError)
 """Errors of a program; every other error of a database may be gone at the next attempt."""
 
 
@@ -146,7 +130,7 @@ def lock_machine(session: Session, name: str) -> None:
 def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
     try:
         address = make_url(url) if url else URL.create("sqlite", database=str(folder / FILE))
-    except ArgumentError as cause:
+    except exc.ArgumentError as cause:
         raise InputError("history is no URL; write postgresql://user@host/database.") from cause
     if address.get_backend_name() == "sqlite":
         return _sqlite_engine(address, is_new)
@@ -202,7 +186,7 @@ def _one_error() -> Iterator[None]:
         yield
     except _MISTAKES:
         raise
-    except (DatabaseError, InterfaceError, PoolTimeoutError) as cause:
+    except (exc.DatabaseError, exc.InterfaceError, exc.TimeoutError) as cause:
         reason = " ".join(str(getattr(cause, "orig", None) or cause).split())
         raise HistoryError(f"the history cannot be used: {reason}") from cause
 
@@ -212,22 +196,7 @@ def json_text(value: Any) -> str:
 
     Examples
     --------
-    >>> json_text({"a": np.arange(2), "b": math.nan})
-    '{"a": [0, 1], "b": null}'
+    >>> json_text({"a": (0, 1), "b": float("nan")})
+    '{"a":[0,1],"b":null}'
     """
-    try:
-        return json.dumps(value, allow_nan=False, ensure_ascii=False)
-    except (TypeError, ValueError):
-        return json.dumps(_plain(value), allow_nan=False, ensure_ascii=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return _plain(value.tolist())
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return msgspec.json.encode(value, enc_hook=lambda array: array.tolist()).decode()

@@ -104,23 +104,15 @@ class Judgment(Row, kw_only=True):
 
     __tablename__ = "recordings"
     id: Mapped[int] = _id()
-    """Number in the history, by order of filing."""
     machine: Mapped[str] = _machine()
-    """Name of its machine."""
     content: Mapped[str]
     """SHA-256 of the bytes that were delivered; one machine has no content twice."""
     time: Mapped[datetime]
-    """When it was measured."""
     received: Mapped[datetime]
-    """When it was delivered."""
     source: Mapped[str]
-    """Name of the source."""
     file: Mapped[str]
-    """Name of the file as delivered."""
     channels: Mapped[list[str]]
-    """Name of each channel."""
     unit: Mapped[str]
-    """Unit of every channel."""
     sample_rate: Mapped[float]
     """Samples per second and channel [Hz]."""
     duration: Mapped[float]
@@ -225,11 +217,8 @@ class Alarm(Row, kw_only=True):
 
     __tablename__ = "alarms"
     id: Mapped[int] = _id()
-    """Number in the history."""
     machine: Mapped[str] = _machine()
-    """Name of its machine."""
     point: Mapped[str | None]
-    """Operating point."""
     kind: Mapped[str]
     """``pump`` or ``sensor``."""
     state: Mapped[str] = mapped_column(default="open")
@@ -239,15 +228,11 @@ class Alarm(Row, kw_only=True):
     evidence: Mapped[dict[str, Any]]
     """Why, as JSON can hold it."""
     recording: Mapped[int | None]
-    """Recording that raised it."""
     cleared: Mapped[datetime | None] = mapped_column(default=None)
     """Since when its cause is gone, or None."""
     who: Mapped[str | None] = mapped_column(default=None)
-    """Who acknowledged it."""
     acknowledged: Mapped[datetime | None] = mapped_column(default=None)
-    """When it was acknowledged."""
     note: Mapped[str] = mapped_column(default="")
-    """What that person noted."""
     closed: Mapped[datetime | None] = mapped_column(default=None)
     """When it was both acknowledged and cleared."""
 
@@ -261,17 +246,13 @@ class Silence(Row, kw_only=True):
 
     __tablename__ = "silences"
     id: Mapped[int] = _id()
-    """Number in the history."""
     machine: Mapped[str] = _machine(index=True)
-    """Name of its machine."""
     since: Mapped[datetime]
     """When it began."""
     until: Mapped[datetime]
     """When it ends, or ended."""
     who: Mapped[str]
-    """Who asked for it."""
     note: Mapped[str]
-    """Why."""
 
 
 class Event(Row, kw_only=True):
@@ -279,17 +260,12 @@ class Event(Row, kw_only=True):
 
     __tablename__ = "events"
     id: Mapped[int] = _id()
-    """Number in the history."""
     machine: Mapped[str] = _machine(index=True)
-    """Name of its machine."""
     time: Mapped[datetime]
-    """When it happened."""
     kind: Mapped[str]
     """``maintenance``, ``note`` or another word."""
     who: Mapped[str]
-    """Who said so."""
     note: Mapped[str]
-    """What happened."""
 
 
 class Rejection(Row, kw_only=True):
@@ -297,13 +273,10 @@ class Rejection(Row, kw_only=True):
 
     __tablename__ = "rejections"
     id: Mapped[int] = _id()
-    """Number in the history."""
     received: Mapped[datetime]
     """When it was delivered last."""
     source: Mapped[str]
-    """Name of the source."""
     file: Mapped[str]
-    """Name of the file as delivered."""
     machine: Mapped[str]
     """Machine as stated; empty where none was."""
     content: Mapped[str]
@@ -325,25 +298,17 @@ class Message(Row, kw_only=True):
 
     __tablename__ = "outbox"
     id: Mapped[int] = _id()
-    """Number in the history."""
     machine: Mapped[str] = _machine()
-    """Name of its machine."""
     alarm: Mapped[int | None]
-    """Alarm that it is about."""
     channel: Mapped[str]
-    """Name of the channel."""
     body: Mapped[dict[str, Any]]
-    """What to send."""
     created: Mapped[datetime]
-    """When it was posted."""
     due: Mapped[datetime]
     """When it is sent at the earliest."""
     attempts: Mapped[int] = mapped_column(default=0)
     """How often it was claimed."""
     error: Mapped[str | None] = mapped_column(default=None)
-    """Why the last attempt failed."""
     sent: Mapped[datetime | None] = mapped_column(default=None)
-    """When it was sent."""
 
 
 _NOT_SENT = Message.__table__.c.sent.is_(None)

@@ -74,7 +74,7 @@ def _status_metrics(status: "WatchStatus") -> Iterator[Metric]:
     yield _gauge("problems", "Problems of the watch.", (), [((), len(status.problems))])
     labels = ("source", "kind")
     sources = status.sources
-    connected = [((source.name, source.kind), source.connected) for source in sources]
+    connected = [((source.name, source.kind), source.problem is None) for source in sources]
     yield _gauge("source_connected", "1 while a source is connected.", labels, connected)
     received = [((source.name, source.kind), source.received) for source in sources]
     yield _counter("source_received", "Recordings received by a source.", labels, received)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,22 +42,6 @@ _log = logging.getLogger("swashtwin.watch")
 
 
 @dataclass(frozen=True)
-class SourceStatus:
-    """How a source of recordings is doing."""
-
-    name: str
-    """Its name in the configuration."""
-    kind: str
-    """``folder``, ``mqtt`` or ``http``."""
-    connected: bool
-    """Whether it is reached."""
-    detail: str
-    """What is wrong, in one line without secrets; empty while it works."""
-    received: int
-    """Recordings that it delivered since the start."""
-
-
-@dataclass(frozen=True)
 class WatchStatus:
     """How a watch is doing."""
 
@@ -66,7 +51,7 @@ class WatchStatus:
     """Recordings that arrived and are not judged yet."""
     outbox: int
     """Messages that are not sent yet."""
-    sources: tuple[SourceStatus, ...]
+    sources: tuple[Standing, ...]
     """Each source."""
     free_bytes: int
     """Free space on the disk of the watch's folder."""
@@ -89,20 +74,16 @@ class Watch:
         self._spool = Spool(config.folder / "spool")
         self._sender = Sender(config, history)
         name = hashlib.sha256(f"{socket.gethostname()} {config.folder.resolve()}".encode()).hexdigest()[:16]
-        self._folders = [
-            FolderWatch(source, self._spool.add, config.folder)
-            for source in config.sources
-            if isinstance(source, FolderSource)
-        ]
-        self._brokers = [
-            MqttWatch(source, self._spool.add, f"swashtwin-{name}")
-            for source in config.sources
-            if isinstance(source, MqttSource)
-        ]
-        self._sources: tuple[FolderWatch | MqttWatch, ...] = (*self._folders, *self._brokers)
-        self._uploads = next(
-            (Standing(source.name, source.kind) for source in config.sources if isinstance(source, HttpSource)), None
-        )
+        self._sources: list[FolderWatch | MqttWatch] = []
+        self._uploads: Standing | None = None
+        for source in config.sources:
+            match source:
+                case FolderSource():
+                    self._sources.append(FolderWatch(source, self._spool.add, config.folder))
+                case MqttSource():
+                    self._sources.append(MqttWatch(source, self._spool.add, f"swashtwin-{name}"))
+                case HttpSource():
+                    self._uploads = Standing(source.name, source.kind)
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
         self._history_problem: str | None = None
@@ -112,17 +93,12 @@ class Watch:
         """Watch until `stop` is set."""
         with ExitStack() as stack:
             address = self._serve(stack)
-            sources = [
-                threading.Thread(target=source.run, args=(self._stop,), name=f"source {source.standing.name}")
-                for source in self._sources
-            ]
-            threads = [
-                *sources,
-                threading.Thread(target=self._judge_all, name="judge"),
-                threading.Thread(target=self._sender.run, args=(self._stop, self._sweep), name="outbox"),
-            ]
+            tasks: dict[str, Callable[[], None]] = {
+                f"source {source.standing.name}": partial(source.run, self._stop) for source in self._sources
+            }
+            tasks |= {"judge": self._judge_all, "outbox": partial(self._sender.run, self._stop, self._sweep)}
+            threads = [threading.Thread(target=task, name=name, daemon=True) for name, task in tasks.items()]
             for thread in threads:
-                thread.daemon = True
                 thread.start()
             started(address)
             try:
@@ -137,7 +113,8 @@ class Watch:
     def run_once(self, stop: threading.Event) -> None:
         """Take and judge what the folders hold now and what waits in the spool, and send its messages."""
         pipeline = self._open_pipeline()
-        threads = [threading.Thread(target=source.drain, args=(stop,)) for source in self._folders]
+        folders = [source for source in self._sources if isinstance(source, FolderWatch)]
+        threads = [threading.Thread(target=source.drain, args=(stop,)) for source in folders]
         for thread in threads:
             thread.start()
         while not stop.is_set() and (self._spool or any(thread.is_alive() for thread in threads)):
@@ -179,10 +156,7 @@ class Watch:
             started=self._started,
             waiting=len(self._spool),
             outbox=self._sender.waiting,
-            sources=tuple(
-                SourceStatus(item.name, item.kind, item.problem is None, item.problem or "", item.received)
-                for item in standings
-            ),
+            sources=tuple(standings),
             free_bytes=shutil.disk_usage(self.config.folder).free,
             counters=dict(self._counters),
             problems=(*problems, *self._model_problems),

@@ -75,10 +75,12 @@ class Spool:
         data = self._folder / f"{key}{_suffix(delivery)}"
         try:
             digest = _write(data, content)
-            with _whole(self._folder / f"{key}{_CARD}") as card:
-                _write(card, delivery.to_json().encode())
+            card = self._folder / f".{key}{_CARD}"
+            _write(card, delivery.to_json().encode())
+            card.replace(self._folder / f"{key}{_CARD}")
         except BaseException:
-            data.unlink(missing_ok=True)
+            for path in (data, self._folder / f".{key}{_CARD}"):
+                path.unlink(missing_ok=True)
             raise
         _sync(self._folder)
         with self._changed:
@@ -183,18 +185,6 @@ def _write(path: Path, content: bytes | Path) -> str:
         file.flush()
         os.fsync(file.fileno())
     return hashlib.sha256(content).hexdigest()
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Temporary path that takes the place of `path` when the block ends well."""
-    temporary = path.with_name(f".{path.name}")
-    try:
-        yield temporary
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def _sync(folder: Path) -> None:

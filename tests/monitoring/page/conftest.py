@@ -116,7 +116,7 @@ class Plant:
             _save(machine, point_judgment.state)
             for kind, change in (("pump", point_judgment.pump), ("sensor", point_judgment.sensor)):
                 if change == "raised":
-                    alarms[kind] = machine.open_alarm(kind, POINT, time, point_judgment.to_dict(), identity)
+                    alarms[kind] = machine.open_alarm(kind, POINT, time, point_judgment.to_dict(), identity).id
 
 
 def _save(machine: object, state: PointState) -> None:

@@ -112,7 +112,7 @@ def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestCl
     alarm = plant.history.read.alarm(1)
     with plant.history.machine("pump-2") as machine:
         for _ in range(210):
-            other = machine.open_alarm(alarm.kind, alarm.point, alarm.opened, alarm.evidence, None)
+            other = machine.open_alarm(alarm.kind, alarm.point, alarm.opened, alarm.evidence, None).id
             machine.acknowledge(other, "Ada")
             machine.clear_alarm(other, alarm.opened)
     for address in ("/alarms", "/alarms?state=open"):

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from swashtwin.foundation import MissingExtraError, SwashTwinError, escape_controls
+from swashtwin.foundation import SwashTwinError, escape_controls
 from swashtwin.monitoring.config.settings import Channel, EmailChannel, LogChannel, MqttChannel, WebhookChannel
+from swashtwin.monitoring.sources.mqtt import broker_client
 
 TIMEOUT = 10.0
 """Time for one message [s]."""
@@ -184,19 +185,8 @@ def _login(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
 
 
 def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> None:
-    try:
-        from paho.mqtt.client import Client
-        from paho.mqtt.enums import CallbackAPIVersion
-    except ImportError as cause:
-        raise MissingExtraError(
-            "a channel of the kind mqtt needs paho-mqtt, which is not installed: pip install 'swashtwin[mqtt]'."
-        ) from cause
-    client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+    client = broker_client(channel)
     client.connect_timeout = timeout
-    if channel.user is not None:
-        client.username_pw_set(channel.user, channel.password.reveal() or None)
-    if channel.tls:
-        client.tls_set(None if channel.ca is None else str(channel.ca))
     answered, refusals = threading.Event(), []
 
     def on_connect(_: Any, __: Any, ___: Any, reason: Any, ____: Any) -> None:

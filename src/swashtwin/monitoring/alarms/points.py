@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import scipy.fft
 
@@ -11,18 +11,8 @@ from swashtwin.learning import LevelLayout, level_layout
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
 from swashtwin.recordings import Recording, stated_pressure, stated_speed
 
-
-@runtime_checkable
-class StoredPoint(Protocol):
-    """Speed and pressure of a point as the history has it."""
-
-    @property
-    def speed(self) -> float | None:
-        """Angular speed [rad/s], or None."""
-
-    @property
-    def pressure(self) -> float | None:
-        """Discharge pressure [Pa], or None."""
+if TYPE_CHECKING:
+    from swashtwin.monitoring.history.tables import Point
 
 
 @dataclass(frozen=True)
@@ -59,7 +49,7 @@ class OperatingPoint:
             parts.append(f"{self.pressure / 1e6:.3g} MPa")
         return ", ".join(parts) or "any"
 
-    def distance(self, other: StoredPoint) -> float:
+    def distance(self, other: "OperatingPoint | Point") -> float:
         """Relative difference to another point in units of the tolerances, infinite where they are not the same.
 
         The tolerances are those of `OperatingCondition.matches`.
@@ -78,7 +68,7 @@ class OperatingPoint:
         return distance
 
 
-def choose_point(recording: Recording, points: Iterable[StoredPoint]) -> OperatingPoint:
+def choose_point(recording: Recording, points: Iterable["OperatingPoint | Point"]) -> OperatingPoint:
     """The nearest of a machine's points that a recording belongs to, or a new one at what the recording states."""
     stated = OperatingPoint.of(recording)
     nearest = min(points, key=stated.distance, default=None)

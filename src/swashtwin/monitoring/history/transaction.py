@@ -164,8 +164,8 @@ class MachineTransaction:
 
     def open_alarm(
         self, kind: str, point: str | None, time: datetime, evidence: Mapping[str, Any], recording: int | None
-    ) -> int:
-        """Number of a new alarm; the waveforms of the recordings before it are kept with it.
+    ) -> Alarm:
+        """A new alarm; the waveforms of the recordings before it are kept with it.
 
         Parameters
         ----------
@@ -176,7 +176,9 @@ class MachineTransaction:
         run_up = select(Judgment.id).where(*self._with_waveform()).order_by(Judgment.time.desc()).limit(_RUN_UP)
         keep = update(Judgment).where(Judgment.id.in_(run_up)).values(retention="alarm")
         self._session.execute(keep, execution_options=_AS_IT_IS)
-        return self._add(Alarm(kind=kind, point=point, opened=time, evidence=dict(evidence), recording=recording))
+        alarm = Alarm(kind=kind, point=point, opened=time, evidence=dict(evidence), recording=recording)
+        self._add(alarm)
+        return alarm
 
     def alarms(self) -> Sequence[Alarm]:
         """Alarms that are not closed, oldest first."""
@@ -196,10 +198,6 @@ class MachineTransaction:
         stored.cleared = time
         if stored.state == "acknowledged":
             stored.state, stored.closed = "closed", time
-
-    def raise_alarm(self, alarm: int) -> None:
-        """Note that the cause of an alarm is back before somebody acknowledged it."""
-        self._alarm(alarm).cleared = None
 
     def acknowledge(self, alarm: int, who: str, note: str = "", time: datetime | None = None) -> None:
         """Note who acknowledged an alarm; one whose cause is gone is closed.

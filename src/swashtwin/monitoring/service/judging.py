@@ -3,11 +3,12 @@
 import logging
 import os
 import shutil
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from swashtwin.foundation import DataError, InputError, sha256_of
 from swashtwin.monitoring.alarms.channels import AlarmMessage
@@ -17,7 +18,7 @@ from swashtwin.monitoring.alarms.testing import Change
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.tables import Judgment, Rejection
+from swashtwin.monitoring.history.tables import Alarm, Judgment, Rejection
 from swashtwin.monitoring.history.transaction import MachineTransaction
 from swashtwin.monitoring.service.models import Models
 from swashtwin.monitoring.sources.contents import Contents, read_contents
@@ -25,11 +26,6 @@ from swashtwin.monitoring.sources.delivery import UnfitError, safe_name
 from swashtwin.monitoring.sources.spool import SpoolFile
 from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.recordings import Recording
-
-if TYPE_CHECKING:
-    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier
-
-    Model = FaultClassifier | AnomalyDetector | PriorClassifier
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
@@ -166,7 +162,7 @@ class Pipeline:
             **verdict,
         )
         path = self._history.waveforms.write(transaction.name, contents.time, contents.digest, recording)
-        number = transaction.add_recording(judgment, found.levels, path)
+        transaction.add_recording(judgment, found.levels, path)
         is_unchanged = state is not None and found.state.baseline is state.baseline
         transaction.save_point(
             point.name,
@@ -177,66 +173,52 @@ class Pipeline:
         )
         for kind, change in (("pump", found.pump), ("sensor", found.sensor)):
             if change is not None:
-                self._change_alarm(transaction, kind, change, judgment, found, number)
+                self._change_alarm(transaction, kind, change, judgment, found)
         self._tell_after_silence(transaction, judgment)
         return Outcome(transaction.name, delivery.file, judgment.state, _sentence(found, judgment, self._config))
 
     def _change_alarm(
-        self,
-        transaction: MachineTransaction,
-        kind: str,
-        change: Change,
-        judgment: Judgment,
-        found: PointJudgment,
-        recording: int,
+        self, transaction: MachineTransaction, kind: str, change: Change, judgment: Judgment, found: PointJudgment
     ) -> None:
         """Open, raise again or clear an alarm, and post the messages about it."""
         alarms = [alarm for alarm in transaction.alarms() if (alarm.kind, alarm.point) == (kind, judgment.point)]
-        number = alarms[-1].id if alarms else None
+        alarm = alarms[-1] if alarms else None
         if change == "raised":
             event = "opened"
-            if number is None:
-                number = transaction.open_alarm(kind, judgment.point, judgment.time, found.to_dict(), recording)
+            if alarm is None:
+                alarm = transaction.open_alarm(kind, judgment.point, judgment.time, found.to_dict(), judgment.id)
             else:
-                transaction.raise_alarm(number)
-        elif number is None:
+                alarm.cleared = None  # its cause is back before somebody acknowledged it
+        elif alarm is None:
             return
         else:
-            event = "closed" if alarms[-1].state == "acknowledged" else "cleared"
-            transaction.clear_alarm(number, judgment.time)
+            event = "closed" if alarm.state == "acknowledged" else "cleared"
+            transaction.clear_alarm(alarm.id, judgment.time)
         if not transaction.silenced(judgment.received):
-            self._post(transaction, kind, event, number, judgment.point, judgment, found.reasons)
+            self._post(transaction, event, alarm, judgment, found.reasons)
 
     def _tell_after_silence(self, transaction: MachineTransaction, judgment: Judgment) -> None:
         """Post the alarms that were raised in a silence and still stand after it."""
         untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
         if untold and not transaction.silenced(judgment.received):
             for alarm in untold:
-                reasons = tuple(alarm.evidence.get("reasons", ()))
-                self._post(transaction, alarm.kind, "opened", alarm.id, alarm.point, judgment, reasons)
+                self._post(transaction, "opened", alarm, judgment, alarm.evidence.get("reasons", ()))
 
     def _post(
-        self,
-        transaction: MachineTransaction,
-        kind: str,
-        event: str,
-        number: int,
-        point: str | None,
-        judgment: Judgment,
-        reasons: tuple[str, ...],
+        self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
     ) -> None:
         message = AlarmMessage(
             machine=transaction.name,
-            point=point or "any",
-            kind=kind,
+            point=alarm.point or "any",
+            kind=alarm.kind,
             event=event,
             time=judgment.time.isoformat(),
-            identity=f"alarm-{number}-{event}-{judgment.content[:16]}",
-            reasons=reasons,
-            link=f"{self._config.page.address}/alarms/{number}",
+            identity=f"alarm-{alarm.id}-{event}-{judgment.content[:16]}",
+            reasons=tuple(reasons),
+            link=f"{self._config.page.address}/alarms/{alarm.id}",
         )
         for channel in self._config.channels:
-            transaction.post(channel.name, asdict(message), number)
+            transaction.post(channel.name, asdict(message), alarm.id)
 
     def _reject(self, file: SpoolFile, reason: str, detail: str) -> Outcome:
         delivery = file.delivery

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import MissingExtraError, file_name
-from swashtwin.monitoring.config.settings import MqttSource
+from swashtwin.monitoring.config.settings import Broker, MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Standing
 from swashtwin.monitoring.sources.message import read_message
 
@@ -45,7 +45,10 @@ class MqttWatch:
         self._source = source
         self._accept = accept
         self._session = source.client or f"{client}-{file_name(source.name)}"
-        self._client = self._make_client()
+        self._client = broker_client(source, self._session, manual_ack=True)
+        self._client.on_connect = self._on_connect
+        self._client.on_subscribe = self._on_subscribe
+        self._client.on_message = self._on_message
 
     def run(self, stop: threading.Event) -> None:
         """Stay connected until `stop` is set."""
@@ -73,30 +76,6 @@ class MqttWatch:
 
     def _fail(self, reason: str) -> None:
         self.standing.fail(f"broker {self._source.host}:{self._source.port}: {reason}")
-
-    def _make_client(self) -> "Client":
-        try:
-            from paho.mqtt.client import Client
-            from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
-        except ImportError as cause:
-            raise MissingExtraError(
-                "a source of the kind mqtt needs paho-mqtt, which is not installed: pip install 'swashtwin[mqtt]'."
-            ) from cause
-        client = Client(
-            CallbackAPIVersion.VERSION2,
-            self._session,
-            protocol=MQTTProtocolVersion.MQTTv5,
-            reconnect_on_failure=False,
-            manual_ack=True,
-        )
-        if self._source.user is not None:
-            client.username_pw_set(self._source.user, self._source.password.reveal() or None)
-        if self._source.tls:
-            client.tls_set(None if self._source.ca is None else str(self._source.ca))
-        client.on_connect = self._on_connect
-        client.on_subscribe = self._on_subscribe
-        client.on_message = self._on_message
-        return client
 
     def _on_connect(self, client: "Client", _: Any, __: Any, reason: Any, ___: Any) -> None:
         from paho.mqtt.subscribeoptions import SubscribeOptions
@@ -128,6 +107,35 @@ class MqttWatch:
             return
         client.ack(message.mid, message.qos)
         self.standing.succeed(1)
+
+
+def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -> "Client":
+    """A client that may log in to a broker, not connected yet.
+
+    Raises
+    ------
+    MissingExtraError
+        paho-mqtt is not installed.
+    """
+    try:
+        from paho.mqtt.client import Client
+        from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+    except ImportError as cause:
+        raise MissingExtraError(
+            "mqtt needs paho-mqtt, which is not installed: pip install 'swashtwin[mqtt]'."
+        ) from cause
+    client = Client(
+        CallbackAPIVersion.VERSION2,
+        name,
+        protocol=MQTTProtocolVersion.MQTTv5,
+        reconnect_on_failure=False,
+        manual_ack=manual_ack,
+    )
+    if broker.user is not None:
+        client.username_pw_set(broker.user, broker.password.reveal() or None)
+    if broker.tls:
+        client.tls_set(None if broker.ca is None else str(broker.ca))
+    return client
 
 
 def _session_properties() -> Any:

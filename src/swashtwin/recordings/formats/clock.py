@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,8 @@ _SLOW = 20.0
 _FASTEST = 1e8
 """Rate [Hz] above which a column without a name is no clock."""
 _HEAD = 1000
+_MOST_PARTS = 100
+"""Recordings that one table holds at most; a clock that begins again more often is broken."""
 _ENOUGH = 1 << 18
 """Samples, spread over the whole column, of which a median is taken."""
 
@@ -48,7 +51,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     A column is a clock if the options or its name say so, or if it rises evenly and has no unit of another quantity. A
     clock holds for the columns of its group or structure; of several, the last before a column holds for it. A counter
     states no rate, but samples that it skips are lost. Where a clock states no rate, the attribute ``time_gaps`` says
-    why.
+    why. Where a clock begins again, another recording begins.
 
     Raises
     ------
@@ -60,7 +63,11 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     counters = [name for name, column in rest.items() if len(raw.columns) > 1 and _is_counter(raw, name, column)]
     counters = counters if len(counters) < len(rest) else []
     others = {name: column for name, column in rest.items() if name not in counters}
-    found = {name: read_time_column(path, raw.columns[name], _unit(path, raw, name, options)) for name in clocks}
+    seconds = {name: _unit(path, raw, name, options) for name in clocks}
+    found = {name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()}
+    breaks: Sequence[int] = ()
+    if len(clocks) == 1 and found[clocks[0]][1]:
+        breaks = _TimeColumn(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0).restarts()
     rates, starts, gaps = dict(raw.rates), dict(raw.starts), []
     for name, column in others.items():
         clock = _clock_of(raw, name, column, found)
@@ -89,7 +96,40 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         field: {name: value for name, value in values.items() if name in others}
         for field, values in (("units", raw.units), ("rates", rates), ("starts", starts))
     }
-    return replace(raw, columns=others, sample_rate=sample_rate, attributes=attributes, **kept)
+    return replace(raw, columns=others, sample_rate=sample_rate, attributes=attributes, breaks=tuple(breaks), **kept)
+
+
+class _Part:
+    """Samples of a column from `first` to before `last`."""
+
+    def __init__(self, column: Column, first: int, last: int) -> None:
+        self._column, self._first, self._last = column, first, last
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        start, stop, step = span.indices(len(self))
+        return np.asarray(self._column[self._first + start : self._first + stop])[::step]
+
+
+def split(raw: RawFile) -> RawFile:
+    """The recordings that begin at the breaks of a file, with columns of their own, such as ``x [2]``."""
+    if not raw.breaks:
+        return raw
+    columns: dict[str, Column] = {}
+    starts: dict[str, str] = {}
+    names: dict[str, str] = {}
+    for name, column in raw.columns.items():
+        for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
+            key = f"{name} [{number}]"
+            columns[key], starts[key], names[key] = _Part(column, first, last), f"sample {first} of the file", name
+    kept: dict[str, Any] = {
+        field: {key: values[name] for key, name in names.items() if name in values}
+        for field, values in (("units", raw.units), ("rates", raw.rates), ("sensitivities", raw.sensitivities))
+    }
+    attributes = {name: text for name, text in raw.attributes.items() if name != "time_gaps"}
+    return replace(raw, columns=columns, starts=starts, attributes=attributes, **kept)
 
 
 def time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
@@ -325,6 +365,16 @@ class _TimeColumn:
             return math.nan
         usual = float(steps[np.abs(steps - usual) < 0.25 * usual].mean())
         return usual if step / usual - 1 > 2e-3 else None
+
+    def restarts(self) -> list[int]:
+        """Samples at which the time begins again and goes on from there; none where it does so all the time."""
+        usual = float(np.median(self.every(self.stride, steps=True)))
+        found: list[int] = []
+        for start in range(0, self.count, BLOCK):
+            part = self.part(start, start + BLOCK + 3)
+            back = (part[2:-1] < part[1:-2] - 10 * usual) & (part[2:-1] < part[:-3]) & (part[3:] < part[1:-2])
+            found += (start + 2 + np.flatnonzero(back[:BLOCK])).tolist()
+        return found if len(found) <= _MOST_PARTS else []
 
     def drift(self, sparse: Float[np.ndarray, " time"], step: float) -> float:
         """How far the time strays from even steps [s], NaN where a sample has no time."""

@@ -96,6 +96,8 @@ class _Table:
         self._has_values = [kind is Kind.number for kind in self._kinds]
         self._stamps = {column: StampReader() for column, kind in enumerate(self._kinds) if kind is Kind.stamp}
         self._line = self._dialect.start
+        self._rows = 0
+        self._breaks: list[int] = []
         start = self._dialect.start
         self._header = "\n".join(lines[:start])
         self._attributes = {"header": self._header[:2000]} if start > 1 else {}
@@ -125,6 +127,7 @@ class _Table:
             frame = self._frame(body)
             block = self._numbers(frame, body)
             self._line += len(block)
+            self._rows += len(block)
             stop = _last_value(frame)
             if stop:
                 yield np.full((blank_rows, block.shape[1]), np.nan)
@@ -153,13 +156,39 @@ class _Table:
         except polars.exceptions.PolarsError as cause:
             if self._words_appear(body):
                 return self._frame(body)
+            if (rows := self._without_headings(body)) is not None:
+                return self._frame(rows)
             raise self._damage(body) from cause
         lines = body.count(b"\n") + 1
         if frame.height != lines or (
             b'"' not in body and body.count(self._separator) != lines * (len(self._kinds) - 1)
         ):
+            if (rows := self._without_headings(body)) is not None:
+                return self._frame(rows)
             raise self._damage(body)
         return frame
+
+    def _without_headings(self, body: bytes) -> bytes | None:
+        """The rows without lines that begin as one of the header does: another recording begins below them."""
+        separator = self._dialect.separator
+        keys = {split_line(line.strip(), separator)[0] for line in self._header.split("\n") if line.strip()}
+        rows: list[bytes] = []
+        breaks: list[int] = []
+        lines = body.split(b"\n")
+        for number, line in enumerate(lines):
+            text = _decode(line).strip()
+            follows = number + 1 == len(lines) or _decode(lines[number + 1]).strip().split(separator)[0] in keys
+            if (text and split_line(text, separator)[0] in keys) or (
+                not text and (follows or breaks[-1:] == [len(rows)])
+            ):
+                breaks += [] if breaks[-1:] == [len(rows)] else [len(rows)]
+            else:
+                rows.append(line)
+        if len(rows) == len(lines) or not rows:
+            return None
+        self._breaks += [self._rows + number for number in breaks if self._rows + number]
+        self._line += len(lines) - len(rows)
+        return b"\n".join(rows)
 
     def _numbers(self, frame: Any, body: bytes) -> Float[np.ndarray, "time channel"]:
         """Numbers, and seconds of time stamps, of the `columns` of a table of polars."""
@@ -260,7 +289,9 @@ class _Table:
         texts = texts * len(channels) if len(texts) == 1 else texts
         sensitivities = dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
         rate = raw.sample_rate or header_rate(pairs)
-        return replace(raw, units=units, sample_rate=rate, sensitivities=sensitivities)
+        return replace(
+            raw, units=units, sample_rate=rate, sensitivities=sensitivities, breaks=tuple(self._breaks) or raw.breaks
+        )
 
 
 def _last_value(frame: Any) -> int:

@@ -27,6 +27,7 @@ import numpy as np
 
 from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, keep_freed_memory, memory_limit
 from swashtwin.recordings.columns import BLOCK, Column, file_stamp, number_type, require_unchanged
+from swashtwin.recordings.formats.clock import split
 from swashtwin.recordings.formats.raw import Options, RawFile
 
 _PATIENCE = 30.0
@@ -295,7 +296,7 @@ class _Files:
         _limit_memory()
         module = import_module(f"swashtwin.recordings.formats.{source.module}")
         result = getattr(module, source.function)(Path(source.path), source.options)
-        content = {"": result} if isinstance(result, RawFile) else result
+        content = {"": split(result)} if isinstance(result, RawFile) else result
         if max((len(raw.columns) for raw in content.values()), default=0) > _COLUMNS:
             raise DataError(f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement.")
         columns = [column for raw in content.values() for column in raw.columns.values()]

@@ -83,6 +83,8 @@ class RawFile:
     """What the sensor of each column gives, such as ``"99.7 mV/g"``; it holds where the column is in volts."""
     starts: Mapping[str, str] = field(default_factory=dict)
     """When each column starts, in words, where the file says it; columns that start apart are no one recording."""
+    breaks: tuple[int, ...] = ()
+    """Samples at which another recording begins."""
 
     @property
     def condition(self) -> OperatingCondition | None:

@@ -134,7 +134,16 @@ _UNKNOWN_SCALES = {
     "bias": 0.0,
 }
 """What files call a scale that may be applied already or not, and the value that makes no difference."""
-SCALES = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_range", "valid_min", "valid_max")
+SCALES = (
+    "scale_factor",
+    "add_offset",
+    "_FillValue",
+    "fill_value",
+    "missing_value",
+    "valid_range",
+    "valid_min",
+    "valid_max",
+)
 """What the CF conventions call scales, missing values, and bounds beyond which a value is missing."""
 SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
 
@@ -172,7 +181,7 @@ def obeyed(where: str, column: Column, facts: Mapping[str, Any], options: Option
         float(values[number if values.size > 1 else 0])
         for values in (numbers.get("scale_factor", np.ones(1)), numbers.get("add_offset", np.zeros(1)))
     )
-    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_FillValue", "missing_value")])
+    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_FillValue", "fill_value", "missing_value")])
     low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
     low, high = max([low, *numbers.get("valid_min", [])]), min([high, *numbers.get("valid_max", [])])
     return _Obeyed(column, factor, offset, missing, (low, high))

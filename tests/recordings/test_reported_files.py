@@ -1,0 +1,218 @@
+"""Properties of files that users of the readers have reported publicly: each is read right, or refused by name."""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import soundfile
+from recording_files import write_uff
+from scipy import sparse
+from scipy.io import savemat
+
+from swashtwin.foundation import DataError
+from swashtwin.recordings import load_recording
+
+RATE, G = 10_000.0, 9.80665
+NOISE = np.random.default_rng(4).normal(size=401).round(4)
+TIME = np.arange(401) / RATE
+TIMES = [f"{value:.4f}" for value in TIME]
+COUNTS = np.round(NOISE * 1e4).astype(np.int16)
+FILL = np.arange(401) % 100 == 7
+
+
+def text(name: str, *lines: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return folder / name
+
+    return write
+
+
+def rows(separator: str, *columns: Any, end: str = "") -> list[str]:
+    return [separator.join(map(str, row)) + end for row in zip(*columns, strict=True)]
+
+
+def commas(values: Any) -> list[str]:
+    return [str(value).replace(".", ",") for value in values]
+
+
+def tdms(values: np.ndarray, **facts: Any) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        nptdms = pytest.importorskip("nptdms")
+        facts_all = {"wf_increment": 1 / RATE, "unit_string": "g", "NI_Scaling_Status": "unscaled"} | facts
+        with nptdms.TdmsWriter(str(folder / "a.tdms")) as writer:
+            writer.write_segment([nptdms.ChannelObject("group", "x", values, properties=facts_all)])
+        return folder / "a.tdms"
+
+    return write
+
+
+def linear(number: int, slope: float, source: int) -> dict[str, Any]:
+    head = f"NI_Scale[{number}]_"
+    return {
+        head + "Scale_Type": "Linear", head + "Linear_Slope": slope, head + "Linear_Y_Intercept": 0.0,
+        head + "Linear_Input_Source": source, "NI_Number_Of_Scales": number + 1,
+    }  # fmt: skip
+
+
+def daqmx(folder: Path) -> Path:
+    """Raw data of a DAQmx task with a linear scale, as LabVIEW streams it to the disk."""
+    made = pytest.importorskip("nptdms.test.test_daqmx")
+    text_of, number = made.string_hexlify, made.hexlify_value
+    facts = {
+        "NI_Number_Of_Scales": (3, number("<i", 2)),
+        "NI_Scaling_Status": (0x20, number("<I", 8) + text_of("unscaled")),
+        "NI_Scale[1]_Scale_Type": (0x20, number("<I", 6) + text_of("Linear")),
+        "NI_Scale[1]_Linear_Slope": (10, number("<d", 1e-4)),
+        "NI_Scale[1]_Linear_Y_Intercept": (10, number("<d", 0.0)),
+        "NI_Scale[1]_Linear_Input_Source": (7, number("<I", 0)),
+        "wf_increment": (10, number("<d", 1 / RATE)),
+        "unit_string": (0x20, number("<I", 1) + text_of("g")),
+    }
+    channel = made.daqmx_channel_metadata("x", len(COUNTS), [2], [made.daqmx_scaler_metadata(0, 3, 0)], facts)
+    file = made.GeneratedFile()
+    head = made.segment_objects_metadata(made.root_metadata(), made.group_metadata(), channel)
+    file.add_segment(made.segment_toc(), head, COUNTS.astype("<i2").tobytes(), binary_data=True)
+    (folder / "a.tdms").write_bytes(file.get_bytes_io_file().getvalue())
+    return folder / "a.tdms"
+
+
+def universal(kind: str, *, tail: bytes = b"", even: bool = True) -> Callable[[Path], Path]:
+    """A universal file whose samples are text, or binary in double (d) or single precision (f)."""
+
+    def write(folder: Path) -> Path:
+        path = folder / "a.uff"
+        write_uff(path, NOISE[None], 1 / RATE, "g")
+        lines = path.read_text(encoding="ascii").splitlines()
+        at = next(number for number, line in enumerate(lines) if line.strip() == "58")
+        head = lines[at - 1 : at + 12]
+        numbers = NOISE if even else np.ravel([[*TIME, 0.0], [*NOISE, 0.0]], order="F")
+        fields = [f"{number:13.5E}" for number in numbers]
+        data = "\n".join("".join(fields[n : n + 6]) for n in range(0, len(fields), 6)).encode()
+        head[8] = f"{4 if kind == 'd' else 2:10d}{401:10d}{int(even):10d}" + head[8][30:]
+        if kind in "df":
+            data = NOISE.astype(f"<f{8 if kind == 'd' else 4}").tobytes()
+            head[1] = f"    58b     1     2          11{len(data):12d}     0     0           0           0"
+        path.write_bytes(
+            "\n".join(head).encode() + b"\n" + data + tail + (b"" if kind in "df" else b"\n") + b"    -1\n"
+        )
+        return path
+
+    return write
+
+
+def wav(stated: int) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        soundfile.write(folder / "a.wav", NOISE / 8, int(RATE), subtype="FLOAT")
+        content = bytearray((folder / "a.wav").read_bytes())
+        at = content.index(b"data") + 4
+        content[4:8], content[at : at + 4] = struct.pack("<I", stated & 0xFFFFFFFF), struct.pack("<I", stated)
+        (folder / "a.wav").write_bytes(content)
+        return folder / "a.wav"
+
+    return write
+
+
+def rf64(folder: Path) -> Path:
+    soundfile.write(folder / "a.wav", NOISE / 8, int(RATE), subtype="FLOAT", format="RF64")
+    return folder / "a.wav"
+
+
+def mat(**variables: Any) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        savemat(folder / "a.mat", variables)
+        return folder / "a.mat"
+
+    return write
+
+
+def hdf5(values: np.ndarray, **facts: Any) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        with h5py.File(folder / "a.h5", "w") as file:
+            file["x"] = values
+            file["x"].attrs.update({"sampling_rate": "10 kHz", "units": "g", **facts})
+        return folder / "a.h5"
+
+    return write
+
+
+def mdf(**facts: Any) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        asammdf = pytest.importorskip("asammdf")
+        with asammdf.MDF() as file:
+            file.append([asammdf.Signal(NOISE, timestamps=TIME, name="x", unit="g", **facts)])
+            file.save(folder / "a.mf4", overwrite=True)
+        return folder / "a.mf4"
+
+    return write
+
+
+LVM = [
+    "LabVIEW Measurement", "Separator{0}{1}", "Decimal_Separator{0}.", "X_Columns{0}One", "***End_of_Header***", "",
+    "Notes{0}X values guaranteed valid only for acc_x", "Channels{0}1", "Samples{0}401", "Date{0}2016/08/11",
+    "Time{0}15:37:48.375", "Y_Unit_Label{0}g", "X_Dimension{0}Time", "X0{0}0.0", "Delta_X{0}1.0E-4",
+    "***End_of_Header***", "X_Value{0}x{0}Comment",
+]  # fmt: skip
+TAB = [line.format("\t", "Tab") for line in LVM]
+COMMA = [line.format(",", "Comma") for line in LVM]
+OBJECT = np.array([0xDD000000, 2, 1, 1, 1, 1], np.uint32)[:, None]
+CELLS = np.array([("x", NOISE, {"unit": "g"})], dtype=[("name", "O"), ("data", "O"), ("meta", "O")])
+MISSING = np.where(FILL, np.nan, NOISE)
+TWICE = [*rows("\t", TIMES, NOISE, end="\t"), *rows("\t", TIMES, NOISE, end="\t")]
+NPTDMS, PYUFF, SCIPY = "adamreeve/npTDMS", "ladisk/pyuff", "scipy/scipy"
+
+# where it was reported | file | options | samples [g] at 10 kHz, or a part of the refusal
+READ: list[tuple[str, Callable[[Path], Path], dict[str, Any], Any]] = [
+    (f"{NPTDMS}/issues/64", tdms(COUNTS, **linear(0, 1e-4, 0xFFFFFFFF)), {}, NOISE),
+    (f"{NPTDMS}/issues/120", tdms(COUNTS, **(linear(0, 1e-3, 0xFFFFFFFF) | linear(1, 0.1, 0))), {}, NOISE),
+    (f"{NPTDMS}/issues/125", daqmx, {}, NOISE),
+    (f"{NPTDMS}/issues/91", tdms(COUNTS, **(linear(0, 1.0, 0) | {"NI_Scale[0]_Scale_Type": "PieceWisePolynomial"})), {},
+     "Unsupported scale type: PieceWisePolynomial"),
+    (f"{PYUFF}/issues/22", universal("a", even=False), {}, NOISE),
+    (f"{PYUFF}/issues/29", universal("a", tail=b" " * 13), {}, NOISE),
+    (f"{PYUFF}/issues/38", universal("d", tail=b"\n"), {}, NOISE),
+    (f"{PYUFF}/issues/61", universal("f"), {}, NOISE),
+    (f"{SCIPY}/issues/7895", mat(s=CELLS, fs=RATE), {"unit": "g"}, NOISE),
+    ("tbeu/matio/issues/359", mat(s={"t": OBJECT}, fs=RATE), {}, r"left out: s\.t \(a MATLAB object\)"),
+    ("skjerns/mat7.3/issues/28", mat(x=sparse.csc_matrix(NOISE[:, None]), fs=RATE, unit="g"), {}, NOISE),
+    ("naudio/NAudio/issues/688", wav(0xFFFFFFFF), {"unit": "g"}, NOISE / 8),
+    ("rs1729/RS/issues/39", wav(0), {"unit": "g"}, NOISE / 8),
+    ("breakfastquay/rubberband/issues/101", wav(401 * 4 - 1200), {"unit": "g"}, NOISE / 8),
+    ("SatDump/SatDump/pull/340", rf64, {"unit": "g"}, NOISE / 8),
+    ("pola-rs/polars/issues/10585", text("a.csv", "t [s],x [g]", *rows(",", TIMES, NOISE), "0.0401,1,2"), {},
+     "line 403 has 3 columns, not 2"),
+    ("pola-rs/polars/issues/18797", text("a.csv", "t;x", *rows(";", commas(TIMES), ["1.299,99"] * 401)), {},
+     "marks for thousands"),
+    ("MilesMcBain/datapasta/issues/27", text("a.csv", "t [s],x [g]", *rows(",", TIMES, NOISE, end=",")), {}, NOISE),
+    ("mccdaq/daqhats/issues/15", text("a.txt", *rows("   ", commas(TIMES), commas(NOISE))), {"unit": "g"}, NOISE),
+    ("ladisk/lvm_read/issues/5", text("a.lvm", *TAB, *rows("\t", TIMES, NOISE, end="\t")), {}, NOISE),
+    ("ladisk/lvm_read/pull/15", text("a.lvm", *COMMA, *rows(",", TIMES, NOISE, end=",")), {}, NOISE),
+    ("ladisk/lvm_read/pull/10", text("a.lvm", *TAB, *TWICE), {}, r"x \[2\]: sample 401 of the file"),
+    ("ladisk/lvm_read/pull/10", text("a.lvm", *TAB, *TWICE), {"channels": ["x [2]"]}, NOISE),
+    ("Unidata/netcdf4-python/issues/554", hdf5(COUNTS, scale_factor=1e-4, valid_min=np.int16(-32000)), {}, NOISE),
+    ("HDFGroup/h5pyd/issues/44", hdf5(np.where(FILL, 1e37, NOISE).astype("f4"), _FillValue=1e37), {}, MISSING),
+    ("opera-adt/COMPASS/pull/167", hdf5(np.where(FILL, -9.0e3, NOISE), fill_value=-9.0e3), {}, MISSING),
+    ("nasa-jpl/autoRIFT/pull/92", hdf5(np.where(FILL, 32767, COUNTS), scale_factor=1e-4, valid_range=[-32000, 32000]),
+     {}, MISSING),
+    ("danielhrisca/asammdf/issues/96", mdf(invalidation_bits=FILL), {}, MISSING),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("thread", "write", "options", "right"), READ, ids=[row[0] for row in READ])
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_file_as_publicly_reported_is_read_right_or_refused(
+    thread: str, write: Callable[[Path], Path], options: dict[str, Any], right: Any, tmp_path: Path
+) -> None:
+    path = write(tmp_path)
+    if isinstance(right, str):
+        with pytest.raises(DataError, match=right):
+            load_recording(path, **options)
+        return
+    recording = load_recording(path, **options)
+    assert recording.sample_rate == pytest.approx(RATE, rel=1e-6)
+    assert (recording.n_channels, recording.unit) == (1, "m/s^2")
+    np.testing.assert_allclose(recording.signal[0], right * G, rtol=1e-5, atol=1e-5)

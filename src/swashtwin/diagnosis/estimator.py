@@ -2,7 +2,7 @@
 
 import inspect
 from functools import cache
-from typing import Any, Self
+from typing import Any
 
 
 class Estimator:
@@ -19,7 +19,7 @@ class Estimator:
         """Parameters of the constructor by name."""
         return {name: getattr(self, name) for name in self._defaults()}
 
-    def set_params(self, **parameters: Any) -> Self:
+    def set_params(self, **parameters: Any) -> "Estimator":
         """The same classifier with other parameters."""
         for name, value in parameters.items():
             if name not in self._defaults():

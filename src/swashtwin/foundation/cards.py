@@ -46,7 +46,9 @@ def to_table(thing: Any, *, of_array: Callable[[Any], Any] = lambda array: array
     return msgspec.to_builtins(thing, enc_hook=encode)
 
 
-def from_table(table: Any, form: type[T], where: str = "", *, to_array: Callable[[type, Any], Any] | None = None) -> T:
+def from_table(
+    table: Any, form: Callable[..., T], where: str = "", *, to_array: Callable[[type, Any], Any] | None = None
+) -> T:
     """What `to_table` made a table of.
 
     Parameters

@@ -1,7 +1,7 @@
 """Levels of the whole window, and a discriminant or a hidden layer on them."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
@@ -206,7 +206,7 @@ class LevelNetwork(SolvedNetwork):
         active = sums > 0
         return _log_softmax((sums * active) @ self.weights["output"].T + self.weights["output.bias"]), active
 
-    def loaded(self, weights: Mapping[str, np.ndarray]) -> Self:
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> "LevelNetwork":
         """This network with the weights of a saved one; a `ValueError` where they are of another shape."""
         n_levels, hidden = self.n_channels * len(self.response), self.settings["hidden"]
         needed: dict[str, tuple[int, ...]] = {"mean": (n_levels,), "deviation": (n_levels,)}

@@ -1,7 +1,7 @@
 """Networks whose weights are found at once, from all training windows: no epochs, and no automatic derivatives."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
@@ -65,7 +65,7 @@ class SolvedNetwork:
         """Logarithm of each class's probability, of windows as `represent_at` gives them."""
         raise NotImplementedError
 
-    def loaded(self, weights: Mapping[str, np.ndarray]) -> Self:
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> "SolvedNetwork":
         """This network with the weights of a saved one.
 
         Raises

@@ -32,11 +32,11 @@ class TrainingReference:
     """Class of each."""
     specimen: tuple[str, ...]
     """Machine of each; empty where not stated."""
-    condition: Float64[np.ndarray, "recording quantity"]
+    condition: Float64[np.ndarray, "reference quantity"]
     """Speed [rad/s] and discharge pressure [Pa] of each; NaN where not stated."""
-    features: Float32[np.ndarray, "recording feature"]
+    features: Float32[np.ndarray, "reference feature"]
     """Mean of each feature (`SureClassifier.answer`) over the windows of the recording."""
-    facts: Float64[np.ndarray, "recording channel fact"]
+    facts: Float64[np.ndarray, "reference channel fact"]
     """Mean of `signal_facts` over some windows."""
     distance_scales: tuple[float, float] = (1.0, 1.0)
     """Distances from the rest that nine in ten of the training recordings do not exceed where they are left out: alone,
@@ -50,7 +50,7 @@ class TrainingReference:
         if self.condition.shape != (count, 2) or not all(0 < scale < math.inf for scale in self.distance_scales):
             raise InputError("a training reference needs a speed and a pressure of each, and two positive scales.")
 
-    def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " recording"]:
+    def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " reference"]:
         """Distance of each training recording from one with these mean features, 0 where they are the same.
 
         Root mean square over the features, each in units of its standard deviation between the training recordings; a
@@ -83,7 +83,7 @@ class TrainingReference:
         is_trained = bool(specimen) and specimen in self.specimen
         return self._space.score(features, at) / self.distance_scales[0 if is_trained else 1]
 
-    def cross_fitted_scores(self) -> Float64[np.ndarray, " recording"]:
+    def cross_fitted_scores(self) -> Float64[np.ndarray, " reference"]:
         """`ood_score` of each training recording by references without it; NaN where they have none of its class."""
         return self.left_out_distances(_folds(len(self.label))) / self.distance_scales[0]
 
@@ -95,7 +95,7 @@ class TrainingReference:
         label, specimen = np.array(self.label), np.array(self.specimen)
         return fit_class_space(self.features[used], label[used], specimen[used], self.condition[used])
 
-    def left_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " recording"]:
+    def left_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " reference"]:
         """Distance of each recording by a space without its group; NaN where the space has not its class."""
         label, distance = np.array(self.label), np.full(len(self.label), np.nan)
         for number in np.unique(group):
@@ -166,6 +166,6 @@ def _median_of_furthest(parts: list[np.ndarray]) -> float:
     return float(np.median(furthest)) if furthest else 0.0
 
 
-def _folds(count: int) -> Int[np.ndarray, " recording"]:
+def _folds(count: int) -> Int[np.ndarray, " reference"]:
     """Fold of each recording, in turn."""
     return np.arange(count) % _N_FOLDS

@@ -43,6 +43,17 @@ def test_a_name_and_a_recording_are_enough(recordings: list[Recording]) -> None:
         assert estimate.interval[0] < value < estimate.interval[1]
 
 
+@pytest.mark.parametrize(("name", "is_free"), [("body_y", False), ("acc", True)])
+def test_one_sensor_calibrates_and_makes_windows(recordings: list[Recording], name: str, is_free: bool) -> None:
+    one = [recording.picked(["body_y"]).replace(channels=(name,)) for recording in recordings[:1]]
+    calibration = calibrate("25scy14-1b", one, method=QUICK, explain_misfit=False)
+    assert any("none of the pump's sensors" in note for note in calibration.notes) == is_free
+    assert calibration.posterior.channels == ("cover_z" if is_free else "body_y",)
+    windows = synthesize(calibration, None, count=1, like=one, window=2048, background="none")
+    assert windows.channels == (name,)
+    assert np.isfinite(windows.signal).all()
+
+
 def test_recordings_are_grouped_by_operating_point_and_fitted_together(recordings: list[Recording]) -> None:
     calibration = calibrate("25scy14-1b", recordings, method=QUICK, **SIX_VALUES)
     assert calibration.left_out == ()

@@ -19,6 +19,7 @@ from swashtwin.calibration.objective.measurement import (
     LINE_SPEED_TOLERANCE,
     Lines,
     measure,
+    place_single_channels,
     select_agreeing,
 )
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
@@ -34,6 +35,12 @@ PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType({"method": IPINN(), "nui
 """The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six values, no phases."""
 RECOMMENDED_NUISANCES = Nuisances.by_axis()
 """What `calibrate` searches beside the six values where nothing is said."""
+FREE_PATH = 1.0
+"""Prior deviation of the logarithm of the gain, and of the housing's shares, of a sensor whose place is unknown."""
+_PLACE = (
+    "{0!r} is none of the pump's sensors: it counts as {1} with a free way from the shell, which leaves the values "
+    "less certain. Name it as the sensor where it sits (--names), or add that place to [[sensors]] in the pump file."
+)
 
 
 def calibrate(
@@ -56,7 +63,9 @@ def calibrate(
     Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are used, with the
     operating condition that each states; the others are listed in `Calibration.left_out` with the reason.
     Recordings at several operating points are fitted together, with one set of values; so are recordings of several
-    sets of sensors. Calibrating is training: no recording used here may stand in a test set.
+    sets of sensors. Channels are the pump's sensors of the same names; a single channel of another name counts as the
+    first of them, its gain and the housing's share in it free. Calibrating is training: no recording used here may
+    stand in a test set.
 
     Parameters
     ----------
@@ -89,8 +98,11 @@ def calibrate(
     """
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
-    recordings = list(recordings)
-    twins = starting_twins(pump, recordings, fault)
+    twins = starting_twins(pump, recordings := list(recordings), fault)
+    recordings, unplaced = place_single_channels(recordings, twins[0].pump)
+    if unplaced:
+        wide = {name: max(getattr(nuisances, name), FREE_PATH) for name in ("gains", "residue")}
+        nuisances = replace(nuisances, **wide)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
     groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
     band = DEFAULT_BAND if band is None else band
@@ -115,7 +127,10 @@ def calibrate(
         recording_ids=names,
         recording_hashes=manifest_of(used),
         left_out=tuple((name, reason) for name, reason in measurements[0].left_out if name not in names),
-        notes=notes_of(objective, search, estimates, explain_misfit),
+        notes=(
+            *(_PLACE.format(name, twins[0].pump.channels[0]) for name in unplaced),
+            *notes_of(objective, search, estimates, explain_misfit),
+        ),
         method=type(method).__name__,
         settings=_settings(method, objective, seed),
         simulations=search.simulations,

@@ -186,6 +186,7 @@ def simulate_windows(
     _require_agreement(twins, like)
     draw_values = _value_draws(twins, posterior, count, seed)
     sources = [twins[i % len(twins)] for i in range(count)]
+    sensors = [_sensors(twin, like.channels) for twin in twins]
     noises = [background_noise(like, twin) for twin in twins] if background == "spectrum" else []
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
@@ -197,7 +198,8 @@ def simulate_windows(
         for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
             rng = stream(seed, "window", twins[0].label, i)
             angle = rng.uniform(0, 2 * np.pi) + source.condition.speed * time
-            window = synchronous_signal(lines[:, np.isin(batch.orders, source.orders)], source.orders, angle)
+            read = lines[sensors[i % len(twins)]][:, np.isin(batch.orders, source.orders)]
+            window = synchronous_signal(read, source.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
             signal[i] = window + noises[i % len(twins)].draw(rng) if noises else window
     pressure = np.array([source.condition.discharge_pressure for source in sources])
@@ -241,17 +243,27 @@ def _class_among(classes: Sequence[str], twin: Twin) -> str:
     return names[0] if names and twin.label not in names else twin.label
 
 
+def _sensors(twin: Twin, channels: Sequence[str]) -> list[int]:
+    """Place of each channel among the twin's sensors: by name, or the first for a single one of another name."""
+    sensors = twin.pump.channels
+    if len(channels) == 1 and channels[0] not in sensors:
+        return [0]
+    missing = [name for name in channels if name not in sensors]
+    if missing:
+        raise InputError(
+            f"channel {missing[0]!r} of the windows is none of the twin's sensors ({', '.join(sensors)}); name the "
+            "channels as the sensors (names), or edit [[sensors]] in the pump file."
+        )
+    return [sensors.index(name) for name in channels]
+
+
 def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
     for twin in twins:
         if _class_among(like.classes, twin) not in like.classes:
             raise InputError(f"class {twin.label!r} is not among the windows' classes ({', '.join(like.classes)}).")
         if twin.label != twins[0].label:
             raise InputError(f"one twin simulates {twins[0].label!r}, another {twin.label!r}; give twins of one class.")
-        if twin.pump.channels != like.channels:
-            raise InputError(
-                f"the twin's sensors ({', '.join(twin.pump.channels)}) are not the windows' channels "
-                f"({', '.join(like.channels)}); edit [[sensors]] in the pump file."
-            )
+        _sensors(twin, like.channels)
         if like.sample_rate < 2 * twin.bandwidth:
             raise InputError(
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "

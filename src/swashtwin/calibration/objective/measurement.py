@@ -13,7 +13,7 @@ from swashtwin.calibration.objective.phases import combine_lines, phased_lines
 from swashtwin.calibration.objective.recording_checks import clipping_note, level_notes, lines_of, refuse_other_speed
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
-from swashtwin.pump import is_same_class, values_match
+from swashtwin.pump import Pump, is_same_class, values_match
 from swashtwin.recordings import Recording, refuse_unfit
 from swashtwin.signals import OrderSpectrum
 
@@ -128,6 +128,21 @@ def measure(
     )
 
 
+def place_single_channels(recordings: Iterable[Recording], pump: Pump) -> tuple[list[Recording], tuple[str, ...]]:
+    """Recordings of one channel that is none of the pump's sensors, as of its first sensor; and the names they had.
+
+    Where such a channel sits nobody knows: its way from the shell must be searched freely.
+    """
+    placed, names = [], dict[str, None]()
+    for recording in recordings:
+        (name, *others) = recording.channels
+        if not others and name not in pump.channels:
+            names[name] = None
+            recording = recording.replace(channels=pump.channels[:1])
+        placed.append(recording)
+    return placed, tuple(names)
+
+
 def _phasors(
     twin: Twin, used: Sequence[Recording], orders: Int[np.ndarray, " order"]
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
@@ -184,8 +199,8 @@ def _require_channels(twin: Twin, recording: Recording, first: Recording) -> Non
         if name not in twin.pump.channels:
             raise DataError(
                 f"{recording.recording_id}: the pump {twin.pump.name} has no sensor for channel {name!r}; it has "
-                f"{', '.join(twin.pump.channels)}. Add the sensor to the pump file, or leave the channel "
-                "out (channels = [...] in the index)."
+                f"{', '.join(twin.pump.channels)}. Name the channels as these sensors (names = [...] in "
+                "the index), add the sensor to the pump file, or leave the channel out (channels = [...])."
             )
     if recording.channels != first.channels:
         raise DataError(

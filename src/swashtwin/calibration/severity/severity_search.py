@@ -8,7 +8,13 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.measurement import Lines, Measurement, measure, select_agreeing
+from swashtwin.calibration.objective.measurement import (
+    Lines,
+    Measurement,
+    measure,
+    place_single_channels,
+    select_agreeing,
+)
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Unknowns, search_space
 from swashtwin.calibration.result import Calibration
@@ -89,6 +95,8 @@ def estimate_severity(
             "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
         )
     _require_one_machine([*candidates, *healthy_recordings])
+    candidates, _ = place_single_channels(candidates, calibration.nominal.pump)
+    healthy_recordings, _ = place_single_channels(healthy_recordings, calibration.nominal.pump)
     used, left_out = _chosen(candidates, fault)
     with one_thread():
         estimates = tuple(

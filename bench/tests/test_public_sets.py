@@ -16,7 +16,6 @@ from swashtwin.learning import cut_windows
 from swashtwin.recordings import Recording
 from swashtwin_bench import read_public_set
 from swashtwin_bench.public.readers.cwru import _records, read_cwru
-from swashtwin_bench.public.readers.mfpt import read_mfpt
 from swashtwin_bench.public.readers.registry import PUBLIC_SETS
 from swashtwin_bench.public.readers.uci_hydraulic import read_uci_hydraulic
 
@@ -102,28 +101,6 @@ def test_a_bearing_file_of_the_original_site_is_read_at_its_faulty_end(tmp_path:
     savemat(tmp_path / "122_0.mat", {"x": np.arange(4.0)})
     with pytest.raises(DataError, match=r"no variable X\.\.\._DE_time; it has x"):
         read_cwru(tmp_path)
-
-
-def test_mfpt_files_say_their_rate_load_and_speed(tmp_path: Path) -> None:
-    for folder, name, rate, load in (
-        ("1 - Three Baseline Conditions", "baseline_1", 97656, 270.0),
-        ("3 - Seven More Outer Race Fault Conditions", "OuterRaceFault_vload_1", 48828, 25.0),
-        ("4 - Seven Inner Race Fault Conditions", "InnerRaceFault_vload_7", 48828, 300.0),
-        ("6 - Real World Examples", "intermediate_speed", 48828, 0.0),
-    ):
-        (tmp_path / folder).mkdir()
-        content = {"sr": float(rate), "gs": np.arange(40.0)[:, None], "load": load, "rate": 25.0}
-        savemat(tmp_path / folder / f"{name}.mat", {"bearing": content})
-    savemat(tmp_path / "results.mat", {"x": np.arange(5.0)})
-    recordings = read_mfpt(tmp_path)
-    assert [recording.label for recording in recordings] == ["normal", "outer_race", "inner_race", None]
-    assert [recording.sample_rate for recording in recordings] == [97656.0, 48828.0, 48828.0, 48828.0]
-    assert [recording.attributes["load"] for recording in recordings[:2]] == ["270 lbf", "25 lbf"]
-    assert (recordings[0].attributes["speed"], recordings[0].channels) == ("1500 rpm", ("acceleration",))
-    np.testing.assert_allclose(recordings[0].signal[0], np.arange(40.0) * 9.80665)
-    half = read_mfpt(tmp_path, resample="48828 Hz")
-    assert {recording.sample_rate for recording in half} == {48828.0}
-    assert half[0].attributes["sample_rate_as_recorded"] == "97656 Hz"
 
 
 # ---- pumps

@@ -13,10 +13,10 @@ from swashtwin.physics import LoadCase, Twin, force_lines
 from swashtwin.pump import CLASSES, Interfaces, OperatingCondition, Pump
 from swashtwin.recordings import inspect_recordings, load_recordings
 from swashtwin.signals import order_spectrum
-from swashtwin_bench import RIG_VERSION, SIZES, build_rig, rig_recordings
+from swashtwin_bench import SIZES, build_rig, rig_recordings
 from swashtwin_bench.rigs.fleet import draw_specimen, film_factors
 from swashtwin_bench.rigs.measuring import Run, shaft_angle, shell_lines, slipper_loading
-from swashtwin_bench.rigs.writing import RigSize
+from swashtwin_bench.rigs.writing import RIG_VERSION, RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from swashtwin_bench.studies.sources import Fleets, require_rig
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm, um
 from swashtwin.physics import excitation_lines
@@ -15,12 +14,13 @@ from swashtwin.pump import BoreDefect, OperatingCondition, PistonWear, Pump, Swa
 from swashtwin.recordings import inspect_recordings, load_recordings
 from swashtwin.signals import periodic_signal
 from swashtwin_bench import build_rig, rig_recordings
-from swashtwin_bench.rigs.measuring import Run
+from swashtwin_bench.results.runs import Work
+from swashtwin_bench.rigs.measuring import Run, bore_force
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen, draw_fault, draw_specimen
-from swashtwin_bench.rigs.version_two.measuring import bore_force
 from swashtwin_bench.rigs.version_two.sounds import bursts, impacts_of, loudness
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies.dataset import prepare
+from swashtwin_bench.studies.runner import fleets, require_rig
 from swashtwin_bench.studies.scenario import Scenario
 from swashtwin_bench.studies.training_sets import twins_of
 
@@ -139,9 +139,9 @@ def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = {"small": replace(TINY, duration=1.0)}
-    for name in ("rigs.writing", "studies.sources"):
+    for name in ("rigs.writing", "studies.runner"):
         monkeypatch.setattr(f"swashtwin_bench.{name}.SIZES", small)
-    recordings, _ = Fleets(tmp_path, version="2").recordings_for(7)
+    recordings = fleets(tmp_path, "small", "2", Work())(7)
     assert (tmp_path / "rig2-small-7" / "recordings.toml").is_file()
     report = inspect_recordings(load_recordings(tmp_path / "rig2-small-7"))
     assert not report.has_errors

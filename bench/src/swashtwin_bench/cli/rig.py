@@ -1,7 +1,6 @@
 """Commands on the virtual rig, and the fillers that need no twin: demo, bench rig, bench augment."""
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,43 +28,6 @@ from swashtwin_bench.cli.studies import show_study, typed_command
 if TYPE_CHECKING:
     from swashtwin.learning import WindowSet
     from swashtwin_bench import Demo
-
-
-class RigFormat(StrEnum):
-    """File formats that the rig writes."""
-
-    h5 = "h5"
-    mat = "mat"
-    wav = "wav"
-    csv = "csv"
-    tdms = "tdms"
-
-
-class RigSizeName(StrEnum):
-    """Number and length of the rig's recordings."""
-
-    tiny = "tiny"
-    small = "small"
-    paper = "paper"
-
-
-class RigVersionName(StrEnum):
-    """Versions of the rig."""
-
-    first = "1"
-    first_deep = "1-deep"
-    second = "2"
-    second_deep = "2-deep"
-
-
-VersionOfRig = Annotated[
-    RigVersionName,
-    typer.Option(
-        "--rig-version",
-        help="Version of the virtual rig: 1, 2 which shares less with the twin, or 1-deep and 2-deep with the paper's "
-        "recess.",
-    ),
-]
 
 
 def demo(
@@ -137,8 +99,14 @@ def _command(*words: object) -> str:
 def rig(
     out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
     seed: Seed = 0,
-    size: Annotated[RigSizeName, typer.Option(help="Number and length of the recordings.")] = RigSizeName.small,
-    version: VersionOfRig = RigVersionName.first,
+    size: Annotated[str, typer.Option(help="Number and length of the recordings: tiny, small or paper.")] = "small",
+    version: Annotated[
+        str,
+        typer.Option(
+            "--rig-version",
+            help="1, 2 which shares less with the twin, or 1-deep and 2-deep with the paper's recess.",
+        ),
+    ] = "1",
     sensor_count: Annotated[
         int,
         typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
@@ -150,7 +118,9 @@ def rig(
             help="Record pressure and flow at the outlet and the temperature of the tank too, with an index of each.",
         ),
     ] = False,
-    file_format: Annotated[RigFormat, typer.Option("--format", help="Format of the files.")] = RigFormat.h5,
+    file_format: Annotated[
+        str, typer.Option("--format", help="Format of the files: h5, mat, wav, csv or tdms.")
+    ] = "h5",
     as_json: Json = False,
 ) -> None:
     """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
@@ -160,14 +130,14 @@ def rig(
         index_file = build_rig(
             out,
             seed=seed,
-            size=size.value,
-            version=version.value,
+            size=size,
+            version=version,
             sensors=sensor_count,
             process=process,
-            file_format=file_format.value,
+            file_format=file_format,
             progress=bar,
         )
-    result = {"index": index_file, "seed": seed, "size": size.value, "rig_version": version.value}
+    result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
 
 

@@ -30,12 +30,11 @@ from swashtwin.calibration import (
 )
 from swashtwin.foundation import InputError, MPa, mm
 from swashtwin.physics import Twin
-from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, SwashPlateDefect, load_pump
+from swashtwin.pump import PARAMETERS, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.measuring import Run, sensor_lines, true_values
-from swashtwin_bench.rigs.measuring import measure as record
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
 
 
@@ -74,11 +73,6 @@ METRICS = {
 }
 
 
-THICK_FILM = 9e4
-"""C_sw [N s/m] under which K_sw shows in the spectrum (docs/explanation/physics.md, section 6); the paper's is
-1.86e6."""
-
-
 @dataclass(frozen=True)
 class CalibrationStudySettings:
     """What is calibrated on what."""
@@ -91,8 +85,6 @@ class CalibrationStudySettings:
     """Pumps in each fleet."""
     repeats: int = 3
     """Recordings of each pump at each pressure; the last at `pressure` is tested on."""
-    thick_film: bool = False
-    """Whether the slippers' films are so thick, on the rig and on the drawing, that C_sw is nominally `THICK_FILM`."""
     contenders: tuple[str, ...] = tuple(CONTENDERS)
     """Names in `CONTENDERS`."""
 
@@ -152,8 +144,6 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
 def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
     size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
     pairs = list(rig_recordings(seed, size, labels=(settings.label,), jobs=jobs))
-    if settings.thick_film:
-        pairs = _with_thick_films(pairs, size.duration, seed)
     pumps = []
     for name in sorted({str(recording.specimen) for recording, _ in pairs}):
         pump_pairs = [pair for pair in pairs if pair[0].specimen == name]
@@ -167,34 +157,6 @@ def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pu
         others = {f"{level / 1e6:g} MPa": [pair[0] for pair in rest] for level, rest in by_pressure.items()}
         pumps.append(_Pump(seed, name, train, held_out, others))
     return pumps
-
-
-def _with_thick_films(
-    pairs: Sequence[tuple[Recording, Run]], duration: float, seed: int
-) -> list[tuple[Recording, Run]]:
-    """The same pumps with thick films under their slippers, recorded anew."""
-    factors = np.array([_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0])
-    runs = [replace(run, specimen=replace(run.specimen, values=run.specimen.values * factors)) for _, run in pairs]
-    recordings = [recording for recording, _ in pairs]
-    names = [(seed, recording.recording_id) for recording in recordings]
-    signals = record(runs, duration, recordings[0].sample_rate, names)
-    return [
-        (recording.replace(signal=signal), run)
-        for recording, run, signal in zip(recordings, runs, signals, strict=True)
-    ]
-
-
-def _thinner() -> float:
-    """The thick film's C_sw over the drawing's."""
-    return THICK_FILM / load_pump("25scy14-1b").interfaces.values()[0]
-
-
-def _nominal(settings: CalibrationStudySettings, condition: OperatingCondition) -> Twin:
-    pump = load_pump("25scy14-1b")
-    if settings.thick_film:
-        values = np.array(pump.interfaces.values()) * [_thinner(), 1.0, 1.0, 1.0, 1.0, 1.0]
-        pump = replace(pump, interfaces=Interfaces.from_values(values))
-    return Twin(pump, condition, FAULTS[settings.label])
 
 
 def _pressure(recording: Recording) -> float:
@@ -214,7 +176,7 @@ class _Case:
 def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
     train = [recording for recording, _ in pump.train]
     assert train[0].condition is not None
-    nominal = _nominal(settings, train[0].condition)
+    nominal = Twin(load_pump("25scy14-1b"), train[0].condition, FAULTS[settings.label])
     truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
     cases = [_case(pump, "nominal", nominal, {})]
     for name in settings.contenders:

@@ -74,6 +74,13 @@ class Specimen:
     following_cutoff: float
     """Frequency [Hz] above which they no longer do."""
     housing: Housing
+    supports: Float[np.ndarray, " 7"] | None = None
+    """True over nominal stiffness of each part of mounting and bearings (`Structure.support_parts`), if not 1."""
+    film_exponent: float = 1.0
+    """Power of the viscosity that the films' dampings follow."""
+    hangs_free: bool = False
+    """Whether a piston over a defect of its bush hangs free where the film would have to pull; no force stands still
+    then."""
 
     def reassemble(self, seed: int, recording: str) -> "Specimen":
         """The same pump after reassembly, which changing a part needs: films and sensors do not sit as before."""

@@ -24,8 +24,15 @@ from swashtwin.physics import (
     periodic_steady_state,
     worn_values,
 )
-from swashtwin.pump import Fault, OperatingCondition, SwashPlateDefect
-from swashtwin.signals import fourier_lines, inverse_transform, line_frequencies, synchronous_signal, transform
+from swashtwin.pump import BoreDefect, Fault, InterfaceValue, OperatingCondition, SwashPlateDefect
+from swashtwin.signals import (
+    fourier_lines,
+    inverse_transform,
+    line_frequencies,
+    periodic_signal,
+    synchronous_signal,
+    transform,
+)
 from swashtwin_bench.rigs.fleet import Specimen, film_factors
 
 T = TypeVar("T")
@@ -75,7 +82,32 @@ def true_values(run: Run) -> Float[np.ndarray, " 6"]:
     """The six interface values in a run: the specimen's as assembled, at this oil temperature and pressure."""
     oil, condition = run.specimen.pump.oil, run.condition
     viscosity = oil.viscosity_at(condition.oil_temperature) / oil.viscosity
-    return run.specimen.values * film_factors(condition.discharge_pressure, viscosity)
+    return run.specimen.values * film_factors(condition.discharge_pressure, viscosity**run.specimen.film_exponent)
+
+
+def bore_force(
+    run: Run, defect: BoreDefect, values: Float[np.ndarray, " 6"], motion: Complex[np.ndarray, " line"]
+) -> Complex[np.ndarray, " line"]:
+    """Lines [N] of the side force that a piston misses over a defect of its bush.
+
+    One-sided: where the film would have to pull, the piston hangs free and its whole side load is missing.
+
+    Parameters
+    ----------
+    motion : displacement lines of the defect [m], from order 0, without its mean.
+    """
+    group, condition = run.specimen.pump.rotating_group, run.condition
+    steps = 4 * len(motion)
+    share = run.specimen.pump.coupling.lateral_ratio / group.piston_count
+    stiffness, damping = values[InterfaceValue.PISTON_BORE_STIFFNESS], values[InterfaceValue.PISTON_BORE_DAMPING]
+    mean = 2 * defect.half_width / math.pi**2 * defect.depth
+    motion = np.concatenate([[mean], motion[1:]])
+    film = share * (stiffness + 1j * condition.speed * damping * np.arange(len(motion))) * motion
+    phi = 2 * np.pi * (np.arange(steps) / steps + defect.bore / group.piston_count)
+    pressure = condition.discharge_pressure - condition.case_pressure
+    pressed = np.maximum((1 - np.tanh(np.sin(phi) / 0.12)) / 2, 0.02)
+    side_load = group.piston_area * pressure * math.tan(group.swash_angle) * pressed
+    return -fourier_lines(np.minimum(periodic_signal(film, steps), side_load))[: len(motion)]
 
 
 def shell_lines(run: Run, pressure: Complex[np.ndarray, "order 13"]) -> Complex[np.ndarray, "sensor line"]:
@@ -93,13 +125,18 @@ def shell_lines(run: Run, pressure: Complex[np.ndarray, "order 13"]) -> Complex[
     if isinstance(run.fault, SwashPlateDefect):
         hertz = frequency / (2 * np.pi)
         motion = motion * specimen.following / (1 + (hertz / specimen.following_cutoff) ** 2)
-    force = fault_forces(pump, structure, TOPOLOGY, run.fault, values, frequency, motion)
-    force = force + torch.as_tensor(pressure * (np.arange(n_lines + 1) > 0)[:, None])
+    moving = torch.as_tensor(np.arange(n_lines + 1) > 0)[:, None]
+    if isinstance(run.fault, BoreDefect) and specimen.hangs_free:
+        force = torch.as_tensor(bore_force(run, run.fault, values.numpy(), motion))[:, None] * structure.lateral_vector
+    else:
+        force = fault_forces(pump, structure, TOPOLOGY, run.fault, values, frequency, motion)
+    force = (force * moving if specimen.hangs_free else force) + torch.as_tensor(pressure) * moving
+    parts = None if specimen.supports is None else torch.as_tensor(specimen.supports)
     lines = periodic_steady_state(
         HarmonicBalance(),
         structure.mass,
         structure.damping(values),
-        structure.stiffness(values, specimen.mount, specimen.bearing),
+        structure.stiffness(values, specimen.mount, specimen.bearing, parts=parts),
         condition.speed,
         force,
         slipper_terms(run, structure, values),
@@ -208,7 +245,11 @@ def measure(
         swell = 1 + 0.02 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.5) * np.arange(n) / sample_rate + rng.random()))
         signal = run.specimen.housing.gain @ (signal * swell + _flow_noise(run, n, sample_rate, rng))
         signal = signal + _mains(len(signal), n, sample_rate, rng) + 0.02 * rng.standard_normal(signal.shape)
-        low_pass = scipy.signal.butter(4, 0.8, output="sos")
-        filtered = scipy.signal.sosfilt(low_pass, signal, axis=-1)
-        signals.append((np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64))
+        signals.append(digitized(signal))
     return signals
+
+
+def digitized(signal: Float[np.ndarray, "sensor time"]) -> Float[np.ndarray, "sensor time"]:
+    """The signal [m/s^2] as the low pass and the 16-bit converter give it."""
+    filtered = scipy.signal.sosfilt(scipy.signal.butter(4, 0.8, output="sos"), signal, axis=-1)
+    return (np.round(filtered / CONVERTER_STEP) * CONVERTER_STEP).astype(np.float32).astype(np.float64)

@@ -35,6 +35,9 @@ MANIFEST_NAME = "rig.json"
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
 
+FORMATS = ("h5", "mat", "wav", "csv", "tdms")
+"""Formats of the files."""
+
 PUMPS = MappingProxyType({3: "25scy14-1b", 13: "25scy14-1b-13"})
 """Pump file by the number of its accelerometers."""
 
@@ -311,7 +314,7 @@ def build_rig(
     process : record pressure and flow at the outlet and the temperature of the tank too, each in a file of its own for
         each recording, with an index of its own (`PROCESS`), such as ``outlet_pressure.toml``. They can be added to a
         folder later.
-    file_format : ``h5`` (default), ``mat``, ``wav``, ``csv`` or ``tdms``.
+    file_format : one of `FORMATS`.
     jobs : processes that work side by side.
     progress : called with recordings done and in all.
 
@@ -324,6 +327,8 @@ def build_rig(
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
+    if file_format not in FORMATS:
+        raise InputError(f"the rig writes no {file_format!r} files; choose one of {', '.join(FORMATS)}.")
     plan = SIZES[size] if isinstance(size, str) else size
     slots = _slots(plan, version, sensors)
     settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": file_format}

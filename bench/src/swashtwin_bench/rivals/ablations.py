@@ -1,22 +1,25 @@
-"""BiTCN with one part taken away: the paper's ablation study."""
+"""BiTCN with one part taken away: the paper's ablation study (DOI 10.1177/00202940261419020)."""
 
 from typing import Any, ClassVar
 
 from swashtwin.learning import BiTCN, register_network
 
 
-class BiTCNOrdinary(BiTCN):
-    """Ablation A of the paper (DOI 10.1177/00202940261419020): ordinary instead of dilated causal convolution.
+class _Ablation(BiTCN):
+    """BiTCN without one part; all settings are those of `BiTCN`."""
+
+    without: ClassVar[str]
+
+    def __init__(self, n_channels: int, n_classes: int, **settings: Any) -> None:
+        super().__init__(n_channels, n_classes, **{self.without: False, **settings})
+
+
+class BiTCNOrdinary(_Ablation):
+    """Ablation A: ordinary instead of dilated causal convolution.
 
     **Our reading** of ordinary: each convolution is centered and no dilation grows. The number of weights stays, the
     receptive field of a branch shrinks to that of six small convolutions, and what is left of the view over the whole
     window is squeeze-and-excitation.
-
-    Parameters
-    ----------
-    n_channels : channels of a window.
-    n_classes : number of classes.
-    **settings : all others of `BiTCN`.
 
     Examples
     --------
@@ -25,43 +28,21 @@ class BiTCNOrdinary(BiTCN):
     """
 
     name: ClassVar[str] = "bitcn_ordinary"
-
-    def __init__(self, n_channels: int, n_classes: int, **settings: Any) -> None:
-        super().__init__(n_channels, n_classes, **{"causal": False, **settings})
+    without = "causal"
 
 
-class BiTCNNoAttention(BiTCN):
-    """Ablation B of the paper (DOI 10.1177/00202940261419020): no squeeze-and-excitation.
-
-    Without it no step knows of the whole window before the mean over time.
-
-    Parameters
-    ----------
-    n_channels : channels of a window.
-    n_classes : number of classes.
-    **settings : all others of `BiTCN`.
-    """
+class BiTCNNoAttention(_Ablation):
+    """Ablation B: no squeeze-and-excitation, so that no step knows of the whole window before the mean over time."""
 
     name: ClassVar[str] = "bitcn_no_attention"
-
-    def __init__(self, n_channels: int, n_classes: int, **settings: Any) -> None:
-        super().__init__(n_channels, n_classes, **{"attention": False, **settings})
+    without = "attention"
 
 
-class BiTCNForward(BiTCN):
-    """Ablation C of the paper (DOI 10.1177/00202940261419020): the positive branch only, half the weights.
-
-    Parameters
-    ----------
-    n_channels : channels of a window.
-    n_classes : number of classes.
-    **settings : all others of `BiTCN`.
-    """
+class BiTCNForward(_Ablation):
+    """Ablation C: the positive branch only, half the weights."""
 
     name: ClassVar[str] = "bitcn_forward"
-
-    def __init__(self, n_channels: int, n_classes: int, **settings: Any) -> None:
-        super().__init__(n_channels, n_classes, **{"bidirectional": False, **settings})
+    without = "bidirectional"
 
 
 ABLATIONS: tuple[type[BiTCN], ...] = (BiTCNOrdinary, BiTCNNoAttention, BiTCNForward)

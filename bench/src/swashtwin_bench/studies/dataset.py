@@ -1,7 +1,6 @@
 """Data of one seed, from which training sets and tests are made: window sets by role, and calibrated twins."""
 
 import hashlib
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -137,35 +136,12 @@ def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed:
     return tasks
 
 
-def read_for(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> dict[str, Recording]:
-    """Recordings that train, test or lend, by id, as the scenario reads them (`Scenario.as_read`); in an angle's case
-    all played back at the median of the speeds stated.
-
-    Raises
-    ------
-    DataError
-        The recordings cannot be split, or one cannot be put along the shaft's angle.
-    """
-    split = split_scenario(recordings, scenario, seed)
-    needed = split.train.union(
-        *split.tests.values(), *(_lenders(recordings, ids, scenario) for ids in split.scarce.values())
-    )
-    stated = [recording.condition.speed for recording in recordings if recording.condition is not None]
-    speed = float(np.median(stated)) if stated else math.nan
-    return {
-        recording.recording_id: scenario.as_read(recording, speed)
-        for recording in recordings
-        if recording.recording_id in needed
-    }
-
-
 def prepare(
     recordings: Sequence[Recording],
     scenario: Scenario,
     seed: int,
     calibrations: Iterable[tuple[CalibrationTask, Calibration]],
     *,
-    read: Mapping[str, Recording] | None = None,
     noisy_tests: bool = False,
     noisy_training: bool = False,
 ) -> StudyDataset:
@@ -174,13 +150,12 @@ def prepare(
     Parameters
     ----------
     calibrations : the tasks of `calibration_tasks`, each with its result.
-    read : result of `read_for` for the same recordings, scenario and seed; by default it is computed here.
     noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
     """
     finished = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
     lenders = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
-    by_id = read_for(recordings, scenario, seed) if read is None else read
+    by_id = {recording.recording_id: recording for recording in recordings}
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
@@ -188,7 +163,7 @@ def prepare(
         measured = _counted(measured, scenario)
     for ids in lenders:
         measured = measured + _scarce_windows(
-            [recording for name, recording in by_id.items() if name in ids], scenario, measured
+            [recording for recording in recordings if recording.recording_id in ids], scenario, measured
         )
     tests = {level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured) for level, ids in split.tests.items()}
     if RANDOM_WINDOWS in tests:
@@ -310,12 +285,11 @@ def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scen
 
 
 def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """The measured windows of a scarce cell; along the shaft's angle the same recordings may hold one or two less, for
-    they begin with a whole turn, and at the same speed."""
+    """The measured windows of a scarce cell."""
     if not lenders:
         return like.subset(np.zeros(len(like), dtype=bool))
     windows = cut_windows(lenders, like=like)
-    return windows.subset(_evenly(len(windows), min(scenario.scarce_windows, len(windows))))
+    return windows.subset(_evenly(len(windows), scenario.scarce_windows))
 
 
 def _calibration_task(

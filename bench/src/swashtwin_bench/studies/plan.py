@@ -95,12 +95,6 @@ class Plan:
     def __post_init__(self) -> None:
         if not (self.models and self.training_sets):
             raise InputError("a study needs a classifier and a training set.")
-        noisy = self.perturbations or any(training_set.noise for training_set in self.training_sets.values())
-        if noisy and any(self.scenario_of(name).along_angle for name in self.variants):
-            raise InputError(
-                "noise is added before a recording is put along the shaft's angle, which would have to be found anew "
-                "in each draw; plans with noise cut windows along time."
-            )
 
     def with_settings(self, settings: PlanSettings) -> "Plan":
         """The plan with what was set.

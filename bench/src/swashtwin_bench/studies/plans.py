@@ -213,23 +213,6 @@ def noise(size: str, recipe: str) -> Plan:
     )
 
 
-def shaft_angle(size: str) -> Plan:
-    """Case I from windows along the shaft's angle, beside those along time."""
-    names = (DEFAULT, "extra_trees") if size == "quick" else (DEFAULT, "ridge", "svm", "extra_trees", "wdcnn")
-    return _like_case_one(
-        size, OURS, "shaft-angle", "Windows along the shaft's angle instead of along time",
-        models=models_of(size, names),
-        varied="domain",
-        variants={"time": {}, "angle": {"along_angle": True}},
-        compared={"domain": "angle", "training_set": "calibrated"},
-        notes=(
-            "Angle: every recording is put at even steps of the shaft's angle, as many a turn as there are samples at "
-            "the stated speed; the angle comes from the clearest of its lowest six piston-pass lines. Twins are "
-            "calibrated on recordings as they are. The scarce cell may hold a window or two less along the angle.",
-        ),
-    )  # fmt: skip
-
-
 def augmentation(size: str) -> Plan:
     """Whatever can fill the scarce cell of Case I, with the same number of windows each."""
     budgets = (0, 72, 200) if size == "quick" else (0, 50, 150, 200, 500)
@@ -250,31 +233,6 @@ def augmentation(size: str) -> Plan:
             "classifier can learn 'synthetic' for the class: then the recall in the scarce cell, which is of measured "
             "windows, falls behind. The row every class fills all classes at this pressure alike.",
             "Class weights change the training of networks only.",
-        ),
-    )  # fmt: skip
-
-
-def calibrators(size: str) -> Plan:
-    """The paper's way to calibrate the twins of Case I, against Gauss-Newton with the housing's constants free, on
-    recordings of the fault and on healthy ones."""
-    free: dict[str, Any] = {"method": GaussNewton(starts=1), "nuisances": Nuisances.housing()}
-    ways: dict[str, Mapping[str, Any]] = {
-        "none": {}, "ipinn": {}, "gauss_newton": free, "healthy": {**free, "calibrated_on": "normal"},
-    }  # fmt: skip
-    return _like_case_one(
-        size, OURS, "calibrators", "Calibrators: how the way in which twins are calibrated changes the scores",
-        training_sets={
-            "measured": TrainingSet(), **{name: TWIN_TRAINING_SETS[name] for name in ("calibrated", "every_class")}
-        },
-        varied="calibrator",
-        variants=ways,
-        bare="none",
-        compared={"calibrator": "gauss_newton", "training_set": "calibrated"},
-        notes=(
-            "ipinn: the paper's network. gauss_newton: Gauss-Newton from one start, with the constants of housing and "
-            "mounting free beside the six values. Both on each pump's recordings of the fault at the pressure nearest "
-            "to the scarce one, as in Case I. healthy: gauss_newton on the pump's healthy recordings of every "
-            "pressure, the fault put in as machined.",
         ),
     )  # fmt: skip
 
@@ -318,17 +276,6 @@ def unseen_pressure(size: str) -> Plan:
             "Measured normals of the pressure are trained on. Where only faults are synthetic, a classifier can take "
             "'synthetic' for 'faulty'; in the row every class, normals are synthetic too.",
         ),
-    )  # fmt: skip
-
-
-def unseen_specimen(size: str) -> Plan:
-    """How many pumps one has to know to tell the faults of another."""
-    return _like_case_one(
-        size, OURS, "unseen-specimen", "Unseen specimen: how many pumps one has to know to tell another's faults",
-        varied="pumps",
-        variants={str(count): {"specimens": count} for count in (1, 2, 3, 4)},
-        training_sets={name: PAPER_TRAINING_SETS[name] for name in ("measured", "calibrated")},
-        notes=("The same pumps are held out whatever the number; L2 is of the pumps that are trained on.",),
     )  # fmt: skip
 
 
@@ -379,12 +326,9 @@ def _by(plan: Callable[[str, str], Plan], recipe: str) -> Callable[[str], Plan]:
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {
         **{name: _by(plan, OURS) for name, plan in OF_BOTH_RECIPES.items()},
-        "shaft-angle": shaft_angle,
         "augmentation": augmentation,
-        "calibrators": calibrators,
         "few-shot": few_shot,
         "unseen-pressure": unseen_pressure,
-        "unseen-specimen": unseen_specimen,
         **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in OF_BOTH_RECIPES.items()},
     }
 )

@@ -19,7 +19,6 @@ from swashtwin_bench.studies.dataset import (
     calibration_tasks,
     finished_calibration,
     prepare,
-    read_for,
     run_calibration,
 )
 from swashtwin_bench.studies.plan import Plan, train_and_test
@@ -100,14 +99,12 @@ def _calls(
         tasks = [task for task in todo if task.factors.get(plan.varied, "") == variant]
         scenario, data_seed = plan.scenario_of(variant), plan.data_seed(seed)
         searches = calibration_tasks(recordings, scenario, data_seed) if any(map(plan.needs_twins, tasks)) else []
-        read = read_for(recordings, scenario, data_seed)  # what cannot be read is refused before any search
         calibrations = work.each("calibration", run_calibration, [(search, work.out) for search in searches])
         dataset = prepare(
             recordings,
             scenario,
             data_seed,
             zip(searches, calibrations, strict=True),
-            read=read,
             noisy_tests=bool(plan.perturbations),
             noisy_training=any(training_set.noise for training_set in plan.training_sets.values()),
         )

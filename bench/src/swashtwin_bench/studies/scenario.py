@@ -6,7 +6,6 @@ fills them. The test is at that pressure, all classes alike, on recordings that 
 """
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
@@ -29,7 +28,6 @@ from swashtwin.pump import (
     values_match,
 )
 from swashtwin.recordings import Recording
-from swashtwin.signals import piston_pass_angle, resampled_by_angle
 from swashtwin_bench.rigs.version_two.fleet import PAPER_RECESS
 from swashtwin_bench.studies.cells import recordings_by_cell
 
@@ -82,8 +80,6 @@ class Scenario:
     """Windows of each class in each test, evenly over its recordings; None takes as many as the smallest class has."""
     held_out: int = 2
     """Specimens that nothing is trained on."""
-    specimens: int | None = None
-    """Specimens that are trained on; None takes all that are not held out."""
     levels: tuple[str, str] = ("L2", "L4")
     """Levels of generalization of the tests: known specimens, and those held out. With `RANDOM_WINDOWS` in place of the
     nearer one its recordings stand in training and test."""
@@ -98,9 +94,6 @@ class Scenario:
     calibrated_on: str = "fault"
     """``"fault"``: a twin for each scarce class, on that class's training recordings at the pressure nearest to the
     scarce one; ``"normal"``: one twin for all, on healthy training recordings of every pressure."""
-    along_angle: bool = False
-    """Whether windows are cut along the shaft's angle, which the piston-pass lines of each recording tell, instead of
-    along time; see `as_read`."""
 
     def __post_init__(self) -> None:
         if self.calibrated_on not in ("fault", "normal"):
@@ -108,35 +101,6 @@ class Scenario:
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
             raise InputError(f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates.")
-
-    def as_read(self, recording: Recording, speed: float) -> Recording:
-        """The recording as windows are cut from it: as it is, or at even steps of the shaft's angle.
-
-        As many steps a turn as there are samples at `speed`, and played back at it: a window is as long as it is along
-        time, and a line of the shaft stands at the same frequency, however fast each shaft turned. Twins are calibrated
-        on recordings as they are.
-
-        Parameters
-        ----------
-        speed : speed that all recordings of a study are played back at [rad/s].
-
-        Raises
-        ------
-        DataError
-            The recording cannot be put along the angle: it states no speed, no piston-pass line stands clear, it
-            is too short, or it lies along the angle already.
-        """
-        if not self.along_angle:
-            return recording
-        per_turn = 2 * round(math.pi * recording.sample_rate / speed)
-        try:
-            angle = piston_pass_angle(recording, self.pump.rotating_group.piston_count)
-            return resampled_by_angle(recording, angle, per_turn, played_at=speed)
-        except (DataError, InputError) as cause:
-            raise DataError(
-                f"windows along the shaft's angle cannot be cut: {cause} Or leave the recording out, or cut windows "
-                "along time (--set values=time)."
-            ) from cause
 
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
@@ -150,8 +114,7 @@ class Scenario:
         return recording.label in self.scarce and self.is_near(recording)
 
     def describe(self) -> dict[str, Any]:
-        """The scenario as JSON can hold it; ``along_angle`` and ``class_windows`` stand there only where they are set,
-        so that finished runs of earlier versions keep their keys."""
+        """The scenario as JSON can hold it."""
         return {
             "scarce": list(self.scarce),
             "pressure_Pa": self.pressure,
@@ -161,15 +124,13 @@ class Scenario:
             "windows_per_recording": self.windows,
             "test_windows": self.test_windows,
             "specimens_held_out": self.held_out,
-            "specimens_trained_on": self.specimens,
             "levels": list(self.levels),
             "faults": {name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce},
             "pump": {"name": self.pump.name, "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest()},
             "method": {"name": type(self.method).__name__, **_settings(self.method)},
             "nuisances": _settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
-            **({"along_angle": True} if self.along_angle else {}),
-            **({} if self.class_windows is None else {"class_windows": self.class_windows}),
+            "class_windows": self.class_windows,
         }
 
 
@@ -214,17 +175,14 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     familiar, unseen = scenario.levels
     rng = stream(seed, "scenario", "split")
     specimens = sorted({str(r.specimen) for r in recordings})
-    least = scenario.held_out + (scenario.specimens or 1)
+    least = scenario.held_out + 1
     if len(specimens) < least:
         raise DataError(
             f"the study needs at least {least} specimens, {scenario.held_out} of them held out; the "
             f"recordings name {len(specimens)} ({', '.join(specimens)}). Give each recording its specimen in the index."
         )
     order_of_specimens = rng.permutation(specimens).tolist()
-    held_out, known_ones = (
-        set(order_of_specimens[: scenario.held_out]),
-        set(order_of_specimens[scenario.held_out :][: scenario.specimens]),
-    )
+    held_out = set(order_of_specimens[: scenario.held_out])
     train: set[str] = set()
     references: set[str] = set()
     lenders_by_class: dict[str, list[list[str]]] = {name: [] for name in scenario.scarce}
@@ -236,8 +194,6 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             spare = 1 if order[0].label == "normal" and (len(ids) > 1 or not scenario.is_near(order[0])) else 0
             references |= set(ids[:spare])
             tests[unseen] |= set(ids[spare:]) if scenario.is_near(order[0]) else set()
-            continue
-        if order[0].specimen not in known_ones:
             continue
         count = _training_count(order, scenario)
         tests[familiar] |= set(ids[count:]) if scenario.is_near(order[0]) else set()

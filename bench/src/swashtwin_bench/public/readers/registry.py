@@ -8,7 +8,6 @@ set                        labels                                  groups (attri
 =========================  ======================================  ===========================================
 ``bearing_run_to_failure`` none: six bearings until they failed    ``specimen``
 ``cwru``                   normal, inner_race, ball, outer_race    ``specimen``, ``fault_size_mil``, ``end``
-``mfpt``                   normal, inner_race, outer_race          ``load``, ``sample_rate_as_recorded``
 ``motor_pump_industrial``  healthy, faulty                         ``block``
 ``pump_cavitation``        healthy, cavitation25, 50, 75, 100      ``speed_nominal``, ``repeat``
 ``uci_hydraulic``          no_, weak_, severe_leakage              ``pump_run``, ``cooler_block``
@@ -22,7 +21,6 @@ from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 from swashtwin_bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
 from swashtwin_bench.public.readers.cwru import read_cwru
-from swashtwin_bench.public.readers.mfpt import read_mfpt
 from swashtwin_bench.public.readers.motor_pump_industrial import read_motor_pump_industrial
 from swashtwin_bench.public.readers.pump_cavitation import read_pump_cavitation
 from swashtwin_bench.public.readers.uci_hydraulic import read_uci_hydraulic
@@ -30,7 +28,6 @@ from swashtwin_bench.public.readers.uci_hydraulic import read_uci_hydraulic
 PUBLIC_SETS: dict[str, Callable[[Path], list[Recording]]] = {
     "bearing_run_to_failure": read_bearing_run_to_failure,
     "cwru": read_cwru,
-    "mfpt": read_mfpt,
     "motor_pump_industrial": read_motor_pump_industrial,
     "pump_cavitation": read_pump_cavitation,
     "uci_hydraulic": read_uci_hydraulic,
@@ -41,7 +38,6 @@ __all__ = [
     "PUBLIC_SETS",
     "read_bearing_run_to_failure",
     "read_cwru",
-    "read_mfpt",
     "read_motor_pump_industrial",
     "read_public_set",
     "read_pump_cavitation",

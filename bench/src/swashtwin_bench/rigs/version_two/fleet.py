@@ -63,19 +63,15 @@ class Stand:
     """Amplitudes [m/s^2] of the ball passes."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SecondSpecimen(Specimen):
     """One pump of version 2, as it truly is; mount and bearing of version 1 are 1, for `supports` take their place."""
 
-    supports: Float[np.ndarray, " 7"]
-    """True over nominal stiffness of each part of mounting and bearings (`Structure.support_parts`)."""
     is_reassembled: bool
     """Whether it is taken apart before each recording, or only where another part is put in."""
     sensors: str
     """Name in `SENSOR_PLACES`."""
     stand: Stand
-    film_exponent: float
-    """Power of the viscosity that the films' dampings follow."""
     gauge: float
     """True over stated pressure, an error of the gauge."""
     strengths: Float[np.ndarray, "source piston"]
@@ -99,7 +95,7 @@ class SecondSpecimen(Specimen):
     def truth(self) -> dict[str, object]:
         """Supports, assembly and sensors, for the scoring file."""
         return {
-            "supports": self.supports.tolist(),
+            "supports": None if self.supports is None else self.supports.tolist(),
             "is_reassembled": self.is_reassembled,
             "sensors": self.sensors,
         }
@@ -149,6 +145,7 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
             gain=np.diag(rng.normal(1, 0.08, 3)) + rng.normal(0, 0.07, (3, 3)) * (1 - np.eye(3)),
         ),
         supports=rng.uniform(*SUPPORT_RANGE, 7),
+        hangs_free=True,
         is_reassembled=bool(turn // 2 % 2),
         sensors=sensors,
         stand=_draw_stand(rng),

@@ -30,7 +30,6 @@ def test_every_command_that_reads_a_file_takes_the_same_options(command: str) ->
 
 FILES = {
     "plain": ["a,b", *(row.partition(",")[2] for row in ROWS)],
-    "clock": ["time [s],a [g],b [V]", *ROWS],
     "doubtful": ["a", *(f"{number % 7},125" for number in range(64))],
 }
 
@@ -41,7 +40,6 @@ FILES = {
         ("plain", ["--unit", "g"], "--sample-rate", ["--sample-rate", "1 kHz"]),
         ("plain", ["--sample-rate", "1 kHz"], "--unit", ["--unit", "g"]),
         ("plain", ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"], "--unit", ["--unit", "V"]),
-        ("clock", [], "--channels", ["--channels", "a"]),
         ("doubtful", ["--unit", "g", "--sample-rate", "1 kHz"], "--decimal", ["--decimal", ","]),
         ("wav", [], "--sensitivity", ["--sensitivity", "50 m/s^2"]),
     ],

@@ -72,11 +72,12 @@ def write_mdf(path: Path, *groups: tuple[str, np.ndarray, float, str]) -> Path:
 
 def test_channels_of_one_rate_are_chosen_from_a_measurement_of_several(tmp_path: Path) -> None:
     path = write_mdf(tmp_path / "a.mf4", ("acc", SIGNAL[0], 25600.0, "g"), ("speed", SIGNAL[1, :50], 100.0, "rpm"))
-    loaded = load_recording(path, channels=["acc"])
-    assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
-    np.testing.assert_allclose(loaded.signal[0], SIGNAL[0] * 9.80665)
+    for facts in ({}, {"channels": ["acc"]}):
+        loaded = load_recording(path, **facts)
+        assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
+        np.testing.assert_allclose(loaded.signal[0], SIGNAL[0] * 9.80665)
     with pytest.raises(DataError, match=r"several rates \(acc: 25600 Hz, speed: 100 Hz\), .* channels = \[...\]"):
-        load_recording(path)
+        load_recording(path, channels=["*"])
 
 
 def test_channels_of_two_rates_are_not_one_recording(tmp_path: Path) -> None:

@@ -17,11 +17,13 @@ from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, S
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
+    load_recording,
     load_recordings,
     propose_index,
     save_index,
     stated_facts,
     stated_pressure,
+    stated_speed,
     write_index,
     write_recording,
 )
@@ -268,6 +270,7 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
     sentences = propose_index(rig, sample_rate="25.6 kHz", unit="m/s^2", include=["A01/*"]).facts
     assert sentences == (
         "label: normal (1), swash_plate (1), says its name",
+        "specimen: A01 (2), says its name",
         "speed: 860 rpm (2), says its name",
         "pressure: 15 MPa (2), says its name",
         "sample_rate: 25.6 kHz (2), says the option",
@@ -579,7 +582,8 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
 @pytest.mark.parametrize(
     ("names", "hint"),
     [
-        (("A_normal_1", "A_piston_1", "B_normal_1"), "all classes begin with A, B: if that is a machine"),
+        (("A_normal_1", "A_piston_1", "B_normal_1"), "the classes begin with A, B, taken for the machine"),
+        (("Test_1", "Test_2"), "every file is of the class 'Test': is that a class?"),
         (("pump_gut_1", "pump_piston_1"), "all classes begin with pump"),
         (("swash_plate_1", "valve_plate_1"), None),
     ],
@@ -587,6 +591,52 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
 def test_a_machine_in_the_classes_is_hinted_at(names: tuple[str, ...], hint: str | None, tmp_path: Path) -> None:
     notes = propose_index(tmp_path, **touch(tmp_path, *(f"{name}.csv" for name in names))).notes
     assert [note.startswith(hint) for note in notes] == [True] if hint else notes == ()
+
+
+def test_a_machine_in_names_and_folders_is_the_specimen(tmp_path: Path) -> None:
+    facts = touch(tmp_path, "A_normal_1.csv", "B_piston_1.csv", "pump 7/normal/1.csv", "C/C_piston_2.csv")
+    entries = propose_index(tmp_path, **facts).index["recording"]
+    found = {entry["file"]: (entry.get("specimen"), entry["label"]) for entry in entries}
+    assert found["pump 7/normal/1.csv"] == ("pump 7", "normal")
+    assert found["C/C_piston_2.csv"] == ("C", "piston")
+
+
+def test_one_class_of_all_files_is_asked_about(tmp_path: Path) -> None:
+    facts = touch(tmp_path, "Test/gut_1.csv", "Test/kolben_1.csv")
+    asked = []
+
+    def answer(key: str, question: str) -> str:
+        asked.append(question)
+        return r"/(?P<label>[a-z]+)_"
+
+    proposal = propose_index(tmp_path, ask=answer, **facts)
+    assert "All files are of the class 'Test'" in asked[0]
+    assert proposal.index["classes"] == ["gut", "kolben"]
+
+
+def test_a_measured_speed_in_the_file_counts_for_more_than_that_of_its_name(tmp_path: Path) -> None:
+    touch(tmp_path, "normal_1500rpm.csv", text="Drehzahl;980,0 1/min\nx;y\n1.5;2.5\n3.5;4.5\n")
+    proposal = propose_index(tmp_path, sample_rate="1 kHz", unit="g")
+    assert proposal.index["recording"][0]["speed"] == "980.0 1/min"
+    assert "states speed = 1500 rpm, its header 980.0 1/min; the header's counts" in proposal.notes[0]
+    alone = load_recording(tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g")
+    assert stated_speed(alone) == pytest.approx(980 / 60)
+
+
+def test_one_file_of_two_recordings_gets_two_entries(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    facts = {"wf_increment": 1e-3, "unit_string": "g"}
+    starts = {"a": np.datetime64("2026-01-01T10:00:00"), "b": np.datetime64("2026-01-01T11:00:00")}
+    channels = [
+        nptdms.ChannelObject("g", name, np.sin(np.arange(50.0)), {**facts, "wf_start_time": start})
+        for name, start in starts.items()
+    ]
+    with nptdms.TdmsWriter(str(tmp_path / "normal_1.tdms")) as writer:
+        writer.write_segment(channels)
+    save_index(propose_index(tmp_path).index, tmp_path / "recordings.toml")
+    recordings = load_recordings(tmp_path)
+    assert recordings.recording_ids == ("normal_1_1", "normal_1_2")
+    assert [recording.n_channels for recording in recordings] == [1, 1]
 
 
 def test_an_odd_class_is_noted(tmp_path: Path) -> None:

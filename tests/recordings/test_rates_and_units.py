@@ -81,7 +81,8 @@ def test_two_rates_for_the_same_vector_are_refused_by_name(tmp_path: Path) -> No
 def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}})
     with pytest.raises(DataError, match="different units"):
-        load_recording(tmp_path / "a.mat")
+        load_recording(tmp_path / "a.mat", channels=["a.x", "b.y"])
+    assert load_recording(tmp_path / "a.mat").channels == ("a.x",)
     assert load_recording(tmp_path / "a.mat", channels=["b.y"]).unit == "Pa"
     with pytest.raises(DataError, match=r"'b\.y' is in Pa, the index says g"):
         load_recording(tmp_path / "a.mat", channels=["b.y"], unit="g")

@@ -17,7 +17,8 @@ from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.resampling import resampled, resampling_of
 from swashtwin.recordings.samples import Columns, Samples
-from swashtwin.recordings.scaling import scale
+from swashtwin.recordings.scaling import scale, vibration_columns
+from swashtwin.recordings.stated_facts import bare_pressures, facts_of_header
 
 _PUMP_KEYS = {
     "speed": "speed",
@@ -58,6 +59,11 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     stamp = file_stamp(path)
     _require_checksum(path, entry)
     raw = open_raw(path, entry.options)
+    if not raw.facts:
+        header = {key: text for key, text in facts_of_header(raw).items() if getattr(entry, key, "") is None}
+        if raw.sample_rate is not None or raw.rates:
+            header.pop("sample_rate", None)
+        entry = replace(entry, **{key: text for key, text in header.items() if key not in bare_pressures(header)})
     view = _view(raw, entry, path)
     names = entry.names or view.names
     if len(names) != len(view.names):
@@ -67,6 +73,8 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         )
     stated = raw.facts
     attributes = dict(raw.attributes) | dict(entry.attributes)
+    if entry.channels is None and (others := [name for name in raw.columns if name not in view.names]):
+        attributes["other_columns"] = ", ".join(others)
     condition = _condition(entry, raw.condition, str(path), attributes)
     name = entry.id or stated.get("recording_id") or stem_of(path)
     samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
@@ -120,9 +128,9 @@ def _require_checksum(path: Path, entry: Entry) -> None:
 
 
 def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
-    """Columns the entry asks for, in its order; all where it asks for none."""
+    """Columns the entry asks for, in its order; where it asks for none, `vibration_columns`."""
     chosen: dict[str, Column] = {}
-    for channel in raw.columns if entry.channels is None else entry.channels:
+    for channel in vibration_columns(raw, entry) if entry.channels is None else entry.channels:
         names = _matching(raw, channel)
         if not names:
             listed = ", ".join(f"{number} {name!r}" for number, name in enumerate(raw.columns))

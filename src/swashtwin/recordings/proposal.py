@@ -14,13 +14,15 @@ from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.index import path_from
 from swashtwin.recordings.loading import choose_columns, rate_in_file, stated_rate
-from swashtwin.recordings.scaling import scale
+from swashtwin.recordings.scaling import scale, vibration_columns
 from swashtwin.recordings.stated_facts import (
     bare_pressures,
     facts_of_header,
     facts_of_name,
     facts_of_table,
     label_hints,
+    machines_in_labels,
+    only_label,
 )
 
 Facts = dict[str, tuple[str, str]]
@@ -95,9 +97,15 @@ def propose_index(
     ]
     if include and not files:
         raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
+    is_asked = False
     while True:
         survey = _survey(folder, files, stated, defaults, label_pattern, pressure_unit)
-        answers = _ask(survey.missing, ask)
+        questions = {
+            key: f"{len(names)} files (as {names[0]}) do not say their {key}" for key, names in survey.missing.items()
+        }
+        if not is_asked and label_pattern is None and stated is None and (only := only_label(survey.entries)):
+            questions["label"], is_asked = f"All files are of the class {only!r}, as their names say", True
+        answers = _ask(questions, ask)
         if not answers:
             break
         label_pattern = answers.pop("label_pattern", label_pattern)
@@ -107,8 +115,11 @@ def propose_index(
     if not survey.entries:
         reason = survey.skipped[0] if survey.skipped else f"supported are {', '.join(suffixes())}."
         raise DataError(f"{folder} holds no file to index: {reason}")
+    machines = [] if label_pattern or stated is not None else machines_in_labels(survey.entries)
+    for facts_of_file, entry in zip(survey.facts, survey.entries, strict=True) if machines else ():
+        facts_of_file |= {key: (entry[key], "its name") for key in ("label", "specimen") if key in entry}
     index = _index_of(survey.entries, defaults, folder, index_folder)
-    hints = label_hints(entry["label"] for entry in survey.entries if "label" in entry)
+    hints = [*machines, *label_hints(entry["label"] for entry in survey.entries if "label" in entry)]
     return IndexProposal(
         index, tuple(survey.skipped), _sentences(survey.facts, defaults), tuple(dict.fromkeys([*survey.notes, *hints]))
     )
@@ -160,38 +171,71 @@ def _survey(
             survey.skipped.append(f"{path} names {other}: a table of facts, for --table.")
             continue
         fact = facts_of_name(name, pattern) if stated is None else stated[name]
-        values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
-        values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
-        header = {} if raw.facts else facts_of_header(raw)
-        if raw.sample_rate is not None or raw.rates:
-            header.pop("sample_rate", None)
-        both = [key for key in header if key in values and header[key] != values[key]]
-        survey.notes.extend(f"{name} states {key} = {values[key]}, its header {header[key]}." for key in both[:1])
-        in_file = {key: value for key, value in header.items() if key not in values}
-        values |= in_file
+        values, in_file = _facts_of(name, raw, fact, stated is not None, survey.notes)
         bare = bare_pressures(values)
         if bare and pressure_unit is None:
             survey.missing.setdefault("pressure_unit", []).append(name)
         values |= {key: f"{values[key]} {pressure_unit}" for key in bare if pressure_unit is not None}
-        entry = Entry.from_mapping({"file": name, **defaults, **values}, str(path))
-        columns = choose_columns(raw, entry, str(path))
-        missing = _missing_facts(raw, list(columns), entry, str(path))
-        for key in missing:
-            survey.missing.setdefault(key, []).append(name)
-        _require_agreement(raw, list(columns), entry, set(defaults) - set(missing), str(path))
-        survey.facts.append(
-            _origins(name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file)
-        )
-        survey.entries.append({"file": name, **values})
-        if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
-            survey.notes.append(_NO_SPEED)
+        for entry in _entries_within(raw, {"file": name, **values}, defaults, str(path)):
+            whole = Entry.from_mapping({**defaults, **entry}, str(path))
+            columns = choose_columns(raw, whole, str(path))
+            missing = _missing_facts(raw, list(columns), whole, str(path))
+            for key in missing:
+                survey.missing.setdefault(key, []).append(name)
+            _require_agreement(raw, list(columns), whole, set(defaults) - set(missing), str(path))
+            origins = _origins(
+                name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file
+            )
+            survey.facts.append(origins)
+            survey.entries.append(entry)
+            survey.notes.extend(_remarks(raw, columns, whole))
     return survey
 
 
-_NO_SPEED = (
-    'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft orders '
-    "need it."
-)
+def _facts_of(
+    name: str, raw: RawFile, fact: Mapping[str, Any], in_table: bool, notes: list[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Facts of a file, and those among them that it states itself: they count more than a name, less than a table."""
+    values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
+    values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
+    header = {} if raw.facts else facts_of_header(raw)
+    if raw.sample_rate is not None or raw.rates:
+        header.pop("sample_rate", None)
+    counts = "table's" if in_table else "header's"
+    both = [key for key in header if key in values and header[key] != values[key]]
+    notes.extend(
+        f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts." for key in both[:1]
+    )
+    in_file = {key: value for key, value in header.items() if not (in_table and key in values)}
+    return values | in_file, in_file
+
+
+def _remarks(raw: RawFile, columns: Iterable[str], entry: Entry) -> list[str]:
+    """What to know of a file that is proposed."""
+    remarks = []
+    if entry.channels is None and (others := [name for name in raw.columns if name not in columns]):
+        remarks.append(f"columns that are no vibration are left out: {', '.join(others)}.")
+    if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
+        remarks.append(
+            'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft '
+            "orders need it."
+        )
+    return remarks
+
+
+def _entries_within(
+    raw: RawFile, entry: dict[str, Any], defaults: Mapping[str, Any], where: str
+) -> list[dict[str, Any]]:
+    """Entries of a file: one for each start of its channels, where they start apart and are not named."""
+    chosen = Entry.from_mapping({**defaults, **entry}, where)
+    starts: dict[str, list[str]] = {}
+    if chosen.channels is None:
+        for name in vibration_columns(raw, chosen):
+            starts.setdefault(raw.starts.get(name, ""), []).append(name)
+    if len(starts) < 2:
+        return [entry]
+    stem = stem_of(Path(entry["file"]))
+    return [{**entry, "id": f"{stem}_{n}", "channels": names} for n, names in enumerate(starts.values(), 1)]
 
 
 def _named_within(path: Path, names: Sequence[str]) -> str | None:
@@ -219,15 +263,14 @@ def _require_defaults(defaults: Mapping[str, Any]) -> None:
         require_sample_unit(defaults["unit"])
 
 
-def _ask(missing: Mapping[str, list[str]], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
-    """Answers to the questions about missing facts."""
+def _ask(questions: Mapping[str, str], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
+    """Answers to the questions about facts."""
+    answers: dict[str, str] = {}
     if ask is None:
-        return {}
-    answers = {}
-    for key, files in missing.items():
+        return answers
+    for key, reason in questions.items():
         fact = "label_pattern" if key == "label" else key
-        answer = ask(fact, f"{len(files)} files (as {files[0]}) do not say their {key}. {_QUESTIONS[key][1]}?")
-        if answer:
+        if answer := ask(fact, f"{reason}. {_QUESTIONS[key][1]}?"):
             answers[fact] = answer
     return answers
 
@@ -244,7 +287,7 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -
     has_units = all(name in raw.units for name in columns)
     missing = {
         "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
-        "unit": not has_units and entry.unit is None and entry.sensitivity is None,
+        "unit": not (has_units or raw.sensitivities) and entry.unit is None and entry.sensitivity is None,
         "label": not entry.label and not raw.facts.get("label"),
     }
     return [key for key, is_missing in missing.items() if is_missing]

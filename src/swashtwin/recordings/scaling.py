@@ -9,8 +9,8 @@ from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor, plain_unit, require_sample_unit
 
 _OTHER_QUANTITY = re.compile(
-    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment)"
-    r"(?:[^a-z]|$)",
+    r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment|"
+    r"tacho|tachometer|keyphasor|case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
 """Names of channels that are no vibration."""
@@ -78,8 +78,6 @@ def scale(raw: RawFile, options: Options, chosen: Sequence[str], where: str) -> 
             f'{where} holds integers without a scale; add sensitivity = "50 m/s^2" (what full scale stands for), or '
             'unit = "1" where nobody knows.'
         )
-    if options.unit is not None and options.channels is None and len(chosen) > 1:
-        _require_vibration(raw, options.unit, chosen, where)
     sensitivities = _sensitivities(raw, options, chosen, where)
     pairs = [_scale_of(raw, options, name, sensitivities.get(name), where) for name in chosen]
     factors: list[float] = []
@@ -158,20 +156,25 @@ def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where:
     return sensitivities
 
 
-def _require_vibration(raw: RawFile, unit: str, chosen: Sequence[str], where: str) -> None:
-    """Refuse to give the unit of an acceleration to all channels of a file where some are of another quantity."""
-    others = [
-        name
-        for name in chosen
-        if (name in raw.units and acceleration_factor(raw.units[name]) is None)
-        or (name not in raw.units and _OTHER_QUANTITY.search(name))
-    ]
-    if acceleration_factor(unit) is not None and others and len(others) < len(chosen):
-        vibration = [name for name in chosen if name not in others]
-        raise DataError(
-            f"{where}: {others[0]!r} is no acceleration, and unit = {unit!r} is for all channels; name the others with "
-            f"channels = [...]: {', '.join(vibration[:6])}."
-        )
+def vibration_columns(raw: RawFile, options: Options) -> list[str]:
+    """Columns of a file but for those of another quantity beside accelerations: pressures, tachometers, temperatures.
+
+    Where nothing says what the columns are, all of them.
+    """
+    factors = {name: None if unit == "1" else acceleration_factor(unit) for name, unit in raw.units.items()}
+    is_acceleration = options.unit is not None and acceleration_factor(options.unit) is not None
+    vibration, known = [], is_acceleration or options.sensitivity is not None or bool(raw.sensitivities)
+    for name in raw.columns:
+        if name in raw.units:
+            sensed = options.sensitivity is not None or name in raw.sensitivities
+            is_sensed = sensed and re.fullmatch(rf"{_ELECTRIC}|1|{_COUNT}", raw.units[name])
+            is_other = factors[name] is None and not is_sensed
+            known = known or factors[name] is not None
+        else:
+            is_other = bool(_OTHER_QUANTITY.search(name))
+        if not is_other:
+            vibration.append(name)
+    return vibration if known and vibration else list(raw.columns)
 
 
 def _unit(in_file: str | None, stated: str | None, name: str, where: str) -> str:

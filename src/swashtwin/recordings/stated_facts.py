@@ -43,7 +43,7 @@ _IN_HEADERS = {
     "sample_rate": r"abtast(?:rate|frequenz)|sampl\w*[ _-]?(?:rate|freq)",
 }
 _SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
-_CASES = {"mpa": "MPa", "kpa": "kPa"}
+_CASES = {"mpa": "MPa", "kpa": "kPa", "hz": "Hz"}
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
 _PATIENCE = 1.0
 """Seconds that a pattern may search in one path."""
@@ -74,7 +74,11 @@ def facts_of_name(name: str, pattern: str | None) -> dict[str, Any]:
             words = regex.sub(expression, " ", words, flags=regex.IGNORECASE)
     parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
     parent = path.parent.name
-    return facts_of_texts({"label": parent if parent and not re.search(r"\d", parent) else "_".join(parts), **texts})
+    if machine := next((part for part in path.parent.parts if _MACHINE.fullmatch(part)), None):
+        texts["specimen"] = machine
+        parts = parts[1:] if len(parts) > 1 and parts[0] == machine else parts
+    is_class = bool(parent) and not re.search(r"\d", parent) and parent != machine
+    return facts_of_texts({"label": parent if is_class else "_".join(parts), **texts})
 
 
 def _matched(name: str, pattern: str) -> dict[str, Any]:
@@ -158,7 +162,9 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
         for key, expression in _IN_HEADERS.items():
             if quantity is None or key in texts or not re.search(expression, heading, re.IGNORECASE):
                 continue
-            suffix = re.search(r"(rpm|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
+            if re.search(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", heading, re.IGNORECASE):
+                continue
+            suffix = re.search(r"(rpm|hz|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
             bare = _CASES.get(suffix[1].lower(), suffix[1].lower()) if suffix else ""
             texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
     facts = facts_of_texts(texts)
@@ -199,10 +205,38 @@ def bare_pressures(facts: Mapping[str, Any]) -> list[str]:
     return [key for key in PRESSURES if re.fullmatch(_NUMBER, str(facts.get(key, "")))]
 
 
+_MACHINE = re.compile(r"(?i:pump|pumpe|machine|maschine|unit|sn|serial|nr|no)[ _-]?\d{1,9}|[A-Z]\d{0,3}")
+"""Words in names that stand for a machine."""
+
+
+def machines_in_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
+    """Move the machine that begins each class, as ``A_normal`` and ``A_piston``, to the specimen; and say so."""
+    labeled = [entry for entry in entries if "label" in entry and "specimen" not in entry]
+    pairs = [str(entry["label"]).partition("_") for entry in labeled]
+    are_machines = all(rest and _MACHINE.fullmatch(first) for first, _, rest in pairs)
+    if len(pairs) < 2 or not are_machines or not any(is_healthy(rest) for _, _, rest in pairs):
+        return []
+    for entry, (first, _, rest) in zip(labeled, pairs, strict=True):
+        entry |= {"specimen": first, "label": rest}
+    firsts = ", ".join(sorted({first for first, _, _ in pairs}))
+    return [f"the classes begin with {firsts}, taken for the machine (specimen); correct the index if it is not."]
+
+
+def only_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
+    """The class of all of several files, where it is one and not that of a healthy pump."""
+    labels = [entry.get("label") for entry in entries]
+    return str(labels[0]) if len(labels) > 1 and len({*labels}) == 1 and not is_healthy(labels[0]) else None
+
+
 def label_hints(labels: Iterable[str]) -> list[str]:
     """What looks odd about the labels: marks at their ends, and a first word that may be a machine."""
-    labels = sorted(set(labels))
+    every = [{"label": label} for label in labels]
+    labels = sorted({entry["label"] for entry in every})
     hints = [
+        f"every file is of the class {label!r}: is that a class? --label-pattern says how paths state it."
+        for label in filter(None, [only_label(every)])
+    ]
+    hints += [
         f"the class {label!r} begins or ends with a mark; let the pattern take it outside of (?P<label>...)."
         for label in labels
         if label != label.strip("_-. ")

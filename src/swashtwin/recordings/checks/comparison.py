@@ -76,7 +76,9 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
     statistics = channel_statistics(recording)
     findings: list[Finding] = [*unfit(recording, statistics), *channel_findings(recording, statistics)]
     findings += [*contradicted_speed(recording, statistics), *implausible_rate(recording)]
-    for key, reason in (("text_columns", "hold text or dates"), ("blank_columns", "are blank")):
+    for key, reason in (
+        ("text_columns", "hold text or dates"), ("blank_columns", "are blank"), ("other_columns", "are no vibration"),
+    ):  # fmt: skip
         if names := recording.attributes.get(key):
             findings.append(Finding("left_out", "note", None, f"columns that {reason} were left out: {names}."))
     reports = [

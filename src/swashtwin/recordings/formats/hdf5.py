@@ -221,10 +221,13 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
                         values[key] = value  # type: ignore[index]
 
     file.visititems(visit)
-    attributes = {"left_out": ", ".join(left_out)} if left_out else {}
+    attributes = {name: text for name, text in _attributes(file).items() if len(text) < _LONGEST_FACT}
+    attributes |= {"left_out": ", ".join(left_out)} if left_out else {}
     return RawFile(columns, None, units, attributes, rates=rates, starts=starts, sensitivities=sensitivities)
 
 
+_LONGEST_FACT = 200
+"""Letters of a fact of the file that is kept; a longer one is another file within it."""
 _STARTS = ("start_time", "starttime", "wf_start_time", "t0", "start")
 
 

@@ -118,11 +118,6 @@ def test_a_log_gets_one_line_for_each_message_whatever_the_names_hold(tmp_path: 
     ]
 
 
-def test_a_log_that_cannot_be_written_is_an_error_that_names_the_channel(tmp_path: Path) -> None:
-    with pytest.raises(ChannelError, match="channel 'log' \\(log\\): No such file"):
-        send(MESSAGE, LogChannel(name="log", path=tmp_path / "none" / "a.log"), folder=tmp_path)
-
-
 def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> None:
     server = hook_server()
     with serving(server) as port:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_machine import Machine
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.testing import ConformalTest
@@ -86,15 +86,6 @@ def test_nothing_is_bet_while_an_alarm_stands(machine: Machine, watched: PointSt
     assert len(set(capital)) == 1
 
 
-def test_levels_that_fall_are_no_alarm(machine: Machine, watched: PointState) -> None:
-    state = watched
-    for number in range(40, 52):
-        recording = machine.recording(number)
-        point_judgment = MONITOR.judge(recording.replace(signal=0.25 * recording.signal), state)
-        state = point_judgment.state
-        assert not point_judgment.is_large
-
-
 def test_a_recording_far_from_the_others_is_not_learned_from_and_the_judgement_says_so(machine: Machine) -> None:
     point_judgments = course(machine, [0.0] * 6 + [30.0] + [0.0] * 14)
     assert point_judgments[6].learned == 6
@@ -118,16 +109,6 @@ def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     assert np.mean(far) < 2
 
 
-def test_a_baseline_that_is_learned_has_no_levels_to_compare_with(machine: Machine) -> None:
-    assert baseline_levels(course(machine, [0.0])[0].state.baseline) == {}
-
-
-def test_the_baseline_is_the_same_object_where_a_recording_did_not_change_it(
-    machine: Machine, watched: PointState
-) -> None:
-    assert MONITOR.judge(machine.recording(40), watched).state.baseline is watched.baseline
-
-
 def test_the_same_recordings_give_the_same_judgements(machine: Machine, watched: PointState) -> None:
     first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
     assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
@@ -149,10 +130,3 @@ def test_a_recording_with_missing_samples_is_refused(machine: Machine, watched: 
     signal[1, 7] = np.nan
     with pytest.raises(DataError, match="missing or infinite"):
         MONITOR.judge(machine.recording(40).replace(signal=signal), watched)
-
-
-def test_a_rate_of_no_false_alarms_and_a_baseline_of_four_are_refused() -> None:
-    with pytest.raises(InputError, match="between 0 and 1"):
-        PointMonitor("a", false_alarm_rate=0.0)
-    with pytest.raises(InputError, match="5 recordings"):
-        PointMonitor("a", learning=4)

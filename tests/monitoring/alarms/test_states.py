@@ -57,7 +57,3 @@ def test_a_condition_survives_a_restart_at_every_recording(course: list[tuple[bo
         other = Condition(**json.loads(json.dumps(asdict(other))))
         assert other.after(is_large, is_proven=is_proven) == (condition, change)
         other = condition
-
-
-def test_a_single_large_recording_raises_nothing() -> None:
-    assert changes([(True, True), (False, True), (False, True), (True, True)]) == [None] * 4

@@ -139,15 +139,6 @@ def test_a_clock_set_back_keeps_no_message_waiting(history: History, monkeypatch
     assert len(history.outbox.claim(["log"])) == 1
 
 
-def test_recordings_before_the_newest_are_filed_in_their_order(history: History) -> None:
-    with history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(5))
-        transaction.add_recording(judgment(2))
-        assert transaction.newest() == START + timedelta(hours=5)
-    assert [item.file for item in history.read.recordings()] == ["5.wav", "2.wav"]
-    assert history.read.machines()[0].last == history.read.recordings()[0]
-
-
 def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_path: Path) -> None:
     history = History.open("", tmp_path)
     pages = [60]
@@ -228,27 +219,6 @@ def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
     history.close()
 
 
-@pytest.mark.nightly
-def test_a_postgresql_stopped_within_a_transaction_undoes_it(
-    postgres_server: Any, postgresql_url: str, tmp_path: Path
-) -> None:
-    history = History.open(postgresql_url, tmp_path)
-
-    def interrupted() -> None:
-        with history.machine("pump-1") as transaction:
-            transaction.add_recording(judgment(1))
-            postgres_server.stop()
-            transaction.post("log", {})
-
-    try:
-        with pytest.raises(HistoryError):
-            interrupted()
-    finally:
-        postgres_server.start()
-    assert history.read.recordings() == []
-    history.close()
-
-
 def test_a_damaged_sqlite_file_is_one_error(tmp_path: Path) -> None:
     (tmp_path / "history.sqlite").write_bytes(b"no database" * 1000)
     with pytest.raises(HistoryError, match="not a database"):
@@ -276,29 +246,6 @@ def test_a_url_of_another_database_is_refused_without_showing_it(url: str, tmp_p
     with pytest.raises((InputError, HistoryError)) as caught:
         History.open(url, tmp_path)
     assert "hunter2" not in str(caught.value)
-
-
-def test_an_unreachable_server_is_named_without_the_password(tmp_path: Path) -> None:
-    with pytest.raises(HistoryError) as caught:
-        History.open("postgresql://me:hunter2@127.0.0.1:1/x", tmp_path)
-    assert "hunter2" not in str(caught.value)
-
-
-def test_writers_that_are_threads_wait_for_each_other(history: History) -> None:
-    from concurrent.futures import ThreadPoolExecutor
-
-    def add(number: int) -> None:
-        with history.machine("pump-1") as transaction:
-            transaction.add_recording(judgment(number))
-            point = transaction.point("a")
-            transaction.save_point("a", test={"count": 1 + (point.test["count"] if point and point.test else 0)})
-
-    with ThreadPoolExecutor(6) as pool:
-        list(pool.map(add, range(60)))
-    point = history.read.point("pump-1", "a")
-    assert point is not None
-    assert point.test == {"count": 60}
-    assert history.read.machines()[0].recordings == 60
 
 
 def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_again(

@@ -40,20 +40,6 @@ def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     assert history.read.recording(number + 1) is None
 
 
-def test_no_content_is_filed_twice_for_a_machine(history: History) -> None:
-    with history.machine("pump-1") as transaction:
-        assert transaction.recording_of(judgment(1).content) is None
-        number = transaction.add_recording(judgment(1))
-        stored = transaction.recording_of(judgment(1).content)
-        assert stored is not None
-        assert stored.id == number
-    with pytest.raises(InputError, match="already"), history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(1))
-    with history.machine("pump-2") as transaction:
-        transaction.add_recording(judgment(1))
-    assert len(history.read.recordings()) == 2
-
-
 def test_an_error_within_a_transaction_undoes_all_of_it(history: History) -> None:
     with history.machine("pump-1") as transaction:
         transaction.add_event("note", "me")
@@ -70,20 +56,6 @@ def test_an_error_within_a_transaction_undoes_all_of_it(history: History) -> Non
     assert history.read.recordings() == []
     assert history.outbox.waiting(["log"]) == 0
     assert history.read.sequence() == before
-
-
-def test_the_sequence_grows_with_each_change(history: History) -> None:
-    numbers = [history.read.sequence()]
-    with history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(1))
-    numbers.append(history.read.sequence())
-    with history.machine("pump-2") as transaction:
-        transaction.silence(datetime.now(UTC), "me")
-    numbers.append(history.read.sequence())
-    history.reject(rejection("a.wav", "c"))
-    numbers.append(history.read.sequence())
-    assert numbers == sorted(set(numbers))
-    assert history.read.sequence() == numbers[-1]
 
 
 def test_numbers_that_are_not_finite_become_null_or_the_largest(history: History) -> None:
@@ -184,31 +156,6 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
     assert history.read.alarm(999) is None
 
 
-def test_a_silence_ends_by_itself_or_by_hand(history: History) -> None:
-    now = datetime.now(UTC)
-    with history.machine("pump-1") as transaction:
-        transaction.silence(now + timedelta(hours=1), "operator", "repair")
-        later = datetime.now(UTC)
-        assert transaction.silenced(later)
-        assert not transaction.silenced(now - timedelta(seconds=1))
-        assert not transaction.silenced(now + timedelta(hours=1))
-    assert history.read.machines()[0].silenced == now + timedelta(hours=1)
-    with history.machine("pump-1") as transaction:
-        transaction.end_silence()
-        assert not transaction.silenced(datetime.now(UTC))
-    assert history.read.machines()[0].silenced is None
-
-
-def test_events_are_read_back(history: History) -> None:
-    with history.machine("pump-1") as transaction:
-        transaction.add_event("maintenance", "fitter", "new slippers", START)
-        transaction.add_event("note", "fitter", time=START + timedelta(hours=1))
-    note, event = history.read.events()
-    assert note.kind == "note"
-    assert (event.who, event.note, event.time, event.machine) == ("fitter", "new slippers", START, "pump-1")
-    assert history.read.machines()[0].maintained == START
-
-
 def test_the_overview_has_each_machine_with_its_newest_recording(history: History) -> None:
     with history.machine("pump-2") as transaction:
         for number in (1, 3, 2):
@@ -246,11 +193,6 @@ def test_rejections_are_bounded(history: History, monkeypatch: pytest.MonkeyPatc
     assert len(history.read.rejections()) == 5
 
 
-def test_a_time_without_a_zone_is_refused(history: History) -> None:
-    with pytest.raises(Exception, match="no zone"), history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(1, time=datetime(2026, 1, 1)))
-
-
 def test_times_of_other_zones_are_read_in_utc(history: History) -> None:
     from zoneinfo import ZoneInfo
 
@@ -261,20 +203,6 @@ def test_times_of_other_zones_are_read_in_utc(history: History) -> None:
     assert stored is not None
     assert stored.time == datetime(2026, 7, 1, 10, tzinfo=UTC)
     assert stored.time.utcoffset() == timedelta(0)
-
-
-def test_a_history_opens_again_as_it_was_left(history_url: str, tmp_path: Path) -> None:
-    history = History.open(history_url, tmp_path)
-    with history.machine("pump-1") as transaction:
-        transaction.add_recording(judgment(1))
-        transaction.save_point("a", test={"capital": 3.0})
-    history.close()
-    again = History.open(history_url, tmp_path)
-    assert [stored.content for stored in again.read.recordings()] == [judgment(1).content]
-    point = again.read.point("pump-1", "a")
-    assert point is not None
-    assert point.test == {"capital": 3.0}
-    again.close()
 
 
 def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_path: Path) -> None:
@@ -323,12 +251,3 @@ def test_sweeping_removes_old_files_that_no_recording_has(history: History, monk
     monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
     assert history.waveforms.sweep() == 1
     assert [(history.waveforms.folder / path).is_file() for path in paths] == [True, False]
-
-
-def test_a_waveform_that_somebody_removed_reads_as_none(history: History) -> None:
-    facts = judgment(1)
-    path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(1))
-    with history.machine("pump-1") as transaction:
-        number = transaction.add_recording(facts, waveform=path)
-    (history.waveforms.folder / path).unlink()
-    assert history.read.waveform(number) is None

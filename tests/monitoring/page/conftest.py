@@ -1,12 +1,12 @@
 """A plant of four pumps whose history the pages show: one worn, one healthy, one new, one with a broken sensor."""
 
-import hashlib
 import math
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,20 +15,19 @@ from judgments import rejection
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import MPa, rpm
-from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.config.loading import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.service.judging import Pipeline
 from swashtwin.monitoring.service.running import WatchStatus
-from swashtwin.monitoring.sources.delivery import Standing
+from swashtwin.monitoring.sources.delivery import Delivery, Standing
+from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, write_recording
 
 NOW = datetime.now(UTC).replace(microsecond=0)
 SPEED, PRESSURE = rpm(1500), MPa(15)
-POINT = "1500 rpm, 15 MPa"
 _CLASSES = ("swash_plate", "normal", "piston", "valve_plate", "cylinder_block")
 _CONFIG = """
 folder = "data"
@@ -57,76 +56,25 @@ class Plant:
     history: History
 
     def add(self, name: str, count: int, *, wear_from: int = 10**6, flat_from: int = 10**6) -> None:
-        """File `count` recordings of a machine, worn or with a dead sensor from one on."""
-        monitor, state, alarms = PointMonitor(name, learning=10), None, {}
+        """Deliver `count` recordings of a machine, worn or with a dead sensor from one on; its model sees the wear."""
+        spool, pipeline = Spool(self.config.folder / "spool"), Pipeline(self.config, self.history)
         for index in range(count):
-            recording = _recording(name, index, wear=max(0, index - wear_from + 1), is_flat=index >= flat_from)
-            point_judgment = monitor.judge(recording, state, point=POINT)
-            self._file(name, index, count, recording, point_judgment, alarms)
-            state = point_judgment.state
-
-    def _file(
-        self,
-        name: str,
-        index: int,
-        count: int,
-        recording: Recording,
-        point_judgment: PointJudgment,
-        alarms: dict[str, int],
-    ) -> None:
-        time = NOW - timedelta(hours=6 * (count - index))
-        is_worn = point_judgment.is_large or point_judgment.is_alarm
-        label = "swash_plate" if is_worn else "normal"
-        classes = sorted(_CLASSES, key=lambda name: name != label)
-        shares = dict(zip(classes, (0.93, 0.03, 0.02, 0.01, 0.01), strict=True))
-        content = hashlib.sha256(f"{name} {index}".encode()).hexdigest()
-        waveform = self.history.waveforms.write(name, time, content, recording)
-        with self.history.machine(name) as machine:
-            judgment = Judgment(
-                content=content,
-                time=time,
-                received=time + timedelta(seconds=1),
-                source="http",
-                file=f"{name}-{index}.h5".replace("/", "-"),
-                channels=list(recording.channels),
-                unit=recording.unit,
-                sample_rate=recording.sample_rate,
-                duration=2.0,
-                state=_state(point_judgment),
-                point=POINT,
-                speed=SPEED,
-                pressure=PRESSURE,
-                label=label,
-                probability=0.93,
-                confidence=0.97,
-                model="1c09f2a7d1e0b3c4",
-                alarm_p=point_judgment.p_value,
-                capital=point_judgment.capital,
-                reasons={
-                    "sentences": list(point_judgment.reasons),
-                    "notes": list(point_judgment.notes),
-                    "findings": [finding.to_dict() for finding in point_judgment.findings],
-                    "moved": [change.to_dict() for change in point_judgment.moved],
-                    "learned": point_judgment.learned,
-                    "probabilities": shares,
-                    "is_unknown": False,
-                },
-            )
-            identity = machine.add_recording(judgment, point_judgment.levels, waveform)
-            _save(machine, point_judgment.state)
-            for kind, change in (("pump", point_judgment.pump), ("sensor", point_judgment.sensor)):
-                if change == "raised":
-                    alarms[kind] = machine.open_alarm(kind, POINT, time, point_judgment.to_dict(), identity).id
-
-
-def _save(machine: object, state: PointState) -> None:
-    machine.save_point(POINT, speed=SPEED, baseline=state.baseline, test=state.test)
-
-
-def _state(point_judgment: PointJudgment) -> str:
-    if point_judgment.stage != "watching":
-        return point_judgment.stage
-    return "alarm" if point_judgment.is_alarm else "unusual" if point_judgment.is_large else "normal"
+            wear = max(0, index - wear_from + 1)
+            recording = _recording(name, index, wear=wear, is_flat=index >= flat_from)
+            label = "swash_plate" if wear else "normal"
+            classes = sorted(_CLASSES, key=lambda other, label=label: other != label)
+            shares = dict(zip(classes, (0.93, 0.03, 0.02, 0.01, 0.01), strict=True))
+            verdict = {"label": label, "probability": 0.93, "confidence": 0.97, "model": "1c09f2a7d1e0b3c4"}
+            answer = {**verdict, "answer": {"probabilities": shares}}
+            pipeline._models = SimpleNamespace(diagnose=lambda *_, answer=answer: dict(answer))
+            time = NOW - timedelta(hours=6 * (count - index))
+            path = write_recording(recording, self.config.folder / f"{name}-{index}.h5")
+            delivery = Delivery("http", path.name, time + timedelta(seconds=1), name, {"time": time.isoformat()})
+            spool.add(delivery, path)
+            file = spool.next(0)
+            assert file is not None
+            assert pipeline.judge(file).state != "rejected"
+            spool.remove(file)
 
 
 def _recording(name: str, index: int, *, wear: int, is_flat: bool) -> Recording:
@@ -142,7 +90,7 @@ def _recording(name: str, index: int, *, wear: int, is_flat: bool) -> Recording:
     if is_flat:
         signal[1] = 0.0
     condition = OperatingCondition(speed=SPEED, discharge_pressure=PRESSURE)
-    return Recording(signal, 6400.0, f"{index}", channels=("x", "y", "z"), unit="m/s²", condition=condition)
+    return Recording(signal, 6400.0, f"{index}", channels=("x", "y", "z"), unit="m/s^2", condition=condition)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,6 @@ from starlette.testclient import TestClient
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.page.charts import HEIGHT, Axis, sparkline
-from swashtwin.monitoring.page.wording import number, percent, signed
 
 
 def send(client: TestClient, address: str, **values: object):
@@ -44,12 +43,6 @@ def test_the_overview_shows_machines_of_one_state_or_name(reader: TestClient) ->
     assert "pump-2" in reader.get("/?state=normal").text
     assert "presse-4" in reader.get("/?text=PRESSE").text
     assert "No machine fits." in reader.get("/?text=nothing").text
-
-
-def test_a_machine_learns_anew_after_maintenance_until_its_next_recording(plant, client: TestClient) -> None:
-    assert send(client, "/machines/pump-2/events", kind="maintenance", note="new pistons").status_code == 303
-    states = {machine["name"]: machine["state"] for machine in client.get("/api/machines").json()}
-    assert states["pump-2"] == "learning"
 
 
 def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
@@ -190,12 +183,6 @@ def test_a_history_that_cannot_be_reached_is_answered_by_a_page(client: TestClie
     assert client.get("/api/machines").status_code == 503
     assert client.get("/health").status_code == 503
     assert "swashtwin_history_up 0.0" in client.get("/metrics").text
-
-
-def test_numbers_are_rounded_honestly() -> None:
-    assert (number(1234.5), number(0.01234), number(None), number(float("nan"))) == ("1234", "0.0123", "—", "—")
-    assert signed(-6.25) == "−6.2"
-    assert (percent(0.9999), percent(1.0), percent(0.0001)) == ("> 99 %", "100 %", "< 1 %")
 
 
 def drawings(text: str) -> list[ElementTree.Element]:

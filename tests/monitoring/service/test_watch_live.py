@@ -99,30 +99,6 @@ def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broke
     assert [outcome.state for outcome in outcomes] == ["learning"] * 3
 
 
-def test_an_upload_with_facts_that_cannot_be_is_refused(tmp_path: Path) -> None:
-    config = watch_config(tmp_path, f'[[source]]\nkind = "http"\n{page()}')
-    with watching(config) as (address, outcomes):
-        data = {"machine": "pump-1", "speed": "fast"}
-        answer = httpx.post(f"{address}/api/recordings", files={"file": ("c.h5", b"content")}, data=data)
-        assert answer.status_code == 422
-        assert "speed" in answer.text
-    assert outcomes == []
-
-
-def test_a_broker_that_stops_and_starts_loses_and_doubles_nothing(tmp_path: Path, broker: Broker) -> None:
-    config = watch_config(tmp_path, mqtt(broker) + page())
-    with watching(config) as (_, outcomes):
-        broker.publish("plant/pump-1/raw", block(1))
-        wait_for(lambda: outcomes)
-        broker.stop()
-        time.sleep(0.2)
-        broker.start()
-        for seed in range(2, 5):
-            broker.publish("plant/pump-1/raw", block(seed))
-        wait_for(lambda: len(outcomes) == 4)
-    assert len(set(contents([config]))) == len(contents([config])) == 4
-
-
 def test_watches_of_one_history_and_one_broker_share_the_work(
     tmp_path: Path, broker: Broker, postgresql_url: str
 ) -> None:

@@ -6,13 +6,12 @@ from pathlib import Path
 import pytest
 from watched_pumps import LEARNING, hum, watch_config, write_hum
 
-from swashtwin.foundation import InputError
-from swashtwin.monitoring import History, Outcome, record_event, run_watch
+from swashtwin.monitoring import History, Outcome, run_watch
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.service import judging, running
 from swashtwin.monitoring.sources.delivery import Delivery
-from swashtwin.monitoring.sources.spool import Spool, lock_folder
+from swashtwin.monitoring.sources.spool import Spool
 from swashtwin.recordings import write_recording
 
 
@@ -102,27 +101,6 @@ def test_a_clock_that_was_set_back_makes_nothing_late(tmp_path: Path) -> None:
     assert [outcome.state for outcome in judge(config)] == ["learning"]
 
 
-def test_a_restart_judges_nothing_twice(tmp_path: Path) -> None:
-    config = watch_config(tmp_path)
-    for number in range(3):
-        write_hum(tmp_path / "incoming" / f"{number}.h5", number, number)
-    assert len(judge(config)) == 3
-    assert judge(config) == []
-
-
-def test_a_kill_between_the_verdict_and_the_spool_is_no_double(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = watch_config(tmp_path)
-    write_hum(tmp_path / "incoming" / "a.h5", 1, 0)
-    with monkeypatch.context() as context:
-        context.setattr(Spool, "remove", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-        with pytest.raises(KeyboardInterrupt):
-            judge(config)
-    (outcome,) = judge(config)
-    assert outcome.sentence == "was judged before the restart"
-    assert reasons(config) == {}
-    assert list((config.folder / "spool").iterdir()) == []
-
-
 def test_a_history_that_is_away_for_a_while_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = watch_config(tmp_path)
     monkeypatch.setattr(running, "_FIRST_PAUSE", 0.01)
@@ -178,32 +156,6 @@ def test_an_alarm_that_was_raised_in_a_silence_is_told_when_the_silence_is_over(
     assert (config.folder / "alarms.log").read_text(encoding="utf-8").count("pump-1") == 1
 
 
-def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(tmp_path: Path) -> None:
-    config = watch_config(tmp_path)
-    for number in range(LEARNING + 20):
-        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
-    assert judge(config)[-1].state == "alarm"
-    history = opened(config)
-    with history.machine("pump-1") as transaction:
-        transaction.acknowledge(transaction.alarms()[0].id, "Kim")
-    record_event(config, history, "pump-1", who="Kim", note="new bearings", maintenance=True)
-    (alarm,) = history.read.alarms("pump-1")
-    (event,) = history.read.events("pump-1")
-    history.close()
-    assert alarm.state == "closed"
-    assert (event.kind, event.who, event.note) == ("maintenance", "Kim", "new bearings")
-    write_hum(tmp_path / "incoming" / "new.h5", 900, 900)
-    assert judge(config)[-1].sentence.startswith("learning 1/")
-
-
-def test_an_event_of_an_unknown_machine_is_refused(tmp_path: Path) -> None:
-    config = watch_config(tmp_path)
-    history = opened(config)
-    with pytest.raises(InputError, match="no machine 'pump-2'; there are pump-1"):
-        record_event(config, history, "pump-2", who="", note="", maintenance=False)
-    history.close()
-
-
 def test_a_model_that_cannot_be_read_is_a_problem_and_the_watch_goes_on(tmp_path: Path) -> None:
     (tmp_path / "model.safetensors").write_bytes(b"no model")
     config = watch_config(tmp_path, machine='model = "model.safetensors"')
@@ -212,12 +164,6 @@ def test_a_model_that_cannot_be_read_is_a_problem_and_the_watch_goes_on(tmp_path
     status = run_watch(config, once=True, progress=outcomes.append)
     assert [outcome.state for outcome in outcomes] == ["learning"]
     assert "model of pump-1" in status.problems[0]
-
-
-def test_two_watches_do_not_share_a_folder(tmp_path: Path) -> None:
-    config = watch_config(tmp_path)
-    with lock_folder(config.folder), pytest.raises(InputError, match="in use by another watch"):
-        judge(config)
 
 
 def test_a_file_that_vanished_from_the_spool_is_forgotten(tmp_path: Path) -> None:

@@ -52,12 +52,6 @@ def reason(file: SpoolFile, machine: Machine = PUMP, tags: Tags | None = None) -
     return caught.value.reason, str(caught.value)
 
 
-def test_a_file_is_the_recording_that_it_holds(deliver: Deliver) -> None:
-    contents = read_contents(deliver(recording()), PUMP, None)
-    assert np.array_equal(contents.recording.signal, recording().signal)
-    assert contents.time == NOW
-
-
 def test_a_file_is_not_broken_where_the_computer_has_too_many_open_files(
     deliver: Deliver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -86,18 +80,6 @@ def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:
     assert (contents.unit, contents.channels, contents.sample_rate) == ("m/s^2", ("x", "y"), 1000)
     assert contents.condition is not None
     assert contents.condition.matches(OperatingCondition(rpm(1500), MPa(15)), speed=1e-9, pressure=1e-9)
-
-
-@pytest.mark.parametrize("name", ["../../escaped.h5", "/etc/escaped.h5", "<b>a</b>.h5", "a\x00b.h5"])
-def test_a_stated_name_leads_nowhere(deliver: Deliver, tmp_path: Path, name: str) -> None:
-    content = write_recording(recording(), tmp_path / "sound.h5").read_bytes()
-    contents = read_contents(deliver(content, name), PUMP, None)
-    assert not set(contents.recording.recording_id) & set("/\\<>\x00")
-
-
-def test_a_copy_under_another_name_has_the_same_digest(deliver: Deliver) -> None:
-    digests = {read_contents(deliver(recording(), file), PUMP, None).digest for file in ("a.h5", "other name.h5")}
-    assert len(digests) == 1
 
 
 def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> None:

@@ -49,15 +49,6 @@ def test_a_file_that_grew_after_all_is_taken_again(tmp_path: Path, deliveries) -
     assert [content for _, content in deliveries.items] == [b"half", b"half and half"]
 
 
-def test_a_restart_takes_nothing_twice(tmp_path: Path, deliveries) -> None:
-    (tmp_path / "inbox").mkdir()
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
-    take(folder_watch(tmp_path, deliveries))
-    (tmp_path / "inbox" / "b.wav").write_bytes(b"2")
-    take(folder_watch(tmp_path, deliveries))
-    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav", "b.wav"]
-
-
 def test_a_machine_is_named_by_the_sub_folder(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
     (tmp_path / "inbox" / "pump-2" / "today").mkdir(parents=True)
@@ -98,14 +89,6 @@ def test_a_folder_that_is_away_is_a_problem_until_it_is_back(tmp_path: Path, del
     assert watch.standing.problem is None
 
 
-def test_a_file_is_removed_where_that_is_asked_for(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries, remove=True)
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
-    take(watch)
-    assert len(deliveries.items) == 1
-    assert list((tmp_path / "inbox").iterdir()) == []
-
-
 def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
     for name, age in (("b.wav", 200), ("c.wav", 100), ("a.wav", 150)):
@@ -113,13 +96,6 @@ def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
         os.utime(tmp_path / "inbox" / name, (time.time() - age,) * 2)
     take(watch)
     assert [delivery.file for delivery, _ in deliveries.items] == ["b.wav", "a.wav", "c.wav"]
-
-
-def test_draining_takes_what_is_there_and_ends(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries)
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
-    watch.drain(threading.Event())
-    assert len(deliveries.items) == 1
 
 
 def test_what_is_remembered_does_not_grow_with_files_that_are_gone(tmp_path: Path, deliveries) -> None:
@@ -195,16 +171,6 @@ def test_a_file_that_is_too_large_is_not_read_and_stays(
     assert delivery.problem == "it has 4 bytes; at most 3 are taken, so it stays in its folder."
     assert b"1234" not in content
     assert (tmp_path / "inbox" / "a.wav").exists()
-
-
-def test_a_full_disk_does_not_end_the_source(tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    watch = folder_watch(tmp_path, deliveries)
-    monkeypatch.setattr(folder.TakenFiles, "keep", fail)
-    watch.poll()
-    assert watch.standing.problem == "No space left on device"
 
 
 def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:

@@ -30,11 +30,6 @@ def test_a_message_states_its_machine_before_its_topic() -> None:
     assert delivery.facts == {"rate": "25.6 kHz", "unit": "g", "channels": "x,y", "speed": "1500 rpm"}
 
 
-def test_a_message_may_hold_a_file() -> None:
-    delivery, content = read_message(b'{"file": "a.wav"}\nRIFF', "mqtt", NOW, "pump-1")
-    assert (delivery.file, content, delivery.problem) == ("a.wav", b"RIFF", None)
-
-
 @pytest.mark.parametrize(
     ("payload", "reason"),
     [

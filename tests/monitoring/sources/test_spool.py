@@ -46,17 +46,6 @@ def test_what_a_kill_left_half_written_is_removed_at_the_start(tmp_path: Path) -
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_file_is_moved_into_the_spool(tmp_path: Path) -> None:
-    upload = tmp_path / "upload"
-    upload.write_bytes(b"samples")
-    waiting = Spool(tmp_path / "spool")
-    waiting.add(delivery(), upload)
-    file = waiting.next(0.0)
-    assert file is not None
-    assert file.path.read_bytes() == b"samples"
-    assert not upload.exists()
-
-
 def test_a_full_spool_takes_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spool, "LIMIT", 1)
     waiting = Spool(tmp_path)

@@ -8,7 +8,7 @@ from sklearn.model_selection import StratifiedGroupKFold, cross_validate
 from sklearn.utils.estimator_checks import check_estimator
 
 from swashtwin import presets
-from swashtwin.diagnosis import FaultClassifier, diagnose
+from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, diagnose
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
@@ -127,6 +127,22 @@ def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
         classifier.fit(recordings("train"), synthetic=cut_windows(recordings("train"), length=128))
 
 
+def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_without():
+    german = {"normal": "Gut", "piston": "Kolbenverschleiss"}
+    train = [item.relabeled(german[item.label]) for item in recordings("train")]
+    sets = [synthetic_windows("normal"), synthetic_windows("piston")]
+    classifier = FaultClassifier("levels", window=128, epochs=1).fit(train, synthetic=sets)
+    assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]
+    assert '--fault-of "Kolbenverschleiss=piston"' in classifier.notes_[0]
+    mapped = FaultClassifier("levels", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"})
+    mapped.fit(train, synthetic=sets)
+    assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
+    assert not any("--fault-of" in note for note in mapped.notes_)
+    assert mapped.diagnose(recordings("new")[0]).fault_of == {"Kolbenverschleiss": "piston"}
+    with pytest.raises(InputError, match="no recording is of the class 'Kolben'"):
+        FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(train, synthetic=sets)
+
+
 def test_validation_recordings_give_the_diagnosis_a_prediction_set():
     classifier = FaultClassifier("levels", window=128, validation_fraction=0.5, error_rate=0.25)
     classifier.fit(recordings("train", per_class=4))
@@ -233,3 +249,11 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(windows.signal[None].repeat(30, 0)[:, 0:1], windows.target)
     with pytest.raises(NotFittedError):
         FaultClassifier().predict(recordings("new"))
+
+
+@pytest.mark.parametrize("thing", [None, "folder", ["a.csv"], np.zeros((1, 400)), 3])
+def test_what_is_no_recording_is_refused_in_a_sentence(classifier: FaultClassifier, thing: object):
+    prior = PriorClassifier.load("25scy14-1b")
+    for ask in (classifier.diagnose, prior.diagnose, AnomalyDetector().fit, prior.fit, prior.evaluate):
+        with pytest.raises(InputError, match=r"is no recording|recordings are expected|than recordings"):
+            ask(thing)

@@ -45,7 +45,7 @@ def diagnose(
 
     The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
     """
-    from swashtwin.diagnosis import FaultClassifier, explain, load_model
+    from swashtwin.diagnosis import FaultClassifier, load_model
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
@@ -56,6 +56,8 @@ def diagnose(
         verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
     evidence = {}
     if report is not None and isinstance(trained, FaultClassifier):
+        from swashtwin.diagnosis import explain
+
         pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
         for recording, verdict in with_bar(pairs, "collecting evidence"):
             evidence[verdict.recording_id] = explain(trained.fitted_, recording, verdict)

@@ -17,6 +17,7 @@ from swashtwin.cli.options import (
     Seed,
     UsualWindow,
     defaults_of,
+    read_pairs,
     read_settings,
 )
 from swashtwin.cli.outputs import Force, artifact_marks, require_output
@@ -24,6 +25,8 @@ from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import Choice
 
@@ -83,6 +86,13 @@ def train(
             help="Any setting of a named network or its training: epochs=60, noise_snr=5, hidden=256,128; repeatable.",
         ),
     ] = None,
+    fault_of: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CLASS=FAULT",
+            help='Fault that a class is, whose synthetic windows join it: "Kolbenverschleiss=piston"; repeatable.',
+        ),
+    ] = None,
     preset: PresetName = Preset.recommended,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
     checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
@@ -130,7 +140,7 @@ def train(
         detector.save(out)
         _tell_detector(detector, out, as_json)
         return
-    _check_classes({*recordings.labels} | {name for synthetic in added for name in synthetic.classes}, source)
+    _check_classes(recordings.labels, {name for synthetic in added for name in synthetic.classes}, source)
     classifier = FaultClassifier(
         **recipe,
         window=window,
@@ -140,6 +150,7 @@ def train(
         validation_fraction=validation_fraction,
         group=group,
         error_rate=error_rate,
+        fault_of=read_pairs(fault_of, "--fault-of"),
         device=device,
         seed=seed,
     )
@@ -190,14 +201,15 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     return {"network": name, **own, "training_settings": other or None, "network_settings": shape or None}
 
 
-def _check_classes(labels: set[str | None], source: Path) -> None:
+def _check_classes(measured: "Iterable[str | None]", made: set[str], source: Path) -> None:
     """Refuse a single class, and note several that are healthy."""
     from swashtwin.foundation import DataError
     from swashtwin.recordings import several_healthy
 
+    labels = set(measured)
     for finding in several_healthy(labels):
         note(f"note: {finding.message}")
-    classes = sorted(name for name in labels if name is not None)
+    classes = sorted(name for name in labels | made if name is not None)
     if len(classes) == 1:
         raise DataError(
             f"{source}: every recording is of the class {classes[0]!r}; a classifier needs two classes at least: "

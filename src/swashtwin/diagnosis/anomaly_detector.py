@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
-from swashtwin.diagnosis.classifier_input import as_recordings, relabeled
+from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_layout
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
@@ -88,7 +88,7 @@ class AnomalyDetector(Estimator):
         InputError
             A false-alarm rate that the recordings are too few for, or no recordings.
         """
-        recordings = _recordings(X)
+        recordings = require_recordings(X)
         for recording in recordings:
             if recording.label is not None and not is_healthy(recording.label):
                 raise DataError(
@@ -192,7 +192,7 @@ class AnomalyDetector(Estimator):
         DataError
             None has a label.
         """
-        labeled = labeled_unseen(relabeled(_recordings(X), y), self.manifest)
+        labeled = labeled_unseen(relabeled(require_recordings(X), y), self.manifest)
         answers = [self.diagnose(recording) for recording in labeled]
         return alarm_scores([str(recording.label) for recording in labeled], answers, self.error_rate_)
 
@@ -216,15 +216,6 @@ class AnomalyDetector(Estimator):
         advice = "swashtwin train, or its method save, writes a detector"
         card = load_artifact(path, _Card, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
         return cls(error_rate=card.error_rate)._set(card)
-
-
-def _recordings(X: Any) -> Sequence[Recording]:
-    recordings = as_recordings(X)
-    if recordings is None:
-        raise InputError(
-            f"a detector takes recordings, which state machine and operating point; X is a {type(X).__name__}."
-        )
-    return recordings
 
 
 def _require_allowed(n_healthy: int, error_rate: float) -> None:

@@ -7,7 +7,7 @@ measured together with our recordings. Oil is sampled from the running line (ISO
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from swashtwin.pump import is_healthy
+from swashtwin.pump import is_healthy, propose_class
 
 
 @dataclass(frozen=True)
@@ -110,5 +110,7 @@ def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
     """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds for any fault."""
     if unknown:
         return (_BEFORE, *_PLAUSIBLE, Check(_OIL, "Whatever wears sheds particles."), Check(_DRAIN, "Most wear leaks."))
-    checks = tuple(check for label in labels for check in CHECKS.get(label, _PLAUSIBLE))
+    checks = tuple(
+        check for label in labels for check in CHECKS.get(label, CHECKS.get(propose_class(label) or "", _PLAUSIBLE))
+    )
     return checks if labels and all(map(is_healthy, labels)) else (_BEFORE, *checks)

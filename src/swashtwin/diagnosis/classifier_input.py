@@ -1,12 +1,15 @@
 """What `FaultClassifier` takes: recordings with their classes, and synthetic windows."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
+from swashtwin.pump import FAULT_KINDS, canonical_label, is_healthy, propose_class
 from swashtwin.recordings import Recording, Recordings
 
 
@@ -18,6 +21,8 @@ def as_recordings(X: Any) -> Sequence[Recording] | None:
     InputError
         It is empty, or an iterator over anything but recordings.
     """
+    if X is None or isinstance(X, (str, Path)):
+        raise InputError(f"X is {X!r}; recordings are expected, as load_recordings(folder) gives them, or an array.")
     if isinstance(X, Recording):
         return [X]
     if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
@@ -27,9 +32,19 @@ def as_recordings(X: Any) -> Sequence[Recording] | None:
         raise InputError("X holds no recording and no window; give at least one.")
     if all(isinstance(entry, Recording) for entry in entries):
         return entries
-    if isinstance(X, Iterator):
+    if isinstance(X, Iterator) or isinstance(entries[0], (str, Path)):
         raise InputError(f"X is a {type(X).__name__} over other things than recordings; give an array or a list.")
     return None
+
+
+def require_recordings(X: Any) -> Sequence[Recording]:
+    """Recordings in a sequence; an `InputError` where `X` is something else, which states no machine."""
+    recordings = as_recordings(X)
+    if recordings is None:
+        raise InputError(
+            f"X is a {type(X).__name__}; recordings are expected, which state machine and operating point."
+        )
+    return recordings
 
 
 def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
@@ -63,6 +78,48 @@ def synthetic_sets(synthetic: WindowSet | Iterable[WindowSet] | None) -> list[Wi
         if not windows.synthetic.all():
             raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
     return sets
+
+
+def name_alike(
+    sets: Sequence[WindowSet], measured: Collection[str], fault_of: Mapping[str, str]
+) -> tuple[list[WindowSet], tuple[str, ...]]:
+    """(synthetic windows with the names of the measured classes, notes on classes that may be the same).
+
+    Parameters
+    ----------
+    measured : classes of the recordings; where one of them is healthy, healthy synthetic windows get its name.
+    fault_of : fault that a measured class stands for.
+
+    Raises
+    ------
+    InputError
+        `fault_of` names a class that nobody measured, or a fault that nobody simulated.
+    """
+    made = dict.fromkeys(name for windows in sets for name in windows.classes)
+    for label, fault in fault_of.items():
+        if label not in measured:
+            raise InputError(
+                f"no recording is of the class {label!r}, which is to stand for {fault}; there are "
+                f"{', '.join(sorted(measured))}.",
+                field="fault_of",
+            )
+    names = {canonical_label(fault, tuple(FAULT_KINDS)): label for label, fault in fault_of.items()}
+    healthy = [label for label in measured if is_healthy(label)]
+    if len(healthy) == 1:
+        names |= {name: healthy[0] for name in made if is_healthy(name)}
+    lone = [label for label in sorted(measured) if label not in {names.get(name, name) for name in made}]
+    notes = []
+    for name in made:
+        if names.get(name, name) in measured or not lone:
+            continue
+        likely = [label for label in lone if propose_class(label) == name]
+        other = (likely or lone)[0]
+        notes.append(
+            f"The synthetic class {name} and the measured {', '.join(likely or lone)} are trained as different ones. "
+            f"{'By their names they are the same' if likely else 'If they are the same'}: train with "
+            f'--fault-of "{other}={name}", or fault_of.'
+        )
+    return [replace(windows, classes=tuple(names.get(n, n) for n in windows.classes)) for windows in sets], tuple(notes)
 
 
 def windows_of_array(

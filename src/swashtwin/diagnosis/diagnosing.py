@@ -56,7 +56,8 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
             "--network, with --validation-fraction 0.2."
         )
     require_layout(classifier.layout, recording)
-    result = Diagnosis(recording.recording_id, facts=facts_of([recording]))
+    fault_of = classifier.fault_of if isinstance(classifier, FittedClassifier) else {}
+    result = Diagnosis(recording.recording_id, facts=facts_of([recording]), fault_of=fault_of)
     answers = []
     try:
         scaled_classifier, parts = fit_to_recording(classifier, recording)
@@ -158,6 +159,15 @@ def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[
     return classifier.scaled_for(parts), parts
 
 
+def require_recording(thing: object) -> None:
+    """Refuse what is no single recording with an `InputError`."""
+    if not isinstance(thing, Recording):
+        raise InputError(
+            f"a {type(thing).__name__} is no recording; give one Recording, as load_recording(path) or "
+            "Recording(signal, sample_rate, name) makes it."
+        )
+
+
 def require_layout(layout: WindowLayout, recording: Recording) -> None:
     """Refuse a recording whose rate, channels or unit are not those that a model was trained on.
 
@@ -166,11 +176,7 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
     DataError
         They differ; the message says what to do.
     """
-    if not isinstance(recording, Recording):
-        raise InputError(
-            f"a {type(recording).__name__} is no recording; give one Recording, as load_recording(path) or "
-            "Recording(signal, sample_rate, name) makes it."
-        )
+    require_recording(recording)
     actual = replace(layout, sample_rate=float(recording.sample_rate), channels=recording.channels, unit=recording.unit)
     difference = layout.difference(actual)
     if not difference:

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis.checklist import Check, next_checks
 from swashtwin.diagnosis.contributions import contributions
-from swashtwin.diagnosis.diagnosing import fit_to_recording
+from swashtwin.diagnosis.diagnosing import fit_to_recording, require_recording
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError, to_table
@@ -170,6 +170,7 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     InputError
         The diagnosis is of another recording or without a verdict, or there is one class only.
     """
+    require_recording(recording)
     if diagnosis.label is None:
         raise InputError(f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}")
     if diagnosis.recording_id != recording.recording_id or set(diagnosis.probabilities) != set(classifier.classes):
@@ -209,7 +210,10 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         rms=band_rms(samples, adds.bands, classifier.sample_rate),
         pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),
-        checks=next_checks(*(diagnosis.prediction_set[:2] or ranked[:1]), unknown=diagnosis.unknown),
+        checks=next_checks(
+            *(diagnosis.fault_of.get(name, name) for name in diagnosis.prediction_set[:2] or ranked[:1]),
+            unknown=diagnosis.unknown,
+        ),
     )
 
 

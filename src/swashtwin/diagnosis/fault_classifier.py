@@ -1,7 +1,7 @@
 """`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_input import (
     as_recordings,
+    name_alike,
     relabeled,
     require_none,
     synthetic_sets,
@@ -34,8 +35,8 @@ from swashtwin.recordings import Manifest, Recording, join_manifests, recording_
 
 Progress = Callable[[str, int, int], None]
 
-_NETWORK_WINDOW = 2048
-"""Samples per window of a named network by default."""
+_WINDOWS = {"bitcn": 2048}
+"""Samples per window of a network that has its own by default: the paper's."""
 _OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 """Settings of the training that the constructor names."""
 
@@ -54,7 +55,7 @@ class FaultClassifier(Estimator):
     network : name of a network (`NETWORKS`; `register_network` adds one). By default the training chooses among
         `CANDIDATES` by trials on inner folds, and learns its confidence from them (`fit_chosen`).
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array has its own. By
-        default `usual_window` of the recordings, or 2048 for a network that is named.
+        default `usual_window` of the recordings, or 2048 for the paper's ``"bitcn"``.
     stride : samples from one window of a training recording to the next; None lets none overlap.
     allow_partial_revolution : accept windows shorter than one turn of the shaft.
     epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks only.
@@ -66,6 +67,8 @@ class FaultClassifier(Estimator):
         0 for none. A network that is named has no confidence without.
     group : what both splits keep whole, and confidence is calibrated for: ``"recording"``, ``"specimen"``,
         ``"condition"``, an attribute of the recordings, or a group by recording id.
+    fault_of : fault that a class of the recordings stands for, such as ``{"Kolbenverschleiss": "piston"}``: synthetic
+        windows of that fault are then of this class.
     error_rate : share of recordings whose prediction set may miss the true class; by default 0.1, or the least that the
         recordings allow.
     sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
@@ -109,6 +112,7 @@ class FaultClassifier(Estimator):
         validation_fraction: float = 0.0,
         group: str | Mapping[str, str] = "recording",
         error_rate: float | None = None,
+        fault_of: Mapping[str, str] | None = None,
         sample_rate: float = 1.0,
         device: str = "cpu",
         seed: int = 0,
@@ -129,6 +133,7 @@ class FaultClassifier(Estimator):
         self.group = group
         self.validation_fraction = validation_fraction
         self.error_rate = error_rate
+        self.fault_of = fault_of
         self.sample_rate = sample_rate
         self.device = device
         self.seed = seed
@@ -172,7 +177,10 @@ class FaultClassifier(Estimator):
         settings, tell = self._settings(), progress or (lambda activity, finished, total: None)
         if checkpoint is not None and checkpoint.exists() and not resume:
             raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
-        further = synthetic_sets(synthetic)
+        if isinstance(y, WindowSet):
+            raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
+        X, sets = list(X) if isinstance(X, Iterator) else X, synthetic_sets(synthetic)
+        further, unlike = name_alike(sets, _classes_of(X, y), self.fault_of or {})
         manifest = join_manifests([windows.manifest for windows in further])
         windows, group = self._training_windows(X, y, groups, further, classes)
         training, held_out = windows, windows.subset(windows.target < -1)
@@ -213,12 +221,12 @@ class FaultClassifier(Estimator):
             )
         if validation is not None:
             fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
-        self.fitted_ = fitted
+        self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
         few = few_machines(fitted.training_reference) if as_recordings(X) is not None else ""
-        self.notes_ = (*notes, *copy_notes(windows), *([few] if few else []))
+        self.notes_ = (*notes, *unlike, *copy_notes(windows), *([few] if few else []))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
@@ -342,6 +350,7 @@ class FaultClassifier(Estimator):
         classifier = cls(
             **({} if fitted.choice is not None else named),
             window=fitted.length,
+            fault_of=dict(fitted.fault_of) or None,
             sample_rate=fitted.sample_rate,
             seed=fitted.seed,
         )
@@ -369,8 +378,6 @@ class FaultClassifier(Estimator):
         self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None
     ) -> tuple[WindowSet, str | Mapping[str, str]]:
         """(labeled windows, what a split keeps whole), with `classes_` set where `X` is an array."""
-        if isinstance(y, WindowSet):
-            raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
         if isinstance(X, WindowSet):
             require_none(y, groups, "a window set has its own labels and recordings")
             return X, self.group
@@ -384,10 +391,10 @@ class FaultClassifier(Estimator):
             labels = {str(item.label) for item in recordings if item.label}
             made = further[0].classes
             classes = made if labels <= set(made) else sorted(labels)
-        length = self.window or (further[0].length if further else None)
+        length = self.window or (further[0].length if further else _WINDOWS.get(self.network or ""))
         windows = learning.cut_windows(
             recordings,
-            length=length or (usual_window(recordings) if self.network is None else _NETWORK_WINDOW),
+            length=length or usual_window(recordings),
             stride=self.stride,
             classes=classes,
             allow_partial_revolution=self.allow_partial_revolution,
@@ -406,3 +413,11 @@ class FaultClassifier(Estimator):
             X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
             target = np.full(len(X), -1)
         return windows_of_array(X, target, tuple(map(str, self.classes_)), groups, float(self.sample_rate))
+
+
+def _classes_of(X: Any, y: Any) -> set[str]:
+    """Classes of recordings or of a window set; none of an array."""
+    if isinstance(X, WindowSet):
+        return set(X.classes)
+    recordings = as_recordings(X)
+    return set() if recordings is None else {str(item.label) for item in relabeled(recordings, y) if item.label}

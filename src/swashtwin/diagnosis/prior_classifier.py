@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Shaped
 
 from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
-from swashtwin.diagnosis.classifier_input import relabeled
+from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
+from swashtwin.diagnosis.diagnosing import require_recording
 from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
@@ -119,7 +120,7 @@ class PriorClassifier:
             f"{plural(len(self.specimen), 'healthy recording')}{few}>"
         )
 
-    def fit(self, recordings: Sequence[Recording], *, pump: Pump | None = None) -> "PriorClassifier":
+    def fit(self, recordings: Sequence[Recording]) -> "PriorClassifier":
         """The classifier of these machines.
 
         Other recordings are compared with the healthy ones. The changes of these among each other teach it how far the
@@ -129,12 +130,11 @@ class PriorClassifier:
         ----------
         recordings : healthy ones of each machine and operating point, labeled so or not at all, and measured faults
             as far as there are any (few-shot).
-        pump : design of the machines, to be checked against that of the prior.
 
         Raises
         ------
         DataError
-            No healthy recording, another design, other channels, a speed or a pressure outside the prior's, a class
+            No healthy recording, other channels, a speed or a pressure outside the prior's, a class
             that it does not know, an unfit recording, or a classifier that is adapted already.
         """
         if self.specimen:
@@ -142,11 +142,7 @@ class PriorClassifier:
                 "this classifier is adapted already, and its forest has learned from other recordings; adapt the prior "
                 "itself, with all recordings at once."
             )
-        if pump is not None and pump.name != self.pump:
-            raise DataError(
-                f"the prior is of {self.pump}, and the machine of the design {pump.name} "
-                f"({pump.rotating_group.piston_count} pistons); make one with swashtwin twin prior --pump {pump.name}."
-            )
+        recordings = require_recordings(recordings)
         sound = [item for item in recordings if item.label is None or is_healthy(item.label)]
         faulty = [item for item in recordings if not (item.label is None or is_healthy(item.label))]
         if not sound:
@@ -205,8 +201,7 @@ class PriorClassifier:
 
     def diagnose(self, recording: Recording) -> Diagnosis:
         """The class of a recording. One that cannot be used, or compared with no healthy one, has no verdict."""
-        if not isinstance(recording, Recording):
-            raise InputError(f"a {type(recording).__name__} is no recording; load_recording(path) gives one.")
+        require_recording(recording)
         result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
         try:
             change, notes = self.change(recording)
@@ -242,7 +237,7 @@ class PriorClassifier:
         DataError
             None has a label.
         """
-        labeled = labeled_unseen(relabeled(X, y), self.manifest)
+        labeled = labeled_unseen(relabeled(require_recordings(X), y), self.manifest)
         answers = [self.diagnose(recording) for recording in labeled]
         return alarm_scores([str(recording.label) for recording in labeled], answers, None)
 

@@ -1,5 +1,6 @@
 """A fitted classifier as an artifact: a card that is made of its dataclasses, with its weights beside."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ class _Card:
     speeds: tuple[float, ...]
     training_reference: TrainingReference | None
     choice: Choice | None
+    fault_of: Mapping[str, str]
     confidence: Confidence | None
 
     def __post_init__(self) -> None:

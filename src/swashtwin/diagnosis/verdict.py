@@ -11,7 +11,7 @@ from swashtwin.learning import Choice, Deviation, Level
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingFacts
 
-_FOR_PAGES = ("facts", "choice", "deviation", "levels", "spectrum")
+_FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "levels", "spectrum")
 """Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
 
 
@@ -66,6 +66,8 @@ class Diagnosis:
     """What a reader should know before trusting it, such as a condition that was never trained."""
     facts: RecordingFacts = field(default_factory=RecordingFacts)
     """Machine, date, condition and file of the recording, as far as it states them."""
+    fault_of: Mapping[str, str] = field(default_factory=dict)
+    """Fault of the model that a class of another name stands for."""
     choice: Choice | None = None
     """How the classifier was chosen; None where its network was named."""
     deviation: Deviation | None = None

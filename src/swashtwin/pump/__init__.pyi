@@ -26,6 +26,7 @@ from .faults import canonical_label as canonical_label
 from .faults import fault_type as fault_type
 from .faults import is_healthy as is_healthy
 from .faults import is_same_class as is_same_class
+from .faults import propose_class as propose_class
 from .faults import register_fault as register_fault
 from .geometry import stroke_of as stroke_of
 from .numbers import in_trade_units as in_trade_units

@@ -24,7 +24,8 @@ CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
 
 _HEALTHY = (
     "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
-    "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt",
+    "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt", "sain", "bon",
+    "sans_défaut", "sano", "bueno", "sin_fallo", "正常", "健康", "完好",
 )  # fmt: skip
 """What people call the class of a machine that nothing is wrong with."""
 ALIASES = {
@@ -40,6 +41,19 @@ ALIASES = {
     "slipper": "loose_slipper",
 }
 """Other names in use for the classes; read, never written."""
+_PARTS = {
+    "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
+                       "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
+    "loose_slipper": ("slipper", "piston_shoe", "gleitschuh", "patin", "zapata", "滑靴"),
+    "swash_plate": ("swash", "schragscheibe", "schraegscheibe", "schwenkscheibe", "taumelscheibe", "plateau_incline",
+                    "plateau_oscillant", "plato_inclinado", "plato_oscilante", "斜盘"),
+    "valve_plate": ("valve_plate", "valveplate", "port_plate", "steuerplatte", "steuerscheibe", "steuerspiegel",
+                    "glace_de_distribution", "plaque_de_distribution", "placa_de_valvula", "placa_de_distribucion",
+                    "配流盘", "配油盘"),
+    "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
+}  # fmt: skip
+"""Words for a part in English, German, French, Spanish and Chinese, without accents; the first class that fits is
+meant, so that a ``Kolbentrommel`` is no piston."""
 
 
 def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
@@ -62,10 +76,26 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
         return word
     if ALIASES.get(word) in classes:
         return ALIASES[word]
+    if (proposed := propose_class(text)) in classes:
+        return str(proposed)
     names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
     hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
     raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
+
+
+def propose_class(label: str) -> str | None:
+    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None where they do not.
+
+    Examples
+    --------
+    >>> propose_class("Kolbenverschleiß"), propose_class("plateau incliné usé"), propose_class("配流盘磨损")
+    ('piston', 'swash_plate', 'valve_plate')
+    """
+    if is_healthy(label):
+        return CLASSES[0]
+    plain = "".join(char for char in unicodedata.normalize("NFKD", _word(label)) if not unicodedata.combining(char))
+    return next((name for name, words in _PARTS.items() if any(word in plain for word in words)), None)
 
 
 def is_healthy(label: str | None) -> bool:

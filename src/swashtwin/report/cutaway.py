@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
+from swashtwin.pump import propose_class
 from swashtwin.report.wording import number
 
 Family = Literal["pistons", "shaft"]
@@ -115,4 +116,5 @@ class Cutaway:
 
 def cutaway_of(label: str, pistons: int | None = None, shaft: float | None = None) -> tuple[Cutaway, ...]:
     """The drawing for a class; none for a healthy pump, or for a class whose part is not known."""
-    return (Cutaway(label, pistons, shaft),) if label in _MARKS else ()
+    part = label if label in _MARKS else propose_class(label) or ""
+    return (Cutaway(part, pistons, shaft),) if part in _MARKS else ()

@@ -57,7 +57,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
     certainty = (*sure, *notes[:_MOST_NOTES]) if unknown else (*_how_sure(diagnosis), *sure, *notes[:_MOST_NOTES])
-    labels = possible or (diagnosis.label,)
+    labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     checks = next_checks(*labels, unknown=unknown)
     blocks = (
         Bullets("More to know before trusting it", notes[_MOST_NOTES:]),

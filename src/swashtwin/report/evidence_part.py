@@ -55,13 +55,12 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
         Bullets("What this evidence is not", tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)),
     )
+    title = "What the network looked at" if evidence.unknown else f"Why {words(evidence.label)}"
     return Part(
         title=f"Evidence for {evidence.recording_id}",
         answer=evidence.sentences()[:1],
         notice="",
-        sections=(
-            Section(SectionOrder.VERDICT, f"Why {words(evidence.label)}: evidence in {evidence.recording_id}", blocks),
-        ),
+        sections=(Section(SectionOrder.VERDICT, f"{title}: evidence in {evidence.recording_id}", blocks),),
         results={"evidence": [evidence.to_dict()]},
         subject=evidence.recording_id,
     )

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from swashtwin.diagnosis import AnomalyDetector
+from swashtwin.diagnosis import AnomalyDetector, few_machines
 from swashtwin.foundation import plural
 from swashtwin.learning import Choice, FittedClassifier
 from swashtwin.plot import CALIBRATED, NOMINAL, figure_style, panels, words
@@ -34,7 +34,7 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
         ),
         results={"trainings": [_summary(classifier)]},
         verdict=f"A model of {len(classifier.classes)} classes, from {plural(len(classifier.manifest), 'recording')}",
-        certainty=(basis, _NO_TEST),
+        certainty=(basis, *filter(None, (few_machines(classifier.training_reference),)), _NO_TEST),
         actions=(
             "Test it on recordings that had no part in it: swashtwin evaluate MODEL INDEX --report FOLDER.",
             "Then diagnose new recordings: swashtwin diagnose MODEL FILE --report page.html.",

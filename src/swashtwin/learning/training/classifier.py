@@ -1,7 +1,7 @@
 """A trained network together with everything needed to use it honestly."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -50,6 +50,8 @@ class FittedClassifier:
     """The measured recordings it was trained on, by the levels of their vibration; None where there was none."""
     choice: Choice | None = None
     """What was tried and chosen (`fit_chosen`); None where the network was named."""
+    fault_of: Mapping[str, str] = field(default_factory=dict)
+    """Fault of the model (`swashtwin.pump`) that a class of another name stands for."""
     confidence: Confidence | None = None
     """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
 

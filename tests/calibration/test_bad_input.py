@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
-from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure
+from swashtwin.calibration import GaussNewton, calibrate, measure
 from swashtwin.calibration.objective.recording_checks import shown_speed
-from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, um
+from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump
 from swashtwin.recordings import Recording
@@ -93,20 +93,6 @@ def test_lines_that_show_nothing_clearly_contradict_no_speed(recording: Recordin
     assert not shown_speed(quiet, 7.0, 7).contradicts
 
 
-@pytest.mark.parametrize("speed", [860.0, 1470.0, 2900.0])
-def test_a_twins_recording_without_any_noise_shows_its_own_speed(pump: Pump, speed: float) -> None:
-    condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(10))
-    for fault in (None, PistonWear(clearance=um(60), piston=2)):
-        clean = Twin(pump, condition, fault).simulate(1.3, 25600.0)
-        shown = shown_speed(clean, condition.shaft_frequency, 7)
-        assert not shown.contradicts
-        assert shown.stated_contrast > CLEARLY
-
-
-CLEARLY = 1.0
-"""Contrast of lines without noise."""
-
-
 def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Recording) -> None:
     wrong = stated_at(recording, 1.1)
     assert wrong.condition is not None
@@ -182,12 +168,3 @@ def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: O
 def test_shaft_orders_are_refused_where_all_pistons_are_alike(twin: Twin, recording: Recording) -> None:
     words = "a twin of swash_plate has lines at multiples of 7 only; use the piston-pass lines"
     refused(InputError, words, twin, [recording], lines="shaft")
-
-
-def test_pressures_fitted_together_keep_the_notes_of_each(twin: Twin, recording: Recording) -> None:
-    crest = recording.signal.copy()
-    crest[:, 100:110] = crest.max() * 1.2
-    at_10 = twin.at(twin.condition.replaced(discharge_pressure=MPa(10)))
-    clipped = replace(recording, signal=crest, recording_id="at-10", condition=at_10.condition)
-    notes = calibrate([twin, at_10], [recording, clipped], method=QUICK, nuisances=Nuisances(), phases=False).notes
-    assert any(note.startswith("at-10, ") for note in notes)

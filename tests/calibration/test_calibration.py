@@ -1,7 +1,6 @@
 """Calibration from recordings to result: recovery of known values, and what is kept of a run."""
 
 import json
-import math
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -23,11 +22,10 @@ from swashtwin.calibration import (
     objective_of,
 )
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, MPa
-from swashtwin.physics import RK4, Scales, SensorPath, Twin
+from swashtwin.physics import RK4, SensorPath, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
 
-RATE = 6400.0
 PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 """Truth over nominal: the paper's two published results."""
 
@@ -81,20 +79,6 @@ def test_gauss_newton_recovers_every_identified_value_within_its_interval(twin: 
     assert calibration.simulations < 50
 
 
-def test_gauss_newton_finds_wrong_constants_too(twin: Twin) -> None:
-    wrong = replace(twin, scales=Scales(mount=1.2, bearing=0.85, excitation=1.3, sensor=1.0))
-    recording = recording_of(wrong, DAMPER)
-    blind = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
-    freed = Nuisances.usual(sensor=0.0)
-    aware = calibrate(twin, [recording], method=GaussNewton(starts=1), nuisances=freed, phases=False)
-    scales = aware.twin.scales
-    assert (scales.mount, scales.bearing, scales.excitation) == pytest.approx((1.2, 0.85, 1.3), rel=0.05)
-    assert set(replace(scales, mount=1.0, bearing=1.0, excitation=1.0).values()) == {1.0}
-    assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.1)
-    assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 3
-    assert any("miss the measured ones" in note for note in blind.notes)
-
-
 def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_more(twin: Twin) -> None:
     twins = [twin.at(twin.condition.replaced(discharge_pressure=MPa(level))) for level in (15, 10, 5)]
     recordings = [
@@ -118,46 +102,11 @@ def test_twins_that_differ_in_more_than_condition_are_not_calibrated_together(tw
         calibrate([twin, other], [recording], **PAPER_CALIBRATION)
 
 
-def test_the_network_starts_at_the_nominal_values(twin: Twin, recording: Recording) -> None:
-    objective = objective_of(twin, measure(twin, [recording]))
-    history = IPINN(epochs=2).search(objective, seed=3).history
-    np.testing.assert_allclose(history.values[0], twin.values.numpy(), rtol=1e-6)
-
-
 def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recording: Recording) -> None:
     objective = objective_of(twin, measure(twin, [recording], (0, 1000)))
     exact = IPINN(epochs=15).search(objective, seed=0)
     stepped = IPINN(epochs=15, solver=RK4()).search(objective, seed=0)
     np.testing.assert_allclose(stepped.values, exact.values, rtol=1e-4)
-
-
-def test_steps_too_large_stay_within_the_bounds(twin: Twin, recording: Recording) -> None:
-    objective = objective_of(twin, measure(twin, [recording], (0, 1000)), 2.0)
-    history = IPINN(epochs=25, learning_rate=0.05).search(objective, seed=0).history
-    assert (history.points >= objective.unknowns.lower - 1e-12).all()
-    assert (history.points <= objective.unknowns.upper + 1e-12).all()
-    assert history.boundary_loss.max() > 0
-
-
-def test_the_result_names_its_recordings_and_those_left_out(calibration: Calibration) -> None:
-    assert calibration.recording_ids == ("rec-0",)
-    assert calibration.left_out == (("other", "the recording is at 10 MPa, the twin at 15 MPa"),)
-
-
-def test_the_calibrated_twin_is_the_one_of_the_estimates(calibration: Calibration) -> None:
-    assert calibration.twin.interfaces is not None
-    assert calibration.twin.interfaces.values() == tuple(estimate.value for estimate in calibration.estimates)
-    assert calibration.twin.bandwidth == calibration.nominal.bandwidth
-    assert calibration.nominal.interfaces is None
-
-
-def test_a_perfect_model_leaves_the_noise_alone(calibration: Calibration) -> None:
-    """30 dB are an amplitude ratio of 0.032; the band holds most of the noise, and alignment costs some."""
-    assert 0.01 < calibration.fit_after.relative_rmse < 0.06
-    assert calibration.fit_before.relative_rmse > 0.2
-    assert calibration.fit_after.spectrum_value_error < 0.01
-    shape = calibration.fits[0].waveforms.measured.shape
-    assert shape == calibration.fits[0].waveforms.calibrated.shape == (3, round(60 / 860 * RATE))
 
 
 def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, tmp_path: Path) -> None:
@@ -228,14 +177,6 @@ def test_impossible_settings_are_refused(settings: dict[str, float], message: st
         IPINN(**settings)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("prior", "message"), [({"mount": -1.0}, "zero or a positive number"), ({"modes": 7}, "must not exceed 6")]
-)
-def test_impossible_priors_are_refused(prior: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        Nuisances(**prior)  # type: ignore[arg-type]
-
-
 def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin: Twin) -> None:
     path = SensorPath((1.1, 1.0, 0.9), (1150.0, 1900.0), (0.03, 0.025), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
     recording = recording_of(replace(twin, path=path), DAMPER)
@@ -247,12 +188,6 @@ def test_a_bending_housing_is_found_beside_the_values_and_kept_by_the_twin(twin:
     assert aware.fit_after.spectrum_value_error < blind.fit_after.spectrum_value_error / 5
     assert ratios(aware, DAMPER)["C_v"] == pytest.approx(1, abs=0.15)
     assert len(aware.posterior.point) == 6 + 3 + 2 + 2 + 6
-
-
-def test_the_covariance_belongs_to_the_deviations(calibration: Calibration) -> None:
-    std = np.sqrt(np.diag(calibration.posterior.covariance))
-    assert [estimate.log_std for estimate in calibration.estimates] == pytest.approx(std.tolist())
-    assert all(math.isfinite(value) for value in std)
 
 
 def test_the_band_of_each_line_holds_the_calibrated_twin_and_is_as_wide_as_the_posterior(

@@ -12,7 +12,6 @@ from swashtwin.foundation import MPa, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
-from swashtwin_bench.questions.wrong_twins import scale_stated_pressure, twin_at_pressure, with_unit_error
 
 QUICK = GaussNewton(starts=1)
 
@@ -30,24 +29,6 @@ def recording(twin: Twin) -> Recording:
 def warnings(calibration: Calibration) -> list[str]:
     """Notes that say that something may be wrong."""
     return [note for note in calibration.notes if is_warning(note)]
-
-
-def test_a_right_twin_gets_no_warning(twin: Twin, recording: Recording) -> None:
-    assert warnings(calibrate(twin, [recording], method=QUICK)) == []
-
-
-def test_a_channel_in_another_unit_leaves_no_value_identified_and_is_named(twin: Twin, recording: Recording) -> None:
-    calibration = calibrate(twin, [with_unit_error(("cover_z",))(recording)], method=QUICK)
-    assert "identified" not in [estimate.verdict for estimate in calibration.estimates]
-    (warning,) = warnings(calibration)
-    assert "cover_z" in warning
-    assert "in g?" in warning
-
-
-def test_a_pressure_that_is_stated_wrong_is_named_with_its_factor(twin: Twin, recording: Recording) -> None:
-    stated = scale_stated_pressure(1.25)(recording)
-    (warning,) = warnings(calibrate(twin_at_pressure(1.25)(twin), [stated], method=QUICK, **SIX_VALUES))
-    assert "the discharge pressure is about 0.8 times the stated one" in warning
 
 
 def test_a_direction_of_the_mounting_that_was_not_searched_is_named(twin: Twin) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from twin_recordings import DAMPER, SIX_VALUES, recording_of
 
-from swashtwin.calibration import PAPER_CALIBRATION, GaussNewton, calibrate
+from swashtwin.calibration import GaussNewton, calibrate
 from swashtwin.foundation import DataError, InputError, MPa, mm, rpm
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
@@ -63,14 +63,6 @@ def test_recordings_are_grouped_by_operating_point_and_fitted_together(recording
     assert calibration.fits[0].condition.speed == pytest.approx(rpm(861))
 
 
-def test_twins_and_a_pump_at_the_same_conditions_give_the_same_bits(pump: Pump, recordings: list[Recording]) -> None:
-    conditions = [recording.condition for recording in recordings[:2]]
-    twins = [Twin(pump, condition) for condition in conditions if condition is not None]
-    settings = {"method": QUICK, **SIX_VALUES}
-    by_pump, by_twins = (calibrate(start, recordings[:2], **settings) for start in (pump, twins))
-    np.testing.assert_array_equal(by_pump.posterior.point, by_twins.posterior.point)
-
-
 def test_a_healthy_label_may_read_healthy(pump: Pump, recordings: list[Recording]) -> None:
     recording = recordings[0].replace(label="healthy")
     calibration = calibrate(pump, [recording], method=QUICK, **SIX_VALUES)
@@ -115,8 +107,3 @@ def test_what_cannot_be_calibrated_is_refused_before_a_recording_is_measured(rec
         calibrate([], recordings)
     with pytest.raises(DataError, match="no recording was given"):
         calibrate("25scy14-1b", [])
-
-
-def test_the_papers_way_is_one_word_away() -> None:
-    assert dict(PAPER_CALIBRATION).keys() == {"method", "nuisances", "phases"}
-    assert type(PAPER_CALIBRATION["method"]).__name__ == "IPINN"

@@ -1,9 +1,7 @@
 """What a measurement can tell, and that intervals hold what they promise."""
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,30 +12,25 @@ from swashtwin.calibration import (
     Nuisances,
     Objective,
     calibrate,
-    identifiability,
-    load_calibration,
     measure,
     objective_of,
     profile,
 )
 from swashtwin.calibration.uncertainty.discrepancy import (
-    Linearization,
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
 from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
-from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, estimates_of, posterior_covariance, sandwich
+from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import DataError, InputError, mm, stream, to_table
-from swashtwin.physics import Scales, SensorPath, Twin
+from swashtwin.foundation import mm, stream
+from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
-from swashtwin.report import write_report
 from swashtwin.report.calibration_part import interval_words
 from swashtwin.signals import add_noise
 
 DEFECT = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
-PATH = SensorPath((1.05, 0.97, 1.0), (1150.0, 1900.0), (0.03, 0.03), ((0.1, -0.05), (0.0, 0.1), (-0.08, 0.12)))
 NONE = Nuisances()
 
 
@@ -46,13 +39,6 @@ def objective_for(assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: 
     recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id="rec")
     recording = replace(recording, signal=add_noise(recording.signal, 30, 0))
     return objective_of(assumed, measure(assumed, [recording], (0, band)), None, nuisances)
-
-
-def widened_by_misfit(around: Linearization) -> np.ndarray:
-    """Covariance where the information is divided by the mean square misfit."""
-    misfit = max(1.0, float(np.mean((around.residual / around.sigma) ** 2)))
-    scaled = around.slope / around.sigma[:, None]
-    return np.linalg.inv(scaled.T @ scaled / misfit + np.diag(around.objective.unknowns.deviation**-2.0))
 
 
 def solution(objective: Objective) -> np.ndarray:
@@ -78,11 +64,6 @@ def objective(twin: Twin) -> Objective:
 @pytest.fixture(scope="module")
 def point(objective: Objective) -> np.ndarray:
     return solution(objective)
-
-
-@pytest.fixture(scope="module")
-def off_mount(twin: Twin) -> Objective:
-    return objective_for(twin, replace(twin, scales=Scales(mount=1.2)))
 
 
 @pytest.mark.parametrize("film", ["paper", "thick"])
@@ -128,36 +109,6 @@ def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
     scaled = around.slope / around.sigma[:, None]
     fisher = scaled.T @ scaled + np.diag(objective.unknowns.deviation**-2.0)
     np.testing.assert_allclose(posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12)
-
-
-def test_a_wrong_mounting_is_named_with_its_size(off_mount: Objective) -> None:
-    report = identifiability_at(off_mount, solution(off_mount))
-    assert dict(report.discrepancy.constants)["mount"] == pytest.approx(0.18, abs=0.08)
-    assert any("the mount may be off by" in sentence for sentence in report.words)
-
-
-@pytest.mark.parametrize("wrong", ["mount", "housing"])
-def test_a_twin_that_lacks_something_gets_intervals_that_hold_more(twin: Twin, wrong: str) -> None:
-    """Against the rule that divides the information by the mean square misfit."""
-    generator = np.random.default_rng(1)
-    mistaken = replace(twin, scales=Scales(mount=1.2)) if wrong == "mount" else replace(twin, path=PATH)
-    is_held: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
-    is_narrow: dict[str, list[bool]] = {"misfit": [], "discrepancy": []}
-    for _ in range(5):
-        values = twin.values.numpy() * np.exp(generator.normal(0, 0.5, 6))
-        objective = objective_for(twin, replace(mistaken, interfaces=Interfaces.from_values(values)))
-        point = solution(objective)
-        around = linearize(objective, point)
-        rules = {"misfit": widened_by_misfit(around), "discrepancy": posterior_covariance(objective, point)}
-        for rule, covariance in rules.items():
-            estimates = estimates_of(objective, point, covariance)
-            is_held[rule] += [e.interval[0] <= v <= e.interval[1] for e, v in zip(estimates, values, strict=True)]
-            is_narrow[rule] += [e.log_std <= IDENTIFIED_STD for e in estimates]
-            assert all(e.verdict != "identified" for e in estimates)  # the misfit is too large
-    narrow = {rule: np.mean(np.array(is_held[rule])[np.array(is_narrow[rule])]) for rule in is_held}
-    assert np.mean(is_held["discrepancy"]) > np.mean(is_held["misfit"])
-    assert narrow["discrepancy"] > narrow["misfit"]
-    assert narrow["discrepancy"] >= 0.8
 
 
 def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(objective: Objective, point: np.ndarray) -> None:
@@ -213,18 +164,6 @@ def test_profiles_agree_with_the_deviations_where_a_value_is_identified(
         assert curve.rise.min() == 0
 
 
-def test_six_profiles_cost_few_simulations_and_leave_the_flat_value_open(
-    objective: Objective, point: np.ndarray
-) -> None:
-    curves = {curve.name: curve for curve in profiles(objective, point)}
-    assert sum(curve.simulations for curve in curves.values()) < 250
-    assert curves["K_sw"].interval == (None, None)
-    assert curves["K_sw"].words == "K_sw: not identified, open on both sides"
-    assert curves["C_sw"].words == "C_sw: only a lower limit"
-    assert curves["K_v"].is_identified
-    assert to_table(profile(objective, point, "K_sw")) == to_table(curves["K_sw"])
-
-
 def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:
     """Fitted anew from elsewhere with the value held, nothing lower is found."""
     from swashtwin.calibration.uncertainty.profiles import _WhitenedProblem
@@ -237,11 +176,6 @@ def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective,
     _, height = problem.descend(start, 5)
     _, least = problem.descend(point, None)
     assert height - least == pytest.approx(curve.rise[index], abs=0.15)
-
-
-def test_an_unknown_coordinate_has_no_profile(objective: Objective, point: np.ndarray) -> None:
-    with pytest.raises(InputError, match="no coordinate 'K_x' was searched"):
-        profile(objective, point, "K_x")
 
 
 def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:
@@ -263,20 +197,6 @@ def test_a_constant_without_effect_is_dead(twin: Twin) -> None:
     assert dict(zip(report.names, report.standing, strict=True))["excitation"] == "dead"
 
 
-def test_what_was_learned_is_reported_with_figures_and_as_json(
-    objective: Objective, point: np.ndarray, tmp_path: Path
-) -> None:
-    report = identifiability_at(objective, point, with_profiles=True)
-    page = write_report(report, folder=tmp_path).read_text(encoding="utf-8")
-    assert "not determined: K_sw" in page
-    assert "K_sw: not identified, open on both sides" in page
-    figures = {path.stem.removeprefix("identifiabilityreport_") for path in (tmp_path / "figures").glob("*.svg")}
-    assert figures == {"shares", "correlations", "profiles"}
-    answer = json.loads((tmp_path / "results.json").read_text())["identifiability"][0]
-    assert answer["standing"] == list(report.standing)
-    assert len(answer["profiles"]) == 6
-
-
 def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(twin: Twin) -> None:
     true = replace(twin, scales=Scales(mount=1.2))
     recording = true.simulate(1.3, 6400.0, recording_id="rec")
@@ -287,13 +207,3 @@ def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that
     for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
         if estimate.verdict == "identified":
             assert estimate.interval[0] <= value <= estimate.interval[1]
-
-
-def test_a_saved_calibration_and_its_recordings_are_enough(twin: Twin, tmp_path: Path) -> None:
-    recordings = [twin.simulate(1.3, 6400.0, recording_id=name) for name in ("a", "b")]
-    calibration = calibrate(twin, recordings[:1], method=GaussNewton(starts=1), **SIX_VALUES)
-    again = load_calibration(calibration.save(tmp_path / "calibration.json"))
-    report = identifiability(again, recordings)
-    np.testing.assert_allclose(report.std, np.sqrt(np.diag(calibration.posterior.covariance)))
-    with pytest.raises(DataError, match="a is missing, on which the twin was calibrated"):
-        identifiability(again, recordings[1:])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin.calibration import PAPER_CALIBRATION, calibrate, measure
+from swashtwin.calibration import measure
 from swashtwin.foundation import DataError, InputError, MPa, UnitError, mm
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
@@ -51,14 +51,6 @@ def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(twin: Tw
     measurement = measure(twin, [*others, near, recording])
     assert measurement.recording_ids == ("near", "rec-1")
     assert [name for name, _ in measurement.left_out] == ["10 MPa", "fast", "normal", "unknown"]
-
-
-def test_recordings_of_another_pressure_alone_are_refused_with_both_numbers(twin: Twin, recording: Recording) -> None:
-    other = replace(recording, condition=twin.condition.replaced(discharge_pressure=MPa(10)))
-    with pytest.raises(DataError, match=r"1 times the recording is at 10 MPa, the twin at 15 MPa"):
-        calibrate(twin, [other], **PAPER_CALIBRATION)
-    with pytest.raises(DataError, match="none was given"):
-        calibrate(twin, [], **PAPER_CALIBRATION)
 
 
 def test_a_channel_without_sensor_is_refused_and_the_sensors_named(twin: Twin, recording: Recording) -> None:

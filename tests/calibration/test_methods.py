@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from swashtwin.calibration import (
     IPINN,
@@ -17,7 +16,7 @@ from swashtwin.calibration import (
     objective_of,
 )
 from swashtwin.foundation import mm
-from swashtwin.physics import HarmonicBalance, Twin
+from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
@@ -53,29 +52,6 @@ def objective(twin: Twin) -> Objective:
 def constants(twin: Twin) -> Objective:
     """The same, with constants beside the six values."""
     return objective_of(twin, measure(twin, [recording_of(twin)]), None, Nuisances.usual())
-
-
-class CountingSolver:
-    """Harmonic balance that counts its calls and the parameter sets in them."""
-
-    def __init__(self) -> None:
-        self.calls = self.sets = 0
-
-    def steady_state(
-        self, mass: Tensor, damping: Tensor, stiffness: Tensor, frequency: Tensor, force: Tensor
-    ) -> Tensor:
-        """Complex amplitudes of the motion."""
-        self.calls += 1
-        self.sets += damping.shape[:-2].numel()
-        return HarmonicBalance().steady_state(mass, damping, stiffness, frequency, force)
-
-
-@each_method
-def test_simulations_are_counted_as_the_solver_counts_them(objective: Objective, method: Calibrator) -> None:
-    solver = CountingSolver()
-    search = replace(method, solver=solver).search(objective, seed=0)  # type: ignore[type-var]
-    # Gauss-Newton asks for one point in six directions at once.
-    assert search.simulations == (solver.calls if isinstance(method, GaussNewton) else solver.sets)
 
 
 @each_method
@@ -119,19 +95,6 @@ def test_a_bound_stops_the_search(twin: Twin) -> None:
     assert (search.history.points >= unknowns.lower - 1e-12).all()
     assert (search.history.points <= unknowns.upper + 1e-12).all()
     assert search.point[4] == pytest.approx(unknowns.upper[4], abs=0.02)
-
-
-@each_method
-def test_an_interrupt_passes_through_every_method(objective: Objective, method: Calibrator) -> None:
-    threads = torch.get_num_threads()
-
-    def stop(step: int, total: int, loss: float) -> None:
-        assert 0 < step <= total
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        method.search(objective, seed=0, progress=stop)
-    assert torch.get_num_threads() == threads
 
 
 def test_the_papers_recipe_counts_no_prior_of_the_six_values(objective: Objective, constants: Objective) -> None:

@@ -1,14 +1,11 @@
 """Losses, their derivatives, and what a measurement can determine."""
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from swashtwin.calibration import Nuisances, Objective, measure, objective_of
+from swashtwin.calibration import Nuisances, Objective, objective_of
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.unknowns import search_space
 from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance
@@ -119,31 +116,12 @@ def test_the_deviations_are_those_of_the_physics_notes(
     assert np.sqrt(np.diag(covariance))[:6] == pytest.approx(expected, rel=0.06)
 
 
-def test_a_misfit_widens_the_deviations(twin: Twin, objective: Objective) -> None:
-    start = objective.unknowns.start
-    (comparison,) = objective.comparisons
-    louder = replace(comparison.measurement, amplitude=1.2 * comparison.measurement.amplitude)
-    off = replace(objective, comparisons=(replace(comparison, measurement=louder),))
-    expected = math.sqrt(float(((off.measured / 1.2 - off.measured) / off.sigma).square().mean()))
-    fitting, widened = (np.sqrt(np.diag(posterior_covariance(comparison, start))) for comparison in (objective, off))
-    # Lines that are all off by the same share do not average: the error is worth more than as many independent ones.
-    assert 1.5 < expected < widened[4] / fitting[4]
-    assert widened[4] < objective.unknowns.deviation[4]
-
-
 def test_a_value_on_a_bound_is_called_so_and_its_interval_ends_there(objective: Objective) -> None:
     point = objective.unknowns.start.copy()
     point[3] = objective.unknowns.upper[3]
     estimate = estimates_of(objective, point, np.eye(6) * 0.04)[3]
     assert estimate.verdict == "at bound"
     assert estimate.interval[0] < estimate.interval[1] <= estimate.bounds[1] * (1 + 1e-12)
-
-
-def test_values_that_can_be_traded_name_each_other(objective: Objective) -> None:
-    covariance = np.eye(6) * 0.01
-    covariance[2, 4] = covariance[4, 2] = 0.0095
-    estimates = estimates_of(objective, objective.unknowns.start, covariance)
-    assert [estimate.traded_with for estimate in estimates] == [None, None, "C_Hz", None, "C_v", None]
 
 
 def test_the_boundary_loss_is_zero_within_the_bounds_and_grows_beyond(twin: Twin) -> None:
@@ -177,12 +155,3 @@ def test_bounds_are_given_as_a_factor_or_by_name_or_letter(twin: Twin) -> None:
 def test_impossible_bounds_are_refused(twin: Twin, bounds: float | dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         search_space(twin, bounds)
-
-
-def test_lines_that_the_twin_does_not_have_are_not_compared(twin: Twin) -> None:
-    """A twin of another piston count shares only the multiples of both."""
-    measurement = measure(twin, [twin.simulate(1.2, 6400)], (0, 1000))
-    between = replace(measurement, orders=measurement.orders + np.arange(len(measurement.orders)) % 2)
-    objective = objective_of(twin, between)
-    assert objective.comparisons[0].measurement.orders.tolist() == measurement.orders[::2].tolist()
-    assert objective.amplitude(objective.start).shape == objective.measured.shape == (3 * len(measurement.orders[::2]),)

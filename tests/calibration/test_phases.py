@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.signal import resample_poly
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure, objective_of
 from swashtwin.calibration.objective.phases import best_position, combine_lines, phased_lines
@@ -75,13 +74,6 @@ def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     assert deviation.shape == line.shape
 
 
-def test_lines_beyond_half_the_sample_rate_are_not_followed(nominal):
-    whole = recorded(nominal)
-    slow = replace(whole, signal=resample_poly(whole.signal, 1, 16, axis=-1), sample_rate=800.0)  # 7x to 21x fit
-    line, deviation = phased_lines(slow, np.array([7, 14]), 7)
-    assert line.shape == deviation.shape == (len(whole.channels), 2)
-
-
 def test_phases_make_the_values_more_certain_and_find_them(nominal, true):
     method = GaussNewton(starts=2)
     calibrations = [
@@ -112,13 +104,6 @@ def test_observables_with_phases_have_exact_derivatives(nominal, true):
         with torch.no_grad():
             difference = (objective.observables(point + step) - objective.observables(point - step)) / 2e-6
         np.testing.assert_allclose(slope[:, index], difference, atol=1e-5 * float(slope[:, index].abs().max()))
-
-
-def test_an_objective_given_its_observables_misses_nothing(nominal, true):
-    objective = objective_of(nominal, measure(nominal, [recorded(true)], phases=True))
-    with torch.no_grad():
-        repeated = objective.with_observables(objective.observables(objective.start).numpy())
-        assert float(repeated.weighted_loss(repeated.start)) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_recording_without_a_clear_line_has_no_phases(nominal):

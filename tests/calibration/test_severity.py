@@ -149,38 +149,6 @@ def test_a_change_is_known_better_than_either_severity(calibration: Calibration,
     assert high / low < interval[1] / interval[0]
 
 
-def test_which_piston_is_worn_changes_no_amplitude_and_is_not_offered(true_twin: Twin) -> None:
-    first, third = (true_twin.with_fault(PistonWear(um(60), piston=index)) for index in (0, 3))
-    orders = first.orders[first.orders % 7 != 0][3:]
-    columns = np.isin(first.orders, orders)
-    first_lines, third_lines = (twin.acceleration().abs().numpy()[:, columns] for twin in (first, third))
-    assert np.allclose(first_lines, third_lines, rtol=1e-3, atol=1e-5)
-    with pytest.raises(InputError, match="no dimension 'piston' to search; it has clearance"):
-        fault_space(PistonWear(um(60)), ("piston",))
-
-
-def test_an_angle_is_told_modulo_a_pistons_turn_and_that_is_said(calibration: Calibration, record: Record) -> None:
-    trend = estimate_severity(calibration, [record(LONG, "angle")], LONG, free=("angle",))
-    assert any("from the angle one piston further on" in text for text in trend.notes)
-
-
-def test_phases_of_the_calibration_lower_the_detection_limit(
-    pump: Pump, at_15: OperatingCondition, calibration: Calibration, healthy: list[Recording], record: Record
-) -> None:
-    band = (0, 1000)
-    method, nuisances = GaussNewton(starts=1), Nuisances.usual()
-    phased = calibrate(Twin(pump, at_15), healthy, method=method, nuisances=nuisances, band=band, explain_misfit=False)
-    worn, start = [record(PistonWear(um(45)), "worn")], PistonWear(um(100))
-    amplitudes, lines = (
-        estimate_severity(base, worn, start, healthy=healthy).estimates[0] for base in (calibration, phased)
-    )
-    assert lines.severity.interval[0] < um(45) < lines.severity.interval[1]
-    assert lines.severity.value == pytest.approx(um(45), rel=0.15)
-    assert lines.detection_limit is not None
-    assert amplitudes.detection_limit is not None
-    assert lines.detection_limit < amplitudes.detection_limit
-
-
 def test_a_recess_that_slippers_follow_less_at_high_frequencies_is_still_as_deep(
     calibration: Calibration, record: Record
 ) -> None:
@@ -261,13 +229,6 @@ def test_an_advance_that_may_not_be_there_ends_at_its_detection_limit_at_least(
     assert estimate.severity.interval[1] >= estimate.detection_limit
 
 
-def test_a_width_above_the_slippers_is_not_identified(calibration: Calibration, record: Record) -> None:
-    trend = estimate_severity(calibration, [record(replace(LONG, width=mm(30)), "wide")], replace(LONG, width=mm(30)),
-                              free=("width",))  # fmt: skip
-    assert trend.estimates[0].dimensions[1].verdict == "not identified"
-    assert any(text.startswith("width: not identified") for text in trend.notes)
-
-
 def test_recordings_that_do_not_belong_are_refused_or_left_out(
     calibration: Calibration, healthy: list[Recording], record: Record
 ) -> None:
@@ -285,14 +246,6 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
         estimate_severity(calibration, healthy, replace(LONG, depth=0.0))
     with pytest.raises(InputError, match=r"drift \(-1\) must be zero or a positive"):
         SeveritySettings(drift=-1.0)
-
-
-def test_a_pressure_that_was_not_calibrated_is_told(calibration: Calibration, record: Record) -> None:
-    recording = record(GrooveErosion(deg(4)), "elsewhere")
-    assert recording.condition is not None
-    moved = replace(recording, condition=recording.condition.replaced(discharge_pressure=10e6))
-    (estimate,) = estimate_severity(calibration, [moved], GrooveErosion(deg(4))).estimates
-    assert any("calibrated at 15 MPa: the values were carried over" in text for text in estimate.notes)
 
 
 def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those_labeled_normal_for_healthy(
@@ -318,10 +271,3 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     )
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal
-
-
-def test_a_calibration_of_another_band_or_without_phases_is_told(calibration: Calibration, record: Record) -> None:
-    wide = replace(calibration, settings={**calibration.settings, "band": [0.0, 2500.0]})
-    notes = " ".join(estimate_severity(wide, [record(PistonWear(um(60)), "worn")], PistonWear(um(60))).notes)
-    assert "calibrated up to 2.5 kHz, severities are searched up to 1 kHz" in notes
-    assert "dropped the phases" in notes

@@ -10,7 +10,7 @@ import torch
 from swashtwin.foundation import mm
 from swashtwin.physics import HarmonicBalance, Twin, assemble
 from swashtwin.physics.excitation import slipper_profile
-from swashtwin.physics.twin.contact_check import ContactCheck, distance_rows, slipper_lines
+from swashtwin.physics.twin.contact_check import distance_rows, slipper_lines
 from swashtwin.physics.twin.response import motion_of
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 
@@ -66,9 +66,3 @@ def test_a_twin_says_where_it_pulls_at_its_slippers(pump: Pump, at_15: Operating
     (note,) = recess.notes()
     assert "the linear twin pulls at its slippers during 94% of the revolution" in note
     assert Twin(pump, at_15, replace(RECESS, contact="lift_off")).notes() == ()
-
-
-def test_the_sentence_quotes_lowest_force_share_and_hold_down() -> None:
-    said = ContactCheck(lowest=-31e3, pulling=0.34, hold_down=11.4e3).sentence()
-    assert "during 34% of the revolution (lowest contact force -31 kN, mean hold-down 11.4 kN)" in said
-    assert "contact=lift_off" in said

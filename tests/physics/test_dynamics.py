@@ -8,7 +8,6 @@ import pytest
 import torch
 from rigid_body import rigid_motions
 
-from swashtwin.foundation import InputError
 from swashtwin.physics import assemble
 from swashtwin.physics.dynamics import (
     block_valve_shape,
@@ -156,21 +155,6 @@ def test_the_off_axis_force_does_no_work_on_rigid_motions(pump: Pump) -> None:
     for topology in ("T1", "T2"):
         work = off_axis_vector(pump, topology, math.radians(200)) @ rigid_motions(pump)
         assert np.abs(work).max() < 1e-15
-
-
-def test_an_unknown_topology_is_refused(pump: Pump) -> None:
-    with pytest.raises(InputError, match="choose 'T1' or 'T2'"):
-        assemble(pump, "T3")
-
-
-def test_a_structure_moves_to_another_device_and_precision(pump: Pump) -> None:
-    structure = assemble(pump)
-    assert structure.to("cpu", torch.float64) is structure
-    single = structure.to("cpu", torch.float32)
-    assert single.interface_shapes.dtype == single.sensor_rows.dtype == torch.float32
-    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
-    torch.testing.assert_close(single.stiffness(values.float()), structure.stiffness(values).float())
-    assert structure.to("meta", torch.float64).damping(values.to("meta")).device.type == "meta"
 
 
 def test_a_factor_on_one_direction_or_bearing_is_that_of_the_pump_file(pump: Pump) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swashtwin.foundation import InputError, MPa, SwashTwinError, celsius, deg, mm, rpm, um
-from swashtwin.physics import LoadCase, chambers, force_lines
+from swashtwin.foundation import InputError, MPa, celsius, deg, mm, rpm, um
+from swashtwin.physics import LoadCase, force_lines
 from swashtwin.physics.loads import chamber_pressures, generalized_forces, port_openings
 from swashtwin.pump import (
     BoreDefect,
@@ -57,10 +57,6 @@ def cases(pump: Pump, at_15: OperatingCondition) -> list[LoadCase]:
 @pytest.fixture(scope="module")
 def lines(cases: list[LoadCase]) -> np.ndarray:
     return pressure_lines(cases, 100)
-
-
-def test_the_displacement_is_25_milliliters(pump: Pump) -> None:
-    assert pump.rotating_group.displacement == pytest.approx(24.94e-6, abs=0.005e-6)
 
 
 def test_the_mean_piston_force_is_the_reference(pump: Pump, at_15: OperatingCondition) -> None:
@@ -132,13 +128,6 @@ def test_a_fault_that_loads_no_chamber_leaves_the_pressures_healthy(
     np.testing.assert_allclose(pressures.chamber[1], pressures.chamber[0], rtol=1e-9)
 
 
-def test_a_shallow_recess_is_close_to_none(pump: Pump, at_15: OperatingCondition) -> None:
-    shallow = chamber_pressures([LoadCase(pump, at_15), LoadCase(pump, at_15, replace(RECESS, depth=um(1)))], steps=224)
-    deep = chamber_pressures([LoadCase(pump, at_15, RECESS)], steps=224)
-    assert abs(shallow.flow[1] / shallow.flow[0] - 1) < 1e-3
-    assert deep.flow[0] < 0.9 * shallow.flow[0]
-
-
 def test_pressures_repeat_after_two_revolutions_from_5_to_15_megapascal(pump: Pump) -> None:
     batch = [
         LoadCase(pump, OperatingCondition(speed=rpm(860), discharge_pressure=MPa(level)), fault)
@@ -206,18 +195,6 @@ def test_the_pressure_load_does_no_work_on_rigid_motions(pump: Pump) -> None:
     np.testing.assert_allclose(loads @ motions, 0, atol=1e-9)
 
 
-def test_lines_rebuild_the_force_over_the_shaft_angle(pump: Pump, at_15: OperatingCondition) -> None:
-    case = LoadCase(pump, at_15, PistonWear(um(60)))
-    pressures = chamber_pressures([case], steps=448)
-    amplitudes = pressure_lines([case], 223, steps=448)[0, :, 12]
-    rebuilt = (np.exp(1j * np.outer(pressures.angle, np.arange(1, 224))) @ amplitudes).real
-    force = -pump.rotating_group.piston_area * pressures.chamber[0].sum(axis=0)
-    assert pressures.angle[0] == pytest.approx(2 * math.pi / 448)
-    np.testing.assert_allclose(rebuilt, force - force.mean(), atol=2)
-    # piston 0 sucks during the first half of the revolution
-    assert pressures.chamber[0, 0, 224 // 2] < MPa(0.2) < MPa(14) < pressures.chamber[0, 0, 3 * 224 // 2]
-
-
 def test_unbalance_turns_with_the_shaft(pump: Pump, at_15: OperatingCondition) -> None:
     balanced = replace(pump, masses=replace(pump.masses, rotor_eccentricity=0.0))
     first = pressure_lines([LoadCase(pump, at_15), LoadCase(balanced, at_15)], 2, steps=224)
@@ -254,14 +231,6 @@ def test_a_pump_that_leaks_more_than_it_displaces_is_refused(pump: Pump, at_15: 
         chamber_pressures([LoadCase(pump, at_15), LoadCase(pump, slow)], steps=224)
 
 
-def test_a_step_that_does_not_converge_names_its_case(
-    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(chambers, "ITERATIONS", 1)
-    with pytest.raises(SwashTwinError, match=r"case 0 \(25scy14-1b, 860 rev/min, 15 MPa.*do not converge at shaft"):
-        chamber_pressures([LoadCase(pump, at_15)], steps=224)
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -275,9 +244,3 @@ def test_a_case_that_does_not_fit_its_pump_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         LoadCase(pump, at_15, **arguments)
-
-
-def test_order_zero_is_the_mean_force(pump: Pump, at_15: OperatingCondition) -> None:
-    mean = force_lines([LoadCase(pump, at_15)], 7)[0, 0]
-    assert mean[12].real == pytest.approx(-11378, rel=1e-3)
-    assert np.all(mean.imag == 0)

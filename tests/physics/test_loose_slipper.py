@@ -114,14 +114,6 @@ def test_another_slipper_of_the_pump_adds_the_same_load_at_its_own_turn(pump: Pu
     assert np.linalg.norm(third - turned) < 2e-3 * np.linalg.norm(first)  # the outlet's steps do not divide by 7
 
 
-def test_shorter_steps_change_the_load_little(
-    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    usual = loose_slipper_lines(LOOSE, pump, at_15, 340)
-    monkeypatch.setattr(loose_slipper, "STEPS_PER_PULSE", 400)
-    assert np.linalg.norm(usual - loose_slipper_lines(LOOSE, pump, at_15, 340)) < 4e-3 * np.linalg.norm(usual)
-
-
 def test_slippers_that_are_rigid_with_the_rotor_load_it_instead_of_the_retainer(
     pump: Pump, at_15: OperatingCondition
 ) -> None:

@@ -10,7 +10,6 @@ from torch import Tensor
 from swashtwin.foundation import InputError
 from swashtwin.physics import RK4, HarmonicBalance, assemble
 from swashtwin.physics.solvers.receptances import receptance
-from swashtwin.physics.solvers.runge_kutta import state_matrix
 from swashtwin.pump import Pump
 
 Matrices = tuple[Tensor, Tensor, Tensor]
@@ -79,16 +78,6 @@ def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, fr
         assert torch.equal(actual[5], alone)
 
 
-def test_leading_axes_broadcast(matrices: Matrices, frequency: Tensor) -> None:
-    mass, damping, stiffness = matrices
-    speeds = torch.tensor([[0.9], [1.1]], dtype=torch.float64)
-    s, force = 1j * speeds[..., None] * frequency, some_lines(51, 13)
-    actual = receptance(mass, damping, stiffness[0], s, force)
-    assert actual.shape == (2, SETS, 51, 13)
-    expected = receptance(mass, damping[3], stiffness[0], s[1, 0], force)
-    assert torch.equal(actual[1, 3], expected)
-
-
 def coupled(matrices: Matrices) -> Matrices:
     mass, damping, stiffness = matrices
     tie = torch.zeros(13, dtype=torch.float64)
@@ -154,44 +143,6 @@ def test_its_first_and_second_derivatives_are_those_of_finite_differences(matric
     )
     assert torch.autograd.gradcheck(response, arguments, fast_mode=True)
     assert torch.autograd.gradgradcheck(response, arguments, fast_mode=True, atol=1e-4)
-
-
-def test_gradients_of_shared_arguments_are_sums_over_the_batch(matrices: Matrices, frequency: Tensor) -> None:
-    mass, damping, stiffness = (part.clone().requires_grad_() for part in matrices)
-    force = some_lines(51, 13).requires_grad_()
-    arguments = (mass, damping, stiffness, force)
-    s, weight = 1j * frequency, some_lines(SETS, 51, 13, seed=1)
-    actual = torch.autograd.grad(receptance(mass, damping, stiffness, s, force), arguments, weight)
-    expected = torch.autograd.grad(dense(mass, damping, stiffness, s, force), arguments, weight)
-    for gradient, other in zip(actual, expected, strict=True):
-        assert gradient.shape == other.shape
-        assert float((gradient - other).abs().max()) < 1e-9 * float(other.abs().max())
-
-
-def test_the_textbook_recursion_stays_on_the_steady_state_of_rk4(matrices: Matrices, frequency: Tensor) -> None:
-    """k1...k4 written out, started where the lines of displacement and of the recursion's own velocity begin."""
-    mass, damping, stiffness = matrices[0], matrices[1][0] / 4, matrices[2][0]
-    step, n_steps, lines = 1e-7, 200, frequency[1:20]
-    force, state = some_lines(19, 13), state_matrix(mass, damping, stiffness)
-    motion = RK4(step).steady_state(mass, damping, stiffness, lines, force)
-    push = torch.cat([torch.zeros(19, 13), force / mass.diagonal()], dim=1)
-
-    def at(time: float, amplitudes: Tensor) -> Tensor:
-        return (torch.exp(1j * lines * time) @ amplitudes).real
-
-    def stepped(x: Tensor, time: float) -> Tensor:
-        k1 = state @ x + at(time, push)
-        k2 = state @ (x + step / 2 * k1) + at(time + step / 2, push)
-        k3 = state @ (x + step / 2 * k2) + at(time + step / 2, push)
-        k4 = state @ (x + step * k3) + at(time + step, push)
-        return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-    rate = 1j * lines[:, None] * motion  # the recursion's velocity differs from it by its own small error
-    x = torch.cat([at(0, motion), at(0, rate)])
-    for n in range(n_steps):
-        x = stepped(x, n * step)
-    expected = at(n_steps * step, motion)
-    assert float((x[:13] - expected).abs().max()) < 1e-7 * float(expected.abs().max())
 
 
 def test_rk4_follows_the_equations_as_its_order_promises(matrices: Matrices, frequency: Tensor) -> None:

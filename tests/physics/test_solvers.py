@@ -151,18 +151,6 @@ def test_each_of_a_batch_turns_at_its_own_speed_and_stops_by_itself(matrices: Ma
         assert torch.equal(together[i], alone)
 
 
-def test_no_force_is_no_motion_and_orders_beyond_the_lines_do_nothing(matrices: Matrices, pump: Pump) -> None:
-    speed, force = 377.0, some_force(4)
-    still = periodic_steady_state(HarmonicBalance(), *matrices, speed, force * 0, [turning(pump)])
-    assert not still.any()
-    frequency = speed * torch.arange(4, dtype=torch.float64)
-    plain = HarmonicBalance().steady_state(*matrices, frequency, force)
-    for order in (7, 40):  # from 2 n - 1 on, no line is thrown onto another
-        assert torch.equal(
-            periodic_steady_state(HarmonicBalance(), *matrices, speed, force, [turning(pump, order)]), plain
-        )
-
-
 def test_a_periodic_part_too_large_for_the_iteration_is_refused(matrices: Matrices) -> None:
     mass, damping, stiffness = matrices
     force = torch.ones(3, 13, dtype=torch.complex128)

@@ -87,12 +87,6 @@ def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
     assert off_piston_pass(twin)[0] == pytest.approx(share, rel=0.03)
 
 
-def test_even_wear_of_the_valve_plate_softens_its_film(pump: Pump, at_15: OperatingCondition) -> None:
-    worn = Twin(pump, at_15, ValvePlateWear(um(12)), bandwidth=WIDE)
-    assert off_piston_pass(worn)[0] < 1e-6
-    assert rms(lines_of(worn))[0] > 1.2 * rms(lines_of(Twin(pump, at_15, bandwidth=WIDE)))[0]
-
-
 def test_a_tilted_block_face_adds_sidebands_one_shaft_order_from_the_piston_pass_lines(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
@@ -170,28 +164,6 @@ def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_
     assert math.isclose(abs(lines_of(twin)[0, twin.orders == 28][0]), 1.251, rel_tol=0.01)
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [
-        None,
-        SwashPlateDefect(**RECESS),
-        SwashPlateDefect(**RECESS, contact="physical"),
-        BoreDefect(um(300)),
-        ValvePlateWear(um(5)),
-        LooseSlipper(mm(0.2)),
-    ],
-)
-def test_everything_follows_the_device_of_the_values(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
-    """On the device ``meta``, which holds no numbers, any constant left behind on the CPU is an error."""
-    twin = Twin(pump, at_15, fault, bandwidth=450)  # type: ignore[arg-type]
-    values = twin.values.expand(2, 6).to("meta").requires_grad_()
-    lines = twin.acceleration(values)
-    assert (lines.device.type, lines.dtype, lines.shape) == ("meta", torch.complex128, (2, 3, twin.orders.size))
-    lines.abs().sum().backward()
-    assert values.grad is not None
-    assert values.grad.device.type == "meta"
-
-
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize("fault", [SwashPlateDefect(**RECESS), TiltedBlockFace(0.2)])
 def test_a_gpu_gives_the_lines_of_the_processor(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
@@ -250,31 +222,6 @@ def test_a_twin_says_where_a_slipper_bridges_its_defect(pump: Pump, at_15: Opera
     assert "extrapolation" in note
     for fault in (None, SwashPlateDefect(**RECESS), replace(narrow, depth=0.0), PistonWear(um(60))):
         assert not any("smaller than a slipper" in note for note in Twin(pump, at_15, fault).notes())
-
-
-def test_other_interface_values_and_a_rebuilt_twin_solve_no_pressures_again(
-    pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fault = SwashPlateDefect(**RECESS)
-    Twin(pump, at_15, fault).acceleration()
-    monkeypatch.setattr("swashtwin.physics.loads.solve", None)
-    softer = Interfaces.from_values([0.778e6, 1e8, 6e4, 1.2e8, 15.3e4, 5e7])
-    for twin in (
-        Twin(pump, at_15.replaced(), fault, softer),
-        Twin(pump, at_15, fault.scaled(2.0), bandwidth=2000.0, scales=Scales(mount=2.0)),
-        Twin(pump, at_15, BoreDefect(um(300)), topology="T2"),
-    ):
-        assert torch.isfinite(twin.acceleration().abs()).all()
-
-
-def test_a_loose_slipper_shows_once_a_revolution(pump: Pump, at_15: OperatingCondition) -> None:
-    twin = Twin(pump, at_15, LooseSlipper(mm(0.2)))
-    power = (twin.acceleration().abs().numpy() ** 2)[0]
-    aside = twin.orders % 7 != 0
-    assert 0.3 < power[aside].sum() / power.sum() < 0.6
-    assert rms(lines_of(twin))[0] > 1.2 * rms(lines_of(Twin(pump, at_15)))[0]
-    tight = Twin(pump, at_15, LooseSlipper(0.0))
-    np.testing.assert_allclose(rms(lines_of(tight)), rms(lines_of(Twin(pump, at_15))), rtol=1e-6)
 
 
 def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: OperatingCondition) -> None:

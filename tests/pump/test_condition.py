@@ -7,22 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swashtwin.foundation import InputError, MPa, celsius, rpm
-from swashtwin.pump import OperatingCondition, group_by_condition, merge_close_values, values_match
-
-
-@given(turns=st.floats(1, 7999))
-def test_the_shaft_frequency_is_the_revolutions_per_second(turns: float) -> None:
-    condition = OperatingCondition(speed=rpm(turns), discharge_pressure=MPa(15))
-    assert condition.shaft_frequency == pytest.approx(turns / 60, rel=1e-12)
-    assert condition.period == pytest.approx(60 / turns, rel=1e-12)
-    assert condition.speed * condition.period == pytest.approx(2 * math.pi, rel=1e-12)
-
-
-def test_a_replaced_condition_differs_in_that_value_only(at_15: OperatingCondition) -> None:
-    other = at_15.replaced(discharge_pressure=MPa(10))
-    assert other == OperatingCondition(speed=at_15.speed, discharge_pressure=MPa(10))
-    assert at_15.discharge_pressure == MPa(15)
+from swashtwin.foundation import InputError, MPa, celsius
+from swashtwin.pump import OperatingCondition, merge_close_values, values_match
 
 
 @pytest.mark.parametrize(
@@ -78,10 +64,3 @@ def test_values_that_were_merged_match_each_other_and_their_level(values: list[f
         members = sample[levels == level]
         assert values_match(members.min(), members.max(), tolerance)
         assert values_match(members, np.full(members.size, level), tolerance + 1e-12).all()
-
-
-def test_conditions_are_grouped_by_pressure_and_speed(at_15: OperatingCondition) -> None:
-    fast = at_15.replaced(speed=2 * at_15.speed)
-    conditions = [fast, at_15, at_15.replaced(discharge_pressure=MPa(10)), at_15.replaced(discharge_pressure=MPa(14.8))]
-    assert group_by_condition(conditions) == [[2], [1, 3], [0]]
-    assert group_by_condition([]) == []

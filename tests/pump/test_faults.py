@@ -24,7 +24,6 @@ from swashtwin.pump import (
     canonical_label,
     is_healthy,
 )
-from swashtwin.pump.faults import ALIASES
 
 PAPERS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
 FAULTS: tuple[Any, ...] = (
@@ -47,11 +46,6 @@ def test_a_class_is_known_however_it_is_spelled(name: str, spelling: str) -> Non
         assert canonical_label(spelling.format(word)) == name
 
 
-def test_each_alias_stands_for_its_class() -> None:
-    for alias, name in ALIASES.items():
-        assert canonical_label(alias, (*CLASSES, "loose_slipper")) == name
-
-
 @pytest.mark.parametrize(
     ("text", "nearest"),
     [("pistn", "piston"), ("swahs plate", "swash_plate"), ("plungr", "piston"), ("valv_plate", "valve_plate")],
@@ -59,11 +53,6 @@ def test_each_alias_stands_for_its_class() -> None:
 def test_an_unknown_class_offers_the_nearest(text: str, nearest: str) -> None:
     with pytest.raises(InputError, match=f"unknown class '{text}'; .* normal, swash_plate.* Did you mean '{nearest}'?"):
         canonical_label(text)
-
-
-def test_what_resembles_no_class_gets_no_offer() -> None:
-    with pytest.raises(InputError, match=r"the classes are .*valve_plate\.$"):
-        canonical_label("zzz")
 
 
 @given(fault=st.sampled_from(FAULTS), factor=st.floats(0, 2))
@@ -136,10 +125,6 @@ def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(l
     reached = defect.effective_depth(mm(22))
     assert 0 <= reached <= defect.depth
     assert (reached == defect.depth) == (length >= mm(22) and width >= mm(22))
-
-
-def test_half_the_slippers_length_leaves_a_quarter_of_the_depth() -> None:
-    assert replace(PAPERS, length=mm(11)).effective_depth(mm(22)) == pytest.approx(mm(0.15))
 
 
 def test_what_people_call_a_sound_machine_is_healthy_in_any_spelling() -> None:

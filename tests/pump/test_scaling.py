@@ -21,7 +21,6 @@ from swashtwin.pump import (
     stroke_of,
 )
 from swashtwin.pump.geometry import compression_angle, decompression_angle
-from swashtwin.pump.numbers import in_trade_units, pump_text
 from swashtwin.pump.scaling import catalog_mass
 
 MASS = 24 + 4.6 + 0.7
@@ -163,16 +162,3 @@ def test_an_impossible_nameplate_is_refused_in_a_line(
     stated: dict[str, object] = {"displacement": "45 cm3", "pistons": 9, "speed": "1500 rpm", "pressure": "28 MPa"}
     with pytest.raises(error, match=message):
         read_nameplate(**{**stated, **change})  # type: ignore[arg-type]
-
-
-def test_a_pump_without_a_rated_point_cannot_be_scaled(pump: Pump) -> None:
-    with pytest.raises(InputError, match=r"states no \[rated\] speed and discharge_pressure to scale from"):
-        scaled_pump(replace(pump, rated=None), PLATES[0], "mine")
-
-
-def test_the_text_of_a_pump_is_in_the_units_of_the_trade(pump: Pump) -> None:
-    text = pump_text(pump, "a comment\nof two lines")
-    assert text.startswith("# a comment\n# of two lines\nformat = 1\n")
-    for words in ('"26 mm"', '"16.8 deg"', '"12 um"', '"3 cm^3"', '"860 rpm"', '"15 MPa"', '"45 degC"'):
-        assert words in text
-    assert in_trade_units(3.5e-4, "m^3/s") == "21 L/min"

@@ -1,6 +1,5 @@
 """Indicators against signals whose values are known, and against SciPy."""
 
-import csv
 import math
 from dataclasses import replace
 
@@ -76,14 +75,6 @@ def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
     assert np.sum(parts, axis=0) == pytest.approx(band_rms(noise, RATE, 0, 5000) ** 2)
     assert band_rms(noise, RATE, 0, 5000) == pytest.approx(noise.std(axis=1), rel=0.02)
     assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
-
-
-def test_a_band_that_cannot_be_is_refused() -> None:
-    for low, high in ((100, 50), (10, 6000), (50.0, 50.1)):
-        with pytest.raises(InputError):
-            band_rms(np.ones((1, 40000)), RATE, low, high)
-    with pytest.raises(InputError, match="record longer"):
-        velocity_rms(np.random.default_rng(0).standard_normal((1, 1000)), RATE)
 
 
 @pytest.mark.parametrize("absolute", [True, False])
@@ -205,18 +196,6 @@ def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
     assert indicators_of(replace(pump(), condition=None), bands=band, families=("bands",)).values.shape == (2, 0)
 
 
-def test_every_column_has_a_unit_its_values_and_a_meaning() -> None:
-    table = indicators_of(pump(), pistons=7, angle=stated_angle(pump()))
-    assert {indicator.unit for indicator in table.columns} == {"m/s^2", "m/s", "rad", "Hz", ""}
-    assert all(indicator.meaning for indicator in table.columns)
-    assert len({indicator.name for indicator in table.columns}) == len(table.columns)
-    header, *rows = csv.reader(table.csv.splitlines())
-    assert len(rows) == 2
-    assert float(rows[0][header.index("rms [m/s^2]")]) == table.column("rms")[1][0]
-    assert rows[1][header.index("band_rms 5000-10000 Hz [m/s^2]")] == ""
-    assert table.to_dict()["rows"][0]["values"]["rms"] == table.column("rms")[1][0]
-
-
 def test_a_recording_in_an_unknown_unit_has_no_velocity() -> None:
     table = indicators_of(replace(pump(), unit="V"))
     assert "velocity_rms" not in [indicator.name for indicator in table.columns]
@@ -253,14 +232,6 @@ def test_the_piston_line_stands_where_the_mark_is(kind: str, position: float) ->
     assert spectrum.amplitude[0].max() == pytest.approx(1, rel=0.05)
     assert [mark.name for mark in spectrum.marks] == ["1x", "2x", "7x", "14x", "21x", "28x", "35x"]
     assert spectrum.marks[2].at == pytest.approx(position)
-
-
-def test_an_envelope_tells_its_band() -> None:
-    envelope = spectrum_of(replace(pump(), signal=np.stack([bursts(), bursts(ring=1200)])), "envelope")
-    assert [low < ring < high for (low, high), ring in zip(envelope.bands, (3000, 1200), strict=True)] == [True] * 2
-    assert spectrum_of(replace(pump(), condition=None)).marks == ()
-    with pytest.raises(InputError, match="nobody stated its speed"):
-        spectrum_of(replace(pump(), condition=None), "order")
 
 
 def test_an_envelope_band_beyond_half_the_sample_rate_is_refused() -> None:

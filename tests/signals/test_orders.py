@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, inspect_recording, stated_speed
 from swashtwin.signals import ShaftAngle, resampled_by_angle, stated_angle, tachometer_speed, tracked_speed
@@ -192,21 +191,6 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
         resampled_by_angle(turned, angle, 512)
 
 
-def test_recordings_of_two_speeds_share_windows_when_played_at_one() -> None:
-    turned = []
-    for name, speed in (("slow", 10.0), ("fast", 20.0)):
-        true = shaft_speed(start=speed, end=speed)
-        recording = replace(
-            turning(true), recording_id=name, label=name, condition=OperatingCondition(2 * np.pi * speed, MPa(15))
-        )
-        turned.append(resampled_by_angle(recording, stated_angle(recording), 400, played_at=rpm(600)))
-    windows = cut_windows(turned, length=400)
-    assert windows.sample_rate == pytest.approx(4000)
-    assert sorted(set(windows.speed.tolist())) == pytest.approx([2 * np.pi * 10, 2 * np.pi * 20])
-    with pytest.raises(InputError, match="take length 400"):
-        cut_windows(turned, length=399)
-
-
 def test_what_cannot_be_laid_along_an_angle_is_said() -> None:
     recording = turning(shaft_speed())
     angle = ShaftAngle(shaft_speed(), RATE, 0.0, 1.0, False, "truth")
@@ -227,9 +211,3 @@ def test_of_several_orders_those_beyond_half_the_sample_rate_are_left_out() -> N
     assert angles.source == "the line at order 7"
     with pytest.raises(InputError, match=r"order 400 .* less than half the sample rate"):
         tracked_speed(recording, order=(700, 400), near=rpm(860))
-
-
-@pytest.mark.parametrize("order", [0, -7, (7, 0)])
-def test_an_order_below_one_is_refused_by_its_number(order: int | tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match="is no line of the shaft"):
-        tracked_speed(turning(shaft_speed(seconds=2.0)), order=order, near=rpm(860))

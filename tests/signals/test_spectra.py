@@ -1,7 +1,6 @@
 """Spectra, lines, noise and the paper's errors against what is known of made signals."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -57,16 +56,6 @@ def test_a_sine_reads_its_amplitude_and_no_offset(line: int, amplitude: float, p
     assert spectrum[0, line] == pytest.approx(amplitude, rel=1e-6)
     assert spectrum[0, line + 1] == pytest.approx(amplitude / 2, rel=1e-6)  # Hann's neighbors
     assert spectrum[0, 0] == pytest.approx(0, abs=1e-9 * (amplitude + abs(offset)))
-
-
-def test_one_segment_is_the_hann_weighted_transform() -> None:
-    signal = np.random.default_rng(0).standard_normal((2, 600))
-    frequency, spectrum = amplitude_spectrum(signal, 50.0)
-    weights = scipy.signal.get_window("hann", 600)
-    centered = signal - signal.mean(axis=-1, keepdims=True)
-    expected = np.abs(np.fft.rfft(centered * weights)) * 2 / weights.sum()
-    np.testing.assert_allclose(frequency, np.fft.rfftfreq(600, 1 / 50))
-    np.testing.assert_allclose(spectrum[:, 1:-1], expected[:, 1:-1], rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -172,23 +161,6 @@ def test_every_channel_gets_the_noise_asked_for(snr: float, seed: int, offset: f
     assert np.all(np.abs(np.corrcoef(noise) - np.eye(3)) < 0.06)
 
 
-def test_noise_is_white_and_gaussian() -> None:
-    signal = np.sin(np.arange(40000.0))[None]
-    noise = (add_noise(signal, 0.0, 1) - signal)[0]
-    assert abs(np.mean(noise[1:] * noise[:-1])) < 6 * noise.var() / math.sqrt(len(noise))
-    assert abs(np.mean((noise / noise.std()) ** 4) - 3) < 0.15
-
-
-def test_noise_depends_on_seed_ratio_and_purpose_only() -> None:
-    signal = np.sin(np.arange(100.0))[None]
-    first = add_noise(signal, 10, 0, "a", 1)
-    np.testing.assert_array_equal(first, add_noise(signal, 10.0, 0, "a", 1))
-    others = [add_noise(signal, 10, 1, "a", 1), add_noise(signal, 10, 0, "a", 2), add_noise(signal, 10, 0, "b", 1)]
-    for earlier, other in pairwise([first, *others]):
-        assert not np.any(earlier == other)
-    np.testing.assert_array_equal(add_noise(np.ones((1, 5)), 10, 0), np.ones((1, 5)))  # a constant has no power
-
-
 @pytest.mark.parametrize(("high", "is_inside"), [(1000.0, False), (6400.0, True)])
 def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float, is_inside: bool) -> None:
     time = np.arange(12800) / RATE
@@ -196,12 +168,6 @@ def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float,
     limited = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
     expected = inside + above if is_inside else inside
     np.testing.assert_allclose(limited[1000:-1000], expected[1000:-1000], atol=0.01)
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.0, 100.0), (-1.0, 100.0), (200.0, 100.0), (6400.0, 9000.0)])
-def test_a_band_that_is_none_is_refused(low: float, high: float) -> None:
-    with pytest.raises(InputError, match="is none at 12800 Hz; it needs 0 < low < high"):
-        band_limited(np.zeros((1, 1000)), RATE, low, high)
 
 
 @given(shift=st.integers(0, 50), seed=st.integers(0, 2**32))

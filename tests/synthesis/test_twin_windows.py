@@ -164,29 +164,6 @@ def test_windows_of_a_posterior_are_those_of_its_draws(twin: Twin, measured: Win
         assert np.abs(simulated.signal.std(axis=-1) - window.std(axis=-1)).max(axis=1).min() < 1e-4
 
 
-def test_a_posterior_spreads_the_levels_and_its_draws_do_not_depend_on_the_count(
-    twin: Twin, measured: WindowSet, posterior: Posterior
-) -> None:
-    still = {"like": measured, "seed": 0, "variation": STILL, "background": "none"}
-    plain = simulate_windows(twin, count=8, **still).signal.std(axis=-1)
-    spread = simulate_windows(twin, count=8, **still, posterior=posterior).signal
-    assert spread.std(axis=-1).std(axis=0).min() > 5 * plain.std(axis=0).max()
-    few = simulate_windows(twin, count=3, **still, posterior=posterior).signal
-    np.testing.assert_array_equal(few, spread[:3])
-
-
-def test_each_twin_has_its_own_posterior(twin: Twin, measured: WindowSet, posterior: Posterior, pump: Pump) -> None:
-    exact = replace(posterior, covariance=np.eye(len(posterior.unknowns)) * 1e-18)
-    pair = [twin, replace(twin, pump=replace(pump, name="other"))]
-    still = {"like": measured, "seed": 0, "variation": STILL, "background": "none"}
-    levels = simulate_windows(pair, count=4, **still, posterior=[exact, posterior]).signal.std(axis=-1)
-    assert np.abs(levels[0] - levels[2]).max() < 0.01 * np.abs(levels[1] - levels[3]).max()
-    alike = simulate_windows(pair, count=2, **still, posterior=[posterior, posterior]).signal.std(axis=-1)
-    assert np.abs(alike[0] / alike[1] - 1).max() > 0.01  # two pumps do not share a draw
-    with pytest.raises(InputError, match="1 posteriors for 2 twins"):
-        simulate_windows(pair, count=4, **still, posterior=posterior)
-
-
 @pytest.fixture(scope="module")
 def calibration(pump: Pump) -> Calibration:
     """Calibration of a healthy pump at 10 and 15 MPa."""

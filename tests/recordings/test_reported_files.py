@@ -1,4 +1,4 @@
-"""Properties of files that users of the readers have reported publicly: each is read right, or refused by name."""
+"""Properties of files that users of readers have reported publicly, and their kin: read right, or refused by name."""
 
 import struct
 from collections.abc import Callable
@@ -199,6 +199,71 @@ READ: list[tuple[str, Callable[[Path], Path], dict[str, Any], Any]] = [
     ("nasa-jpl/autoRIFT/pull/92", hdf5(np.where(FILL, 32767, COUNTS), scale_factor=1e-4, valid_range=[-32000, 32000]),
      {}, MISSING),
     ("danielhrisca/asammdf/issues/96", mdf(invalidation_bits=FILL), {}, MISSING),
+]  # fmt: skip
+
+EPOCH = [f"{1774430000 + value:.4f}" for value in TIME]
+VOLTS = (NOISE * 0.1).round(6)
+SHORT = text("a.csv", "t [s],x [g],y [g],z [g]", *rows(",", TIMES, NOISE, NOISE))
+HEAD = ["Record Length,401,Points", "Sample Interval,1.0E-04,s", "Vertical Units,V", "Sensitivity (mV/g):,100", "n,x"]
+TAGS = ["ACC" if number % 3 else "GYR" for number in range(401)]
+LISTS = mat(data=NOISE[:, None] * [1, 2], names=np.array(["x", "p"], object), units=np.array(["g", "bar"], object),
+            Ts=1e-4)  # fmt: skip
+CHART = mat(data=COUNTS, datastart=[[1.0]], dataend=[[401.0]], samplerate=[[RATE]], titles=np.array(["x"]),
+            unittext=np.array(["g"]), unittextmap=[[1.0]], scaleunits=[[1e-4]], scaleoffset=[[0.0]])  # fmt: skip
+RECORDS = np.rec.fromarrays([TIME, NOISE], names="t,x")
+
+
+def npz(**arrays: np.ndarray) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        np.savez(folder / "a.npz", **arrays)
+        return folder / "a.npz"
+
+    return write
+
+
+def of_samples(folder: Path) -> Path:
+    """An MDF file whose master channel counts samples."""
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF() as file:
+        file.append([asammdf.Signal(NOISE, timestamps=TIME, name="x", unit="g")])
+        file.groups[0].channels[0].sync_type = 4
+        file.save(folder / "a.mf4", overwrite=True)
+    return folder / "a.mf4"
+
+
+READ += [
+    ("no time column", text("a.lvm", *TAB, *(f"\t{x}\t" for x in NOISE)), {}, NOISE),
+    ("preamble of a scope", text("a.csv", *HEAD, *rows(",", range(401), VOLTS)), {}, NOISE),
+    ("start and increment", text("a.csv", "X,CH1,Start,Increment,", "Sequence,Volt,0.0,1.0e-04",
+                                 *rows(",", range(401), NOISE, end=",")), {"unit": "g"}, NOISE),
+    ("two clocks", text("a.csv", "t1 [s],x [g],t2 [s],y [g]", *rows(",", TIMES, NOISE, TIMES, NOISE)),
+     {"channels": ["x"]}, NOISE),
+    ("hours", text("a.csv", "time (h),x [g]", *rows(",", TIME / 3600, NOISE)), {}, NOISE),
+    ("days", text("a.csv", "t,x [g]", *rows(",", 46083 + TIME / 86400, NOISE)), {}, NOISE),
+    ("seconds since 1970", text("a.csv", "c0,x [g]", *rows(",", EPOCH, NOISE)), {}, NOISE),
+    ("ticks", text("a.csv", "tick,x [g]", *rows(",", range(0, 40100, 100), NOISE)), {}, "would be 0.01 Hz"),
+    ("ticks", text("a.csv", "tick,x [g]", *rows(",", range(0, 40100, 100), NOISE)), {"time_unit": "us"}, NOISE),
+    ("lost or coarse", text("a.csv", "t [s],x [g]", *rows(",", *(np.delete(each, range(3, 401, 4)) for each in
+                                                                 (TIMES, NOISE)))), {}, "too coarse to tell 10000 Hz"),
+    ("counter begins again", text("a.csv", "n,t [s],x [g]", *rows(",", np.arange(401) % 256, TIMES, NOISE)), {}, NOISE),
+    ("tags in the last column", text("a.csv", "t,x,sensor", *rows(",", TIMES, NOISE, TAGS)), {}, "2 sensors by turns"),
+    ("more headings", SHORT, {}, "line 1 has 4 headings for 3 columns"),
+    ("overflow", text("a.csv", "t [s],x [g]", *rows(",", TIMES, ["\u221e", *NOISE[1:]])), {},
+     np.array([np.inf, *NOISE[1:]])),
+    ("offset in hours", text("a.csv", "t,x [g]", *rows(",", [f"2026-03-02 09:00:00.{n:04d}+02" for n in range(401)],
+                                                       NOISE)), {}, NOISE),
+    ("rate of the group", tdms(NOISE, wf_increment=0.0, **{"Sampling Rate": RATE}), {}, NOISE),
+    ("along a frequency", tdms(NOISE, wf_xunit_string="Hz"), {}, "runs along Hz, not time"),
+    ("sensitivity of a channel", tdms(VOLTS, unit_string="V", Sensitivity=100.0, **{"Sensitivity Units": "mV/g"}), {},
+     NOISE),
+    ("lists of names and units", LISTS, {"channels": ["x"]}, NOISE),
+    ("integers of LabChart", CHART, {}, NOISE),
+    ("complex numbers", mat(x=NOISE + 1j, fs=RATE), {}, r"left out: x \(complex numbers\)"),
+    ("calendar times", npz(time=np.datetime64("2026-03-02", "ns") + np.arange(401) * 100_000, x=NOISE), {"unit": "g"},
+     NOISE),
+    ("fields", npz(record=RECORDS), {"unit": "g"}, NOISE),
+    ("samples count", of_samples, {}, "counts samples, not time; say sample_rate"),
+    ("samples count", of_samples, {"sample_rate": RATE}, NOISE),
 ]  # fmt: skip
 
 

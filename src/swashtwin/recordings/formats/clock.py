@@ -289,7 +289,9 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
         raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
     head = time.part(0, _HEAD)
     digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
-    rate, gaps = _rate(path, time, sparse, usual, 10.0**-digits)
+    first = np.asarray(column[0:1])[0]  # a count of days is not as fine as its digits
+    spacing = 2 * (unit or 1.0) * float(np.spacing(abs(first))) if isinstance(first, np.floating) else 0.0
+    rate, gaps = _rate(path, time, sparse, usual, max(10.0**-digits, spacing))
     if unit is None and rate is not None and rate <= _SLOW:
         return None, f"its times have no unit, and would be {rate:.6g} Hz in seconds; state the time_unit, such as ms"
     return rate, gaps

@@ -1,35 +1,54 @@
-"""What forms do: log in and out, acknowledge, silence, add an event."""
+"""What visitors do: log in and out, acknowledge, silence, add an event; by forms of the page, or by programs."""
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, HTTPException, Query, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
+from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.access import COOKIE
-from swashtwin.monitoring.page.records import MOST_HOURS, acknowledge, add_event, end_silence, silence
+from swashtwin.monitoring.page.records import find_alarm, find_machine
 from swashtwin.monitoring.page.site import Site, local_path, visitor_name
+from swashtwin.monitoring.service.judging import record_event
 
+MOST_HOURS = 24 * 366
+"""Longest silence [h]."""
 Text = Annotated[str, Form(max_length=500)]
-Name = Annotated[str, Form(max_length=64)]
-Address = Annotated[str, Form(alias="next", max_length=2000)]
+Name = Annotated[str, Form(max_length=64, description="who acts; where there are logins, the one who is logged in")]
+Address = Annotated[str, Form(alias="next", max_length=2000, include_in_schema=False)]
 
 
-def action_routes(site: Site) -> APIRouter:
-    """Addresses to which forms about machines are sent; each form carries the token of its visit."""
-    routes = APIRouter(
-        include_in_schema=False, dependencies=[Depends(_require_form_token(site)), Depends(_require_control)]
+def change_routes(site: Site, *, is_page: bool) -> APIRouter:
+    """Addresses of what may be changed.
+
+    Parameters
+    ----------
+    is_page : for the page's forms, which carry the token of their visit and lead back; else for programs, below /api.
+    """
+    require = (
+        [Depends(_require_form_token(site)), Depends(_require_control)] if is_page else [Depends(_require_program)]
     )
+    routes = APIRouter(prefix="" if is_page else "/api", include_in_schema=not is_page, dependencies=require)
 
-    @routes.post("/alarms/{identity}/acknowledge")
-    def acknowledge_alarm(
+    def done(target: str) -> Response:
+        return RedirectResponse(local_path(target), 303) if is_page else Response(status_code=204)
+
+    @routes.post("/alarms/{identity}/acknowledge", tags=["alarms"], status_code=204)
+    def acknowledge(
         request: Request, identity: int, note: Text = "", who: Name = "", target: Address = "/"
     ) -> Response:
-        acknowledge(site, identity, visitor_name(request, who), note)
-        return _back(target)
+        """Acknowledge an alarm; 409 where it is not open."""
+        try:
+            with site.history.machine(find_alarm(site, identity).machine) as machine:
+                machine.acknowledge(identity, visitor_name(request, who), note)
+        except InputError as error:
+            raise HTTPException(409, str(error)) from None
+        return done(target)
 
-    @routes.post("/machines/{name}/silence")
-    def silence_machine(
+    @routes.post("/machines/{name}/silence", tags=["machines"], status_code=204)
+    def silence(
         request: Request,
         name: str,
         hours: Annotated[float, Form(gt=0, le=MOST_HOURS)],
@@ -37,25 +56,37 @@ def action_routes(site: Site) -> APIRouter:
         who: Name = "",
         target: Address = "/",
     ) -> Response:
-        silence(site, name, hours, visitor_name(request, who), note)
-        return _back(target)
+        """Send no messages for some hours; alarms are raised and kept all the same."""
+        find_machine(site, name)
+        with site.history.machine(name) as machine:
+            machine.silence(site.clock() + timedelta(hours=hours), visitor_name(request, who), note)
+        return done(target)
 
-    @routes.post("/machines/{name}/silence/end")
-    def end_machine_silence(name: str, target: Address = "/") -> Response:
-        end_silence(site, name)
-        return _back(target)
+    @routes.post("/machines/{name}/silence/end", tags=["machines"], status_code=204)
+    def end_silence(name: str, target: Address = "/") -> Response:
+        """Send messages again."""
+        find_machine(site, name)
+        with site.history.machine(name) as machine:
+            machine.end_silence()
+        return done(target)
 
-    @routes.post("/machines/{name}/events")
-    def add_machine_event(
+    @routes.post("/machines/{name}/events", tags=["machines"], status_code=204)
+    def add_event(
         request: Request,
         name: str,
-        kind: Annotated[str, Form(pattern="^(note|maintenance)$")],
+        kind: Annotated[str, Form(pattern="^(note|maintenance)$")] = "note",
         note: Text = "",
         who: Name = "",
         target: Address = "/",
     ) -> Response:
-        add_event(site, name, kind, visitor_name(request, who), note)
-        return _back(target)
+        """Add an event; after `maintenance` the healthy baseline is learned anew, and alarms are closed."""
+        find_machine(site, name)
+        by = visitor_name(request, who)
+        try:
+            record_event(site.config, site.history, name, who=by, note=note, maintenance=kind == "maintenance")
+        except InputError as error:
+            raise HTTPException(422, str(error)) from None
+        return done(target)
 
     return routes
 
@@ -75,7 +106,7 @@ def visit_routes(site: Site) -> APIRouter:
     ) -> Response:
         session = site.access.login(request, name, password)
         if isinstance(session, str):
-            answer = _back(target)
+            answer = RedirectResponse(local_path(target), 303)
             site.access.set_cookie(answer, session)
             return answer
         message = f"Too many attempts. Wait {session} s." if session else "The name or the password is wrong."
@@ -88,7 +119,7 @@ def visit_routes(site: Site) -> APIRouter:
     @routes.post("/logout", dependencies=checked)
     def logout(request: Request) -> Response:
         site.access.logout(request)
-        answer = _back("/")
+        answer = RedirectResponse("/", 303)
         answer.delete_cookie(COOKIE)
         return answer
 
@@ -103,11 +134,14 @@ def _require_form_token(site: Site) -> Callable[[Request, str], None]:
     return require
 
 
-def _back(target: str) -> Response:
-    return RedirectResponse(local_path(target), 303)
-
-
 def _require_control(request: Request) -> None:
     """Refuse a program whose token may read and upload only."""
     if request.state.visitor.kind == "token":
-        raise HTTPException(403, "This token may read and upload only.")
+        raise HTTPException(403, "This token may read and upload only; make another with --control.")
+
+
+def _require_program(request: Request) -> None:
+    """Changes need a token where there are logins: a browser's cookie alone could be sent by somebody's form."""
+    _require_control(request)
+    if request.state.visitor.kind == "person":
+        raise HTTPException(403, "Send a token: Authorization: Bearer TOKEN. The pages' forms need none.")

@@ -4,25 +4,14 @@ import math
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, HTTPException, Query, Request
+from fastapi import APIRouter, HTTPException, Query
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from swashtwin.monitoring.history.reading import FACTS, MachineOverview
 from swashtwin.monitoring.history.tables import Alarm, Event, Judgment, Rejection
-from swashtwin.monitoring.page.access import Visitor
 from swashtwin.monitoring.page.machine_states import state_of
-from swashtwin.monitoring.page.records import (
-    MOST_HOURS,
-    acknowledge,
-    add_event,
-    all_machines,
-    end_silence,
-    find_alarm,
-    find_machine,
-    find_recording,
-    silence,
-)
-from swashtwin.monitoring.page.site import Site, visitor_name
+from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
+from swashtwin.monitoring.page.site import Site
 
 Limit = Annotated[int, Query(ge=1, le=5000)]
 Short = Annotated[str, Query(max_length=200)]
@@ -80,24 +69,6 @@ class LevelAnswer(BaseModel):
 
     channel: str
     name: str
-
-
-class Note(BaseModel):
-    """A remark of the one who acts."""
-
-    note: str = Field("", max_length=500)
-
-
-class SilenceRequest(Note):
-    """How long no messages are sent."""
-
-    hours: float = Field(gt=0, le=MOST_HOURS)
-
-
-class EventRequest(Note):
-    """An event to add."""
-
-    kind: str = Field("note", pattern="^(note|maintenance)$")
 
 
 def machine_answers(site: Site) -> APIRouter:
@@ -202,47 +173,8 @@ def record_answers(site: Site) -> APIRouter:
     return routes
 
 
-def change_routes(site: Site) -> APIRouter:
-    """Addresses of what a program may change."""
-    routes = APIRouter(prefix="/api", dependencies=[Depends(_require_program)])
-
-    @routes.post("/machines/{name}/events", tags=["machines"], status_code=204)
-    def post_event(request: Request, name: str, event: EventRequest) -> None:
-        """Add an event; after `maintenance` the healthy baseline is learned anew."""
-        add_event(site, name, event.kind, visitor_name(request), event.note)
-
-    @routes.post("/machines/{name}/silence", tags=["machines"], status_code=204)
-    def post_silence(request: Request, name: str, wish: SilenceRequest) -> None:
-        """Send no messages for some hours; alarms are raised and kept all the same."""
-        silence(site, name, wish.hours, visitor_name(request), wish.note)
-
-    @routes.delete("/machines/{name}/silence", tags=["machines"], status_code=204)
-    def delete_silence(name: str) -> None:
-        """Send messages again."""
-        end_silence(site, name)
-
-    @routes.post("/alarms/{identity}/acknowledge", tags=["alarms"], response_model=_ALARM)
-    def post_acknowledgment(request: Request, identity: int, remark: Note) -> Any:
-        """Acknowledge an alarm; 409 where it is not open."""
-        acknowledge(site, identity, visitor_name(request), remark.note)
-        return find_alarm(site, identity)
-
-    return routes
-
-
 def _machine(machine: MachineOverview) -> dict[str, Any]:
     return {**vars(machine), "state": state_of(machine).code, "silenced_until": machine.silenced}
-
-
-def _require_program(request: Request) -> None:
-    """Changes need a token where there are logins: a browser's cookie alone could be sent by somebody's form."""
-    visitor: Visitor = request.state.visitor
-    if visitor.kind == "token":
-        raise HTTPException(
-            403, "This token may read and upload only; watch user NAME --token --control makes another."
-        )
-    if visitor.kind == "person":
-        raise HTTPException(403, "Send a token: Authorization: Bearer TOKEN. The pages' forms need none.")
 
 
 def _utc(time: datetime | None) -> datetime | None:

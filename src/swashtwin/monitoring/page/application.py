@@ -15,8 +15,8 @@ from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.access import Access
-from swashtwin.monitoring.page.actions import action_routes, visit_routes
-from swashtwin.monitoring.page.api import change_routes, machine_answers, record_answers
+from swashtwin.monitoring.page.actions import change_routes, visit_routes
+from swashtwin.monitoring.page.api import machine_answers, record_answers
 from swashtwin.monitoring.page.guard import Guard
 from swashtwin.monitoring.page.metrics import metric_routes
 from swashtwin.monitoring.page.pages import page_routes
@@ -63,13 +63,13 @@ def build_app(
     )
     for routes in (
         page_routes(site),
-        action_routes(site),
+        change_routes(site, is_page=True),
         visit_routes(site),
         metric_routes(site),
         upload_routes(site),
         machine_answers(site),
         record_answers(site),
-        change_routes(site),
+        change_routes(site, is_page=False),
     ):
         application.include_router(routes)
     application.mount("/static", StaticFiles(packages=[(__package__, "static")]))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from commandline import run_json
-from golden_rig import rig_at_15, write_workspace
+from golden_rig import write_workspace
 
 from swashtwin.recordings import Recording
 
@@ -42,43 +42,21 @@ LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
 """Tolerances of what a network learned: they are probabilities and losses."""
 
 COMMANDS: dict[str, Command] = {
-    "index": Command("index csv --sample-rate '25.6 kHz' --unit m/s^2"),
     "inspect": Command("inspect pair.toml"),
-    "check": Command("check pair.toml"),
     "split": Command("data split pair.toml --out split --test-fraction 0.5"),
-    "split_folds": Command("data split plant.toml --out folds --folds 2 --group specimen"),
-    "convert": Command("data convert pair.toml --out store.h5"),
     "features": Command(f"signal features {WORN} --pistons 7 --out features.csv", atol=1e-12),
-    "spectrum": Command(f"signal spectrum {WORN} --pistons 7 --out amplitude.svg"),
-    "spectrum_envelope": Command(f"signal spectrum {WORN} --kind envelope --pistons 7 --out envelope.svg"),
     "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
     "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
-    "simulate": Command(f"twin simulate --duration '0.3 s' --out worn.h5 {AT_15} {RECESS}"),
-    "simulate_series": Command(f"twin simulate --duration '0.2 s' --count 2 --out series {AT_15}"),
-    "pump_show": Command("twin pump show 25scy14-1b"),
-    "pump_new": Command("twin pump new mine --out ."),
-    "rig": Command("bench rig rig --seed 0 --format csv"),
-    "inspect_rig": Command("inspect rig", after=("rig",)),
     "calibrate": Command(
         f"calibrate split/train.toml {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json", after=("split",), **SEARCHED
     ),
     "calibrate_healthy": Command(
         f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json", **SEARCHED
     ),
-    "calibrate_ipinn": Command(
-        f"calibrate split/train.toml {AT_15} {RECESS} --preset paper --set epochs=1 --out ipinn.json",
-        after=("split",),
-        **SEARCHED,
-    ),
     "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
     "synthesize": Command(
         "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",
         after=("calibrate",),
-    ),
-    "augment": Command(
-        "bench augment split/train.toml --filler jitter --label swash_plate --pressure '15 MPa' --count 8 "
-        "--out jitter.safetensors",
-        after=("split",),
     ),
     "train": Command(
         f"train split/train.toml --add synthetic.safetensors --test-fraction 0 --out model.safetensors {NETWORK}",
@@ -87,11 +65,6 @@ COMMANDS: dict[str, Command] = {
     ),
     "evaluate": Command("evaluate model.safetensors pair.toml --level L2", after=("train",), **LEARNED),
     "diagnose": Command(f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED),
-    "export": Command("model export model.safetensors --out model.onnx", after=("train",)),
-    "study_case1": Command(
-        "bench study case1 plant.toml --set classifiers=extra_trees --set training_sets=measured --jobs 1 --out runs"
-    ),
-    "report": Command("bench report runs --out page", after=("study_case1",)),
 }
 """Commands by a name that stays, whatever they are called: that of their golden file."""
 
@@ -122,7 +95,7 @@ class Workspace:
             command = COMMANDS[name]
             for earlier in command.after:
                 self.answer(earlier)
-            with contextlib.chdir(self.folder), rig_at_15():
+            with contextlib.chdir(self.folder):
                 self._answers[name] = self._compared(run_json(*shlex.split(command.words)))
         return self._answers[name]
 

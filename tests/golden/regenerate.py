@@ -1,9 +1,9 @@
-"""Write the golden files anew: ``python tests/golden/regenerate.py [NAME ...]``, all of them without a name.
+"""Write the golden files and docs/reference/json.md anew: ``python tests/golden/regenerate.py [NAME ...]``.
 
 Only where a change of numbers or of the interface is meant, and is named in CHANGELOG.md. A golden test that fails
 after anything else has seen a mistake: mend that instead. Look over what changed (git diff) before it is committed.
 
-A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``.
+A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``; without a name all are written.
 """
 
 import os
@@ -23,6 +23,7 @@ def regenerate(names: list[str]) -> None:
     from golden_files import save_golden
     from golden_rig import plant_recordings
     from golden_values import VALUES
+    from json_page import PAGE, page_text
 
     torch.set_num_threads(1)
     answers = {f"answer_{name}": name for name in COMMANDS}
@@ -41,6 +42,7 @@ def regenerate(names: list[str]) -> None:
         for name, command in answers.items():
             if not names or name in names:
                 save_golden(name, workspace.answer(command))
+    PAGE.write_text(page_text(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,71 @@
+"""The page docs/reference/json.md: what the golden answers of commands hold, by key and kind."""
+
+from collections.abc import Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from golden_commands import COMMANDS, PROSE, VOLATILE
+from golden_files import load_golden
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "json.md"
+_FURTHER = ", ".join(f"`{key}`" for key in sorted(VOLATILE - {"command", "key", "device"}))
+_INTRODUCTION = f"""# What `--json` prints
+
+Every command takes `--json` and then prints exactly one JSON object on standard output; progress and notes go to
+standard error. Numbers are SI unless the key says otherwise. A missing number is `null`, never `NaN`. This page is made
+from answers that the tests compare; where a key is a class, a channel or a recording, those of the example stand here.
+Commands that are not listed name the files that they wrote, and count what is in them.
+
+Besides these keys an answer may hold {_FURTHER}.
+Keys may be added at any time. Before version 1.0 one may also be renamed or removed; the changelog says so.
+
+## Exit codes
+| code | meaning |
+| --- | --- |
+| 0 | done |
+| 1 | a bug of ours |
+| 2 | wrong command line |
+| 3 | bad data or value; one line on standard error says what is wrong and what would be right |
+| 4 | a recording has no verdict |
+| 5 | the recordings are sound but too few (`check`) |
+| 130 | interrupted |
+"""
+
+
+def page_text() -> str:
+    """The page."""
+    parts: dict[str, str] = {}
+    for name, command in COMMANDS.items():
+        words = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
+        parts.setdefault(words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'))}\n```\n")
+    return "\n".join([_INTRODUCTION, *parts.values()])
+
+
+def _lines(value: Any, key: str = "", indent: str = "") -> str:
+    """Keys and kinds of a value, those of an object in lines of their own where they are many."""
+    if key in PROSE:
+        return "text" if isinstance(value, bool) else "[text]"
+    if isinstance(value, list):
+        return f"[{_of_all(value, indent)}]"
+    if not isinstance(value, dict):
+        return _kind(value)
+    inner = [f'"{name}": {_lines(item, name, f"{indent}  ")}' for name, item in value.items()]
+    text = "{" + ", ".join(inner) + "}"
+    if len(indent) + len(text) <= 100 and "\n" not in text:
+        return text
+    lines = "".join(f"\n{indent}  {line}," for line in inner).removesuffix(",")
+    return f"{{{lines}\n{indent}}}"
+
+
+def _of_all(values: Sequence[Any], indent: str) -> str:
+    """Kind of the entries of a list: of the longest, or of each where they are numbers and words."""
+    if any(isinstance(value, dict | list) for value in values):
+        return _lines(max(values, key=lambda value: len(value or ())), "", indent)
+    return " or ".join(dict.fromkeys(map(_kind, values)))
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "null"
+    return {bool: "true or false", int: "whole number", float: "number", str: "text"}[type(value)]

@@ -99,13 +99,6 @@ def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monke
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "whole.csv"]
 
 
-def test_features_shows_units_of_the_trade_and_says_that_no_zone_applies(folder: Path) -> None:
-    said = run("signal", "features", folder / "loud.h5", "--pistons", 7, "--channels", "cover").stdout
-    assert "[mm/s]" in said
-    assert "No ISO zone is printed" in said
-    assert "loud" in said
-
-
 def test_bands_are_those_asked_for(folder: Path) -> None:
     options = ("--band", "10-200 Hz", "--band", "0.5-1.5x", "--channels", "cover")
     answer = run_json("signal", "features", folder / "loud.h5", *options)
@@ -182,28 +175,6 @@ def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
     drawing = spectrum_drawing(spectrum)
     assert drawing.svg.count("\nL ") < 1.1 * MOST_POINTS
     assert len(drawing.columns["frequency [Hz]"]) == 100_001
-
-
-def test_no_file_that_is_read_is_written_over(folder: Path, tmp_path: Path) -> None:
-    text = "cover\n" + "".join(f"{value:.6f}\n" for value in measured("a", 1.0, 0).signal[0])
-    table = tmp_path / "own.csv"
-    table.write_text(text)
-    facts = ("--sample-rate", "4 kHz", "--unit", "m/s^2", "--speed", "900 rpm")
-    assert "would be lost" in one_line(run("signal", "features", table, *facts, "--out", table, code=3))
-    answer = run_json("signal", "spectrum", table, *facts, "--out", tmp_path / "own.svg")
-    assert answer == run_json(
-        "signal", "spectrum", table, *facts, "--out", tmp_path / "own.svg"
-    )  # its own output it writes anew
-    data = table.with_name("own-data.csv")
-    assert answer["csv"] == str(data)
-    assert table.read_text() == text
-    facts = ("--sample-rate", "4 kHz", "--unit", "g", "--channels", "cover*", "--out", tmp_path / "own.svg")
-    assert "would be lost" in one_line(run("signal", "spectrum", data, *facts, code=3))
-    index = tmp_path / "recordings.toml"
-    index.write_text('format = 1\n[[recording]]\nfile = "own.csv"\nsample_rate = "4 kHz"\nunit = "g"\n')
-    for source in (index, tmp_path):
-        assert "would be lost" in one_line(run("signal", "features", source, "--out", table, code=3))
-    assert table.read_text() == text
 
 
 @pytest.mark.parametrize(

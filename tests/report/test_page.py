@@ -51,7 +51,7 @@ def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -
     assert facts == [
         ("Machine", "pump 3"),
         ("Recorded", "2026-03-01"),
-        ("Condition", "860 rev/min, 15 MPa"),
+        ("Condition", "860 rev/min, 15 MPa (150 bar absolute)"),
         ("File", "line/a.h5"),
         ("Model", "model.safetensors"),
     ]

@@ -233,7 +233,8 @@ def trend(
         if counts and min(counts) < 12:
             note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
                  "(docs/how-to/indicators.md).")  # fmt: skip
-        say(f"{len(result.flagged)} of {len(result.points)} flagged beyond {threshold:g} spreads. {_NO_ZONE}")
+        flagged = f"{len(result.flagged)} of {len(counts)} flagged beyond {threshold:g} spreads."
+        say(f"{flagged if counts else 'None could be judged.'} {_NO_ZONE}")
         if out is not None:
             say(f"{out}\n{csv_file}")
 

@@ -152,7 +152,7 @@ def ratio_axis(axes: Axes, along: str, label: str) -> None:
         for step in ((1, 2, 5) if high / low < 200 else (1, 3) if high / low < 2000 else (1,))
     ]
     axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 

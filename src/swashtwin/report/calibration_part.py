@@ -13,6 +13,7 @@ from swashtwin.recordings import RecordingFacts
 from swashtwin.report.calibration_figures import calibration_drawings
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import (
+    also_in_bar,
     facts_table,
     flatten_settings,
     number,
@@ -72,7 +73,7 @@ def _change(calibration: Calibration) -> str:
 def _facts(calibration: Calibration) -> tuple[tuple[str, str], ...]:
     return (
         ("Pump", calibration.twin.pump.name),
-        ("Condition", condition_words(calibration)),
+        ("Condition", also_in_bar(condition_words(calibration))),
         ("Method", calibration.method),
         ("Recordings", str(len(calibration.recording_ids))),
     )

@@ -246,7 +246,7 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     least, median, greatest = healthy.min(axis=0), np.median(healthy, axis=0), healthy.max(axis=0)
     for row, (panel, name) in enumerate(zip(axes[:, 0], spectrum.channels, strict=True)):
         for line in _marked_lines(facts):
-            panel.axvline(line, color=LIGHT, linewidth=0.8, linestyle=":", zorder=0)
+            panel.axvline(line, color="#888888", linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
         panel.stairs(greatest[row], edges, baseline=least[row], fill=True, color=LIGHT, label="range of healthy ones")
         panel.stairs(median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median")
         panel.stairs(spectrum.level[row], edges, color=CALIBRATED, linewidth=1.5, baseline=None, label="this recording")
@@ -258,7 +258,7 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     ratio_axis(axes[-1, 0], "x", "frequency [Hz]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    marked = " Dotted: the piston-pass line and its multiples." if _marked_lines(facts) else ""
+    marked = " Dashed: the piston-pass line and its multiples." if _marked_lines(facts) else ""
     caption = (
         f"Blue: this recording. Gray: {spectrum.basis}; the line is their median, the band reaches from the least to "
         f"the greatest.{marked} 6 dB are twice the amplitude."

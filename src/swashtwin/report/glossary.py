@@ -47,7 +47,8 @@ TERMS = MappingProxyType(
 )
 """Explanations by word, as the pages spell it."""
 
-_PATTERN = re.compile("|".join(rf"\b{re.escape(term)}\b" for term in sorted(TERMS, key=len, reverse=True)))
+_TERM = "|".join(map(re.escape, sorted(TERMS, key=len, reverse=True)))
+_PATTERN = re.compile(rf"(\(?)\b({_TERM})\b([),.;:]*)")
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _UNBROKEN = Markup('<span class="option">{}</span>')
 _BUTTON = Markup('<button class="term" type="button" popovertarget="term-{}">{}</button>')
@@ -64,11 +65,11 @@ class Glossary:
         """The text as markup, with a button at each word that stands here first; it opens the explanation."""
         parts, end = [Markup()], 0
         for match in _PATTERN.finditer(text):
-            term = match[0]
+            before, term, after = match.groups()
             if TERMS[term] in self.used.values():
                 continue
             self.used[term] = TERMS[term]
-            parts += [_unbroken(text[end : match.start()]), _BUTTON.format(len(self.used), term)]
+            parts += [_unbroken(text[end : match.start()]), _kept(before, _BUTTON.format(len(self.used), term), after)]
             end = match.end()
         return Markup().join([*parts, _unbroken(text[end:])])
 
@@ -80,3 +81,8 @@ def _unbroken(text: str) -> Markup:
         parts += [escape(text[end : match.start()]), _UNBROKEN.format(match[0])]
         end = match.end()
     return Markup().join([*parts, escape(text[end:])])
+
+
+def _kept(before: str, button: Markup, after: str) -> Markup:
+    """A button with its punctuation in one line, for browsers may end a line at either side of a button."""
+    return _UNBROKEN.format(Markup("{}{}{}").format(before, button, after)) if before or after else button

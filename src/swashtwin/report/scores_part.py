@@ -11,7 +11,7 @@ from swashtwin.learning import LEVELS, Scores
 from swashtwin.plot import confusion, figure_style, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
-from swashtwin.report.wording import number, number_cell, percent
+from swashtwin.report.wording import also_in_bar, number, number_cell, percent
 
 _METRICS = {
     "accuracy": "accuracy",
@@ -134,7 +134,9 @@ def _metrics_table(scores: Scores) -> Table:
 def _class_table(scores: Scores) -> Table:
     rows = []
     for cell in scores.cells:
-        pressure = "unknown" if cell.discharge_pressure is None else f"{cell.discharge_pressure / 1e6:g}"
+        pressure = (
+            "unknown" if cell.discharge_pressure is None else also_in_bar(f"{cell.discharge_pressure / 1e6:g} MPa")
+        )
         rows.append((Cell(words(cell.label)), Cell(pressure), Cell(str(cell.n_windows)), number_cell(cell.recall)))
     rows += [
         (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[index].sum()))), _recall_cell(scores, label))
@@ -142,7 +144,7 @@ def _class_table(scores: Scores) -> Table:
         if [cell.label for cell in scores.cells].count(label) != 1
     ]
     return Table(
-        "Recall by class and discharge pressure.", ("class", "pressure [MPa]", "windows", "recall"), tuple(rows)
+        "Recall by class and discharge pressure.", ("class", "absolute pressure", "windows", "recall"), tuple(rows)
     )
 
 

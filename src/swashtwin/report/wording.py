@@ -1,6 +1,7 @@
 """Numbers and names as a reader should see them."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -125,12 +126,29 @@ def _plain(value: object) -> str:
     return str(value)
 
 
+def also_in_bar(text: str) -> str:
+    """A text with each absolute pressure in bar beside MPa.
+
+    Examples
+    --------
+    >>> also_in_bar("860 rev/min, 10 and 15 MPa")
+    '860 rev/min, 10 and 15 MPa (100 and 150 bar absolute)'
+    """
+
+    def both(match: re.Match[str]) -> str:
+        return (
+            f"{match[0]} ({re.sub(r'[0-9.]+', lambda number: f'{10 * float(number[0]):.4g}', match[1])} bar absolute)"
+        )
+
+    return re.sub(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa", both, text)
+
+
 def fact_entries(facts: RecordingFacts) -> tuple[tuple[str, str], ...]:
     """(name, value) of each fact that is stated."""
     entries = (
         _counted("Machine", facts.machine),
         ("Recorded", facts.date),
-        ("Condition", facts.condition),
+        ("Condition", also_in_bar(facts.condition)),
         _counted("File", facts.file),
     )
     return tuple((name, value) for name, value in entries if value)

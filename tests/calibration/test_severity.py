@@ -130,6 +130,13 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
     assert not low < deg(4) < high
 
 
+def test_a_label_in_other_words_is_that_of_the_fault(calibration: Calibration, record: Record) -> None:
+    worn = record(PistonWear(um(45)), "worn").relabeled("Kolbenverschleiss")
+    assert estimate_severity(calibration, [worn], PistonWear(um(60))).left_out == ()
+    with pytest.raises(DataError, match="label is Kolbenverschleiss, the fault's swash_plate"):
+        estimate_severity(calibration, [worn], LONG)
+
+
 def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
     (estimate,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
     assert estimate.severity.verdict == "not detected"

@@ -75,7 +75,8 @@ def estimate_severity(
     Parameters
     ----------
     calibration : of this pump on its healthy recordings.
-    recordings : of this pump, labelled as the fault, as normal, or not at all; others are left out.
+    recordings : of this pump, labelled as the fault (also in words that `propose_class` knows), as normal, or not at
+        all; others are left out.
     fault : its kind, with typical dimensions: the search starts there, and those not free stay as they are.
     healthy : healthy recordings of this pump, for the part of its lines that the twin does not model, such as the
         scatter of its pistons. Without them this part is attributed to the fault.
@@ -124,6 +125,11 @@ def _require_one_machine(recordings: Sequence[Recording]) -> None:
             f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
             "select its recordings (--specimen, or the method where)."
         )
+
+
+def _may_show(fault: Fault, label: str | None) -> bool:
+    """Whether a recording of that class may show the fault: its own class, also in other words, healthy or unknown."""
+    return label in (None, fault.label) or is_healthy(label) or propose_class(str(label)) == fault.label
 
 
 def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:

@@ -13,7 +13,15 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.learning import BASELINES, NETWORKS, cut_windows, extract_features, fit_baseline, unseen_recordings
+from swashtwin.learning import (
+    BASELINES,
+    NETWORKS,
+    WindowSet,
+    cut_windows,
+    extract_features,
+    fit_baseline,
+    unseen_recordings,
+)
 from swashtwin.recordings import Recording, usual_window
 from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.public.sets import SPLITS, Fold, Split
@@ -53,6 +61,11 @@ class _OnFeatures(FaultClassifier):
         self.fitted_: Any = fit_baseline(str(self.network), windows, seed=self.seed)
         self.classes_ = np.array(windows.classes)
         return self
+
+    def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:
+        """Windows of recordings as the trained classifier takes them."""
+        classes = tuple(self.classes_)
+        return cut_windows(recordings, length=self.window, classes=classes, allow_partial_revolution=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,11 +66,6 @@ def test_the_study_holds_intervals_and_verdicts_of_every_value(study):
     assert math.isnan(study.values("coverage", twin="nominal")[0])
 
 
-def test_the_study_holds_every_other_pressure(study):
-    rows = study.details["other_pressures"]
-    assert {row["pressure"] for row in rows if row["twin"] == "calibrated"} == {"5 MPa", "15 MPa"}
-
-
 def test_the_origin_says_that_the_rig_is_no_machine(study):
     assert "stand-in for a machine" in study.origin
 

@@ -228,7 +228,7 @@ def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_
         for each in STUBS
         for value in ("2", "1")
     ]  # fmt: skip
-    study = study_of(replace(plan_of("few-shot"), varied="pumps", variants={"1": {}, "2": {}}), runs)
+    study = study_of(replace(plan_of("case1"), varied="pumps", variants={"1": {}, "2": {}}), runs)
     table = study.to_dict()
     assert set(table["splits"]) == set(table["fingerprints"]) == {"0, 1", "0, 2", "1, 1", "1, 2"}
     assert table["splits"]["0, 2"]["train"] == ["2"]

@@ -182,13 +182,6 @@ def test_every_fault_is_unknown_at_the_unseen_pressure_and_normals_are_not(recor
     assert [task.label for task in calibration_tasks(recordings, scenario, 0)] == ["normal"] * 2
 
 
-def test_few_shots_keep_as_many_measured_windows_as_they_say(recordings: list[Recording]) -> None:
-    plan = plan_of("few-shot")
-    for count in ("0", "5", "10"):
-        scenario = replace(plan.scenario_of(count), windows=2, held_out=1)
-        assert prepare(recordings, scenario, 0, ()).measured.counts()["swash_plate", 15e6] == int(count)
-
-
 def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
     tasks = plan_of("augmentation").tasks(0, "data")
     at_none = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "0"}

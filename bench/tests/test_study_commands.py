@@ -75,7 +75,7 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "taken").write_text("kept")
-    output = run(*words, "--out", Path("taken") / below, code=2).stderr
+    output = run(*words, "--out", Path("taken") / below, code=3).stderr
     assert "is a file" in " ".join(output.replace("│", " ").split())
     assert (tmp_path / "taken").read_text() == "kept"
 
@@ -86,11 +86,11 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "cas1"), 2, "did you mean case1"),
         (("study", "case1"), 3, "needs a folder"),
         (("study", "case1", "x", "--size", "medium"), 3, "no size 'medium'"),
-        (("study", "few-shot", "--recipe", "paper"), 3, "by the recipe 'paper'"),
+        (("study", "augmentation", "--recipe", "paper"), 3, "by the recipe 'paper'"),
         (("study", "noise", "x", "--set", "classifiers=guess"), 3, "no model is called 'guess'"),
-        (("study", "few-shot", "x", "--set", "values=guess"), 3, "no value of real_windows 'guess'; there are 0, 5,"),
+        (("study", "augmentation", "x", "--set", "values=guess"), 3, "no value of synthetic 'guess'; there are 0, 72,"),
         (("study", "alarms", "--seeds", "x"), 2, "whole numbers"),
-        (("study", "alarms", "--set", "pump=2"), 3, "no setting 'pump'; there are pumps, healthy"),
+        (("study", "alarms", "--set", "pump=2"), 3, "no setting 'pump'; there are pumps,"),
         (("study", "alarms", "--set", "pumps=two"), 3, "setting pumps of alarms cannot be 'two'"),
         (("study", "alarms", "x"), 3, "builds its own"),
         (("study", "public"), 3, "the folder of the public sets"),

@@ -250,14 +250,14 @@ def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
 @pytest.mark.parametrize(
     ("name", "classifier", "expected"),
     [
-        ("case1", "bitcn_paper", "accuracy 0.812"),
+        ("case1", "paper_bitcn", "accuracy 0.812"),
         ("case1", "bitcn", "the paper's BiTCN: accuracy 0.812"),
         ("case1", "tcn", "the paper's BiTCN: accuracy 0.812"),
         ("algorithms", "bitcn", "the paper's BiTCN: accuracy 0.98"),
         ("algorithms", "spectral_bitcn", "the paper's BiTCN: accuracy 0.98"),
         ("algorithms", "tcn", "more than 8 points below BiTCN"),
         ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
-        ("case9", "bitcn_paper", ""),
+        ("case9", "paper_bitcn", ""),
     ],
 )
 def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(name, classifier, expected):

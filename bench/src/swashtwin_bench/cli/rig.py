@@ -111,13 +111,6 @@ def rig(
         int,
         typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
     ] = 3,
-    process: Annotated[
-        bool,
-        typer.Option(
-            "--process",
-            help="Record pressure and flow at the outlet and the temperature of the tank too, with an index of each.",
-        ),
-    ] = False,
     file_format: Annotated[
         str, typer.Option("--format", help="Format of the files: h5, mat, wav, csv or tdms.")
     ] = "h5",
@@ -133,7 +126,6 @@ def rig(
             size=size,
             version=version,
             sensors=sensor_count,
-            process=process,
             file_format=file_format,
             progress=bar,
         )

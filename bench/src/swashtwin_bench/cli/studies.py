@@ -39,7 +39,6 @@ STUDIES = {
     "noise": "noise, gains and speeds in the tests, trained clean and with noise",
     "related": "networks that the paper names as related work",
     "augmentation": "every filler of the scarce cell, by the number of synthetic windows",
-    "few-shot": "from no measured window of the scarce cell to 200, with and without twins",
     "unseen-pressure": "no fault was ever measured at the test's pressure: filled by twins, and not",
     "alarms": "false alarms on healthy pumps that drift, severity and delay where faults grow",
     "calibration": "errors on recordings held out, coverage and cost of every way to calibrate",

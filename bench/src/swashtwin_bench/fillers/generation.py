@@ -1,10 +1,9 @@
 """What the generative fillers share: conditions, batches, the windows made of scores, and the model learned last."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -22,8 +21,7 @@ Draw = Callable[[Tensor, torch.Generator], Tensor]
 """Scores of new windows, from the condition of each."""
 
 
-@runtime_checkable
-class Generative(Hashable, Protocol):
+class Generative(Protocol):
     """Settings of a generative model of scores, and how it is trained."""
 
     @property
@@ -107,13 +105,19 @@ def fill_with_model(
 ) -> WindowSet:
     """`count` windows of a cell with scores that `model` draws, and phases and noise of measured windows of the class.
 
-    Each begins at another angle of the shaft. A model of the same windows with the same seed is trained once and
-    used again for the next cell.
+    Each begins at another angle of the shaft.
     """
     require_count(count)
     sources_of(train, label, pressure)
     measured = train.subset(~train.synthetic & (train.target >= 0))
-    form, conditions, draw = _learn(model, _HashableWindows(measured, measured.fingerprint()), derive_seed(seed, name))
+    lengths = [extension_length(measured, i) for i in range(len(measured))]
+    extensions = periodic_extensions(measured, np.arange(len(measured)), max(lengths))
+    conditions = Conditions.fit(measured)
+    condition = conditions.encode(measured.target, measured.discharge_pressure)
+    model_seed = derive_seed(seed, name)
+    form = SpectralForm.fit(extensions, condition, model.components, model_seed)
+    points = _tensor(form.scores(extensions, condition))
+    draw = model.learn(points, _tensor(condition), Batches.fit(measured, model_seed))
     indices = draw_indices(np.flatnonzero(measured.label == label), label, count, seed)
     conditions_wanted = conditions.encode(np.full(count, train.classes.index(label)), np.full(count, float(pressure)))
     random = torch.Generator().manual_seed(derive_seed(seed, name, "draw", label, pressure))
@@ -125,32 +129,6 @@ def fill_with_model(
     )
     signal = cut_extensions(extensions, measured, indices, stream(seed, name, "angle", label, pressure))
     return fill_cell(signal, indices, train=measured, name=name, label=label, pressure=pressure, seed=seed)
-
-
-@dataclass(frozen=True)
-class _HashableWindows:
-    """Windows that are equal where their samples and facts are."""
-
-    windows: WindowSet
-    fingerprint: str
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _HashableWindows) and self.fingerprint == other.fingerprint
-
-    def __hash__(self) -> int:
-        return hash(self.fingerprint)
-
-
-@lru_cache(maxsize=1)
-def _learn(model: Generative, data: _HashableWindows, seed: int) -> tuple[SpectralForm, Conditions, Draw]:
-    windows = data.windows
-    lengths = [extension_length(windows, i) for i in range(len(windows))]
-    extensions = periodic_extensions(windows, np.arange(len(windows)), max(lengths))
-    conditions = Conditions.fit(windows)
-    condition = conditions.encode(windows.target, windows.discharge_pressure)
-    form = SpectralForm.fit(extensions, condition, model.components, seed)
-    scores = form.scores(extensions, condition)
-    return form, conditions, model.learn(_tensor(scores), _tensor(condition), Batches.fit(windows, seed))
 
 
 def _tensor(values: np.ndarray) -> Tensor:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.physics import Twin
 from swashtwin.pump import LETTERS
 from swashtwin_bench.questions.wrong_twins import (
     ChangeOfRecording,
@@ -21,9 +20,7 @@ from swashtwin_bench.questions.wrong_twins import (
     with_mixing,
     with_mount,
     with_nominal,
-    with_oil,
     with_piston_count,
-    with_ports,
     with_sensor,
     with_swap,
     with_unit_error,
@@ -75,7 +72,6 @@ def matrix_cases() -> tuple[MatrixCase, ...]:
         *_far_supports(),
         *_wiring(),
         *_speeds(),
-        *_oil_and_ports(),
     )
 
 
@@ -191,20 +187,6 @@ def _speeds() -> Iterator[MatrixCase]:
     for factor in (0.97, 1.03):
         name = f"speed stated {100 * (factor - 1):+.0f} %"
         yield MatrixCase("speed", name, twin_at_speed(factor), scale_stated_speed(factor), clue="rev/min")
-
-
-def _oil_and_ports() -> Iterator[MatrixCase]:
-    for factor in (0.8, 1.2):
-        yield MatrixCase("oil", f"oil's stiffness {_words([factor])}", on_pump(with_oil, factor))
-    for factor in (0.5, 2.0):
-        yield MatrixCase("oil", f"viscosity {_words([factor])}", on_pump(with_oil, 1.0, factor))
-    for degrees in (-1.0, 1.0):
-        yield MatrixCase("ports and joints", f"ports open {degrees:+.0f}°", on_pump(with_ports, degrees))
-    yield MatrixCase("ports and joints", "topology T2", _with_topology_t2, clue="topology T1")
-
-
-def _with_topology_t2(twin: Twin) -> Twin:
-    return replace(twin, topology="T2")
 
 
 def _on_rig() -> Iterator[MatrixCase]:

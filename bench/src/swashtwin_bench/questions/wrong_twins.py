@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import GRAVITY
-from swashtwin.foundation import deg
 from swashtwin.physics import Twin
 from swashtwin.pump import LETTERS, PARAMETERS, Interfaces, OperatingCondition, Pump
 from swashtwin.recordings import Recording
@@ -41,22 +40,6 @@ def with_nominal(pump: Pump, letter: str, factor: float) -> Pump:
         for name, value in zip(PARAMETERS, pump.interfaces.values(), strict=True)
     ]
     return replace(pump, interfaces=Interfaces.from_values(values))
-
-
-def with_oil(pump: Pump, stiffness: float = 1.0, viscosity: float = 1.0) -> Pump:
-    """The pump with factors on the bulk modulus and the viscosity of its oil."""
-    oil = pump.oil
-    return replace(
-        pump,
-        oil=replace(oil, bulk_modulus=stiffness * oil.bulk_modulus, viscosity=viscosity * oil.viscosity),
-    )
-
-
-def with_ports(pump: Pump, degrees: float) -> Pump:
-    """The pump whose ports open so much later."""
-    plate = pump.valve_plate
-    opens = {name: getattr(plate, name) + deg(degrees) for name in ("suction_open", "discharge_open")}
-    return replace(pump, valve_plate=replace(plate, **opens))
 
 
 def with_piston_count(pump: Pump, count: int) -> Pump:

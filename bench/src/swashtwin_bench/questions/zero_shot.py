@@ -13,8 +13,8 @@ import numpy as np
 from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import DataError, stream
 from swashtwin.learning import Forest, fit_forest
-from swashtwin.pump import CLASSES, PRESSURE_TOLERANCE, values_match
-from swashtwin.recordings import Recording, stated_pressure
+from swashtwin.pump import CLASSES
+from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, rig_recordings
@@ -41,33 +41,22 @@ SHOTS = (1, 3, 5)
 """Measured recordings of each fault that teach it further."""
 
 
-OTHER_PRESSURES = "faults measured at other pressures"
-"""What teaches where the tests are at a pressure without any measured fault (levels L3 and L4)."""
-
-
 def few_shot(count: int) -> str:
     """Name of the training set with so many measured recordings of each fault."""
     return f"{PRIOR} and {count} of each fault"
-
-
-def at_unseen_pressure(test: str) -> str:
-    """Name of a test's recordings at the highest pressure, at which no fault teaches."""
-    return f"{test}, unseen pressure"
 
 
 LEVELS = {
     "no measured fault": "L5",
     f"measured faults, {SAME}": "L2",
     f"measured faults, {UNSEEN}": "L4",
-    f"{OTHER_PRESSURES}, {at_unseen_pressure(SAME)}": "L3",
-    f"{OTHER_PRESSURES}, {at_unseen_pressure(UNSEEN)}": "L4",
 }
 """Level of generalization of the rows, by what teaches and what tests them."""
 
 _NOTES = (
     "Rows that no measured fault teaches are level L5. Rows that measured faults teach (the oracle, a few of each "
-    "fault) are L2 on the same pumps and L4 on others; at the highest pressure, where faults of other pressures teach, "
-    "L3 and L4. The pump prior has learned from healthy recordings of the same pumps, so its normals are L2 there.",
+    "fault) are L2 on the same pumps and L4 on others. The pump prior has learned from healthy recordings of the same "
+    "pumps, so its normals are L2 there.",
 )
 
 
@@ -193,21 +182,16 @@ def _answer(study: StudyTable) -> tuple[str, ...]:
         return " / ".join("no number" if mean is None else f"{mean:.3f}" for mean in means)
 
     shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
-    highest = (at_unseen_pressure(SAME), at_unseen_pressure(UNSEEN))
-    at_highest = "; ".join(
-        f"{name} {pair(name, highest)}" for name in (PRIOR, f"{PRIOR} and {OTHER_PRESSURES}", OTHER_PRESSURES)
-    )
     return (
         f"Balanced accuracy by recording on the same pumps / on pumps held out: {PRIOR}, no measured fault "
         f"{pair(PRIOR)}; all measured faults {pair(ORACLE)}; the prior and measured recordings of each fault: {shots}.",
-        f"At the highest pressure, of which no measured fault teaches (L3 / L4): {at_highest}.",
     )
 
 
 def prior_trials(
     recordings: Sequence[Recording], split: ZeroShotSplit, seed: int, prior: PriorClassifier | None = None
 ) -> Iterator[Trial]:
-    """Scores by recording, over the tests of a split, and over those at the highest pressure.
+    """Scores by recording, over the tests of a split.
 
     Parameters
     ----------
@@ -237,18 +221,6 @@ def prior_trials(
     if faulty:
         forests |= rows.learn_measured(ORACLE, adapted, faulty)
     yield from rows.trials(forests, split.tests)
-    pressures = {name: stated_pressure(recording) for name, recording in by_id.items()}
-    highest_pressure = max(pressures.values())
-    lower = {name for name in by_id if not values_match(pressures[name], highest_pressure, PRESSURE_TOLERANCE)}
-    if not lower:
-        return
-    forests = {PRIOR: adapted.forest}
-    if lower_faults := [name for name in faulty if name in lower]:
-        forests[f"{PRIOR} and {OTHER_PRESSURES}"] = rows.teach(adapted, lower_faults)
-        forests |= rows.learn_measured(OTHER_PRESSURES, adapted, lower_faults)
-    yield from rows.trials(
-        forests, {at_unseen_pressure(test): ids - lower for test, ids in split.tests.items() if ids - lower}
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ CLASSIFIERS = {
     "chosen": "chosen in training (ours)",
     "levels": "level network (ours)",
     "bitcn": "BiTCN, stride 16",
-    "bitcn_paper": "BiTCN, the paper's recipe",
     "paper_bitcn": "BiTCN (the paper's)",
     "paper_ordinary": "A: ordinary convolution (the paper's)",
     "paper_no_attention": "B: no squeeze-and-excitation (the paper's)",

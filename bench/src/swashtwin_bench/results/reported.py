@@ -60,6 +60,6 @@ def paper_words(study: str, row: Mapping[str, str]) -> str:
         f"{_HEADINGS[metric]} {figure}" if figure[0].isdigit() and " " not in figure else figure
         for metric, figure in figures.items()
     )
-    is_papers = classifier.startswith("paper_") or classifier == "bitcn_paper"
-    is_papers = is_papers or ("classifier" in keys and not classifier.startswith(("spectral_", "bitcn")))
+    named = "classifier" in keys and not classifier.startswith(("spectral_", "bitcn"))
+    is_papers = named or classifier.startswith("paper_")
     return text if is_papers else f"the paper's BiTCN: {text}"

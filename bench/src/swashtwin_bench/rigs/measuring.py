@@ -171,11 +171,6 @@ def shaft_angle(
     return angle
 
 
-def recorded_angle(run: Run, duration: float, sample_rate: float, seed: int, name: str) -> Float[np.ndarray, " time"]:
-    """Shaft angle [rad] at the samples of recording `name`; parameters as of `measure`."""
-    return shaft_angle(run.condition, round(duration * sample_rate), sample_rate, _random_numbers(seed, name))
-
-
 def _random_numbers(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one recording, the shaft's angle first."""
     return stream(seed, "reading", name)

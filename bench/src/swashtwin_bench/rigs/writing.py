@@ -17,11 +17,9 @@ from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
-from swashtwin_bench.rigs.measuring import Run, measure, recorded_angle
-from swashtwin_bench.rigs.process import OUTLET_PRESSURE, PROCESS, ProcessChannel, process_signals
+from swashtwin_bench.rigs.measuring import Run, measure
 from swashtwin_bench.rigs.version_two import fleet as version_two
 from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
-from swashtwin_bench.rigs.version_two.measuring import recorded_angle as recorded_angle_two
 
 RIG_VERSION = "1"
 """Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
@@ -126,8 +124,6 @@ class RigVersion:
     """Measurement of a slot under a seed."""
     measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
     """Readings of runs, for a duration [s], at a sample rate [Hz]."""
-    angle: Callable[[Run, float, float, int, str], Float[np.ndarray, " time"]]
-    """Shaft angle [rad] in a run, for a duration [s], at a sample rate [Hz], by seed and recording."""
 
 
 def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
@@ -150,18 +146,14 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
     return Run(specimen.reassemble(seed, purpose), condition, fault)
 
 
+_SPEEDS = (SPEED, rpm(1120))
+
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
     {
-        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure, recorded_angle),
-        DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure, recorded_angle),
-        "2": RigVersion((SPEED, rpm(1120)), version_two.draw_specimen, _second_run, measure_two, recorded_angle_two),
-        "2-deep": RigVersion(
-            (SPEED, rpm(1120)),
-            version_two.draw_specimen,
-            partial(_second_run, is_deep=True),
-            measure_two,
-            recorded_angle_two,
-        ),
+        "1": RigVersion((SPEED,), draw_specimen, _first_run, measure),
+        DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure),
+        "2": RigVersion(_SPEEDS, version_two.draw_specimen, _second_run, measure_two),
+        "2-deep": RigVersion(_SPEEDS, version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two),
     }
 )
 """Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of
@@ -295,7 +287,6 @@ def build_rig(
     size: str | RigSize = "small",
     version: str = RIG_VERSION,
     sensors: int = 3,
-    process: bool = False,
     file_format: str = "h5",
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -311,9 +302,6 @@ def build_rig(
     size : name in `SIZES`, or a size of one's own.
     version : name in `VERSIONS`.
     sensors : accelerometers, one of `PUMPS`.
-    process : record pressure and flow at the outlet and the temperature of the tank too, each in a file of its own for
-        each recording, with an index of its own (`PROCESS`), such as ``outlet_pressure.toml``. They can be added to a
-        folder later.
     file_format : one of `FORMATS`.
     jobs : processes that work side by side.
     progress : called with recordings done and in all.
@@ -353,46 +341,4 @@ def build_rig(
     write_text(folder.parent / f"{folder.name}-truth.json", json.dumps(truth, indent=1))
     silent = np.zeros((sensors, 1))
     described = [_recording(slot, runs[slot.name], silent) for slot in slots]
-    if process:
-        _write_process(slots, runs, plan.duration, seed, path_of)
     return write_index(described, files, folder / "recordings.toml")
-
-
-def _write_process(
-    slots: Sequence[_Slot], runs: Mapping[str, Run], duration: float, seed: int, path_of: Mapping[str, Path]
-) -> None:
-    """Write what `PROCESS` records beside each recording, and an index of each channel, into the rig's folder."""
-    folder = next(iter(path_of.values())).parents[1]
-    indexed: dict[ProcessChannel, list[Recording]] = {channel: [] for channel in PROCESS}
-    paths: dict[ProcessChannel, list[Path]] = {channel: [] for channel in PROCESS}
-    for slot in slots:
-        run, angle_of = runs[slot.name], VERSIONS[slot.version].angle
-        angle = angle_of(run, duration, OUTLET_PRESSURE.sample_rate, seed, slot.name)
-        for channel, signal in process_signals(run, angle, seed, slot.name).items():
-            vibration = path_of[slot.name]
-            path = vibration.with_name(f"{slot.name}_{channel.name}{vibration.suffix}")
-            recording = _process_recording(slot, run, channel, signal)
-            if not path.is_file():
-                write_recording(recording, path)
-            indexed[channel].append(recording)
-            paths[channel].append(path)
-    for channel in PROCESS:
-        write_index(indexed[channel], paths[channel], folder / f"{channel.name}.toml")
-
-
-def _process_recording(
-    slot: _Slot, run: Run, channel: ProcessChannel, signal: Float[np.ndarray, " sample"]
-) -> Recording:
-    """Under the id of its vibration, so that no classifier of the one is tested on the other."""
-    described = _recording(slot, run, np.zeros((slot.sensors, 1)))
-    return Recording(
-        signal=signal[None],
-        sample_rate=channel.sample_rate,
-        recording_id=slot.name,
-        channels=(channel.name,),
-        unit=channel.unit,
-        label=described.label,
-        condition=described.condition,
-        specimen=described.specimen,
-        attributes=described.attributes,
-    )

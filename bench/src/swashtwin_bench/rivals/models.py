@@ -16,7 +16,6 @@ from swashtwin.learning import (
     BUDGET,
     CANDIDATES,
     NETWORKS,
-    PAPER_TRAINING,
     RECOMMENDED_TRAINING,
     Classifier,
     Epoch,
@@ -90,9 +89,6 @@ ABLATED: Mapping[str, Mapping[str, Any]] = {
 NOISY = "spectral_noise"
 """Our network trained in twice the epochs with noise down to 0 dB, new in each epoch, on half the windows."""
 
-PAPERS_OWN = Model("bitcn", {}, PAPER_TRAINING)
-"""The paper's own recipe: full rate, 200 epochs, every window scaled by itself; hours of CPU."""
-
 
 def _models(size: str) -> dict[str, Model]:
     names = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
@@ -100,7 +96,6 @@ def _models(size: str) -> dict[str, Model]:
         **{name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in names},
         **{name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()},
         NOISY: Model(DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)),
-        "bitcn_paper": PAPERS_OWN,
         CHOSEN: Model(CHOSEN),
         **{name: Model(name) for name in BASELINES},
     }
@@ -108,7 +103,7 @@ def _models(size: str) -> dict[str, Model]:
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
 """Models by size and name: every network and every baseline, our network without one of its parts or trained with
-noise, ``bitcn_paper``, the paper's own recipe, and ``chosen``, what a user gets who sets nothing."""
+noise, and ``chosen``, what a user gets who sets nothing."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:

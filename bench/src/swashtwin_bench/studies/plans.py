@@ -237,20 +237,6 @@ def augmentation(size: str) -> Plan:
     )  # fmt: skip
 
 
-def few_shot(size: str) -> Plan:
-    """From no measured window of the scarce cell to many, with and without twins."""
-    return _like_case_one(
-        size, OURS, "few-shot", "Few shots: how many measured windows of the cell make a twin needless",
-        varied="real_windows",
-        variants={str(count): {"scarce_windows": count} for count in (0, 5, 10, 20, 50, 100, 200)},
-        notes=(
-            "Windows come from as few recordings as hold them; on the rig up to 50 are of one recording of one pump.",
-            "A pump that lends windows is calibrated on the whole recordings that they are of, and where none is lent "
-            "on the same fault at another pressure: the twins see more of the cell than the measured windows show.",
-        ),
-    )  # fmt: skip
-
-
 def unseen_pressure(size: str) -> Plan:
     """No fault was ever measured at the test's pressure; healthy pumps were."""
     scenario = replace(
@@ -327,7 +313,6 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {
         **{name: _by(plan, OURS) for name, plan in OF_BOTH_RECIPES.items()},
         "augmentation": augmentation,
-        "few-shot": few_shot,
         "unseen-pressure": unseen_pressure,
         **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in OF_BOTH_RECIPES.items()},
     }

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_origin, get_type_hints
@@ -124,7 +124,7 @@ def read_settings(kind: Callable[..., Any], given: Mapping[str, Any], study: str
     InputError
         The study has no such setting, or it cannot have that value.
     """
-    hints = {name: hint for name, hint in get_type_hints(kind).items() if name in _settable(kind)}
+    hints = get_type_hints(kind)
     values = {}
     for name, value in given.items():
         if name not in hints:
@@ -138,20 +138,3 @@ def read_settings(kind: Callable[..., Any], given: Mapping[str, Any], study: str
         except msgspec.ValidationError as cause:
             raise InputError(f"setting {name} of {study} cannot be {value!r}: {cause}.") from cause
     return kind(**values)
-
-
-def _settable(kind: Any) -> list[str]:
-    """Settings that a text can give; those that are tables of their own are for Python."""
-    hints = get_type_hints(kind)
-    plain = (str, int, float, bool)
-    return [
-        item.name
-        for item in fields(kind)
-        if hints[item.name] in plain
-        or get_origin(hints[item.name]) is tuple
-        or type(None) in _members(hints[item.name])
-    ]
-
-
-def _members(hint: Any) -> tuple[Any, ...]:
-    return tuple(getattr(hint, "__args__", ()))

@@ -17,7 +17,6 @@ from swashtwin.pump import Fault
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import (
     DEFAULT_VARIATION,
-    Background,
     Filler,
     Variation,
     discriminative_score,
@@ -55,8 +54,6 @@ class TrainingSet:
     noise: bool = False
     """Learn from a noisy copy of everything too, measured and synthetic windows alike."""
 
-    background: Background = "spectrum"
-    """What a twin's windows are laid over."""
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
     stated_prior: bool = False
@@ -175,7 +172,7 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
     twins, posteriors = twins_of(dataset, training_set.by, label)
-    return TwinFiller(twins, posteriors, training_set.background, training_set.variation)
+    return TwinFiller(twins, posteriors, variation=training_set.variation)
 
 
 def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:

@@ -34,16 +34,6 @@ PUBLIC_SETS: dict[str, Callable[[Path], list[Recording]]] = {
 }
 """Reader of each set by its name."""
 
-__all__ = [
-    "PUBLIC_SETS",
-    "read_bearing_run_to_failure",
-    "read_cwru",
-    "read_motor_pump_industrial",
-    "read_public_set",
-    "read_pump_cavitation",
-    "read_uci_hydraulic",
-]
-
 
 def read_public_set(name: str, folder: Path | str) -> list[Recording]:
     """Every recording of the public set `name`, in a fixed order.

@@ -33,11 +33,6 @@ def measure(
     return signals
 
 
-def recorded_angle(run: Run, duration: float, sample_rate: float, seed: int, name: str) -> Float[np.ndarray, " time"]:
-    """Shaft angle [rad] at the samples of recording `name`; parameters as of version 1."""
-    return _drifting_angle(run.condition, duration, sample_rate, _random_numbers(seed, name))
-
-
 def _random_numbers(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one recording, the shaft's angle first."""
     return stream(seed, "reading of version 2", name)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from swashtwin.learning import Network
-from swashtwin_bench.rivals.networks.patches import whole_patches
+from swashtwin_bench.rivals.networks.tcn import whole_patches
 
 
 class Recurrent(Network):

@@ -10,7 +10,11 @@ from torch.nn import functional
 from torch.nn.utils.parametrizations import weight_norm
 
 from swashtwin.learning import Network
-from swashtwin_bench.rivals.networks.patches import whole_patches
+
+
+def whole_patches(windows: Float[Tensor, "window channel time"], patch: int) -> Float[Tensor, "window channel longer"]:
+    """`windows` with zeros before them, so many that their length is a multiple of `patch`."""
+    return functional.pad(windows, (-windows.shape[-1] % patch, 0))
 
 
 class TemporalBlock(nn.Module):

@@ -13,7 +13,7 @@ import pytest
 import torch
 from commandline import one_line, run, run_json
 
-from swashtwin.diagnosis import diagnose, explain, load_classifier, save_classifier
+from swashtwin.diagnosis import diagnose, explain, few_machines, load_classifier, save_classifier
 from swashtwin.foundation import (
     ArtifactError,
     DataError,
@@ -165,6 +165,23 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
 
 
 @pytest.mark.parametrize(
+    ("machines", "specimen", "words"),
+    [
+        ("A" * 6, "B", ["Its machine, B, had no part in the training, which knows one, A."]),
+        ("A" * 6, "A", []),
+        ("ABCABC", "D", []),
+        (("",) * 6, "B", []),
+    ],
+)
+def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(classifier, machines, specimen, words):
+    reference = replace(classifier.training_reference, specimen=tuple(machines))
+    trained = replace(classifier, training_reference=reference)
+    notes = diagnose(trained, replace(recording("new", "piston"), specimen=specimen)).notes
+    assert [note[: len(words[0])] for note in notes] == words if words else notes == ()
+    assert ("measured on one machine only" in few_machines(reference)) == (machines != "ABCABC")
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; bring it to the .* --resample "1000 Hz" --out'),
@@ -258,7 +275,7 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     assert "Diagnosis of spiked" in page
     assert "<h2>No verdict</h2>" in page
     text = run(*words, code=4).output
-    assert "spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
+    assert "note: spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
     run(*words[:3])
 
 

@@ -69,10 +69,10 @@ def diagnose(
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
             advice = confidence_advice(len(trained.manifest))
             note(f"note: the model's confidence is not calibrated; {advice}.")
-        doubtful = [verdict for verdict in verdicts if verdict.label is None or verdict.unknown]
-        for verdict in doubtful:
-            note(f"{verdict.recording_id}: {verdict.sentence()}")
-        note_merged([(verdict.recording_id, text) for verdict in verdicts for text in verdict.notes])
+        said = {verdict: verdict.sentence() for verdict in verdicts if verdict.label is None or verdict.unknown}
+        note_merged([(verdict.recording_id, text) for verdict, text in said.items()])
+        pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)
+        note_merged([(verdict.recording_id, text) for verdict, text in pairs if text not in said.get(verdict, "")])
         if evidence and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
         if page is not None:

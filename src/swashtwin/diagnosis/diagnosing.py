@@ -88,7 +88,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
     if confidence is not None and reference is not None:
         result = _with_trust(result, classifier.classes, confidence, probability, score, error_rate)
     if machine := another_machine(reference, specimen, always=result.unknown):
-        reasons = (*reasons, machine)
+        reasons = (machine, *reasons)
     return replace(
         result,
         label=classifier.classes[int(pooled.argmax())],

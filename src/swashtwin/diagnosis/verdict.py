@@ -116,8 +116,8 @@ class Diagnosis:
                 "itself is new, as that of a fault never trained would be."
             )  # fmt: skip
             return (
-                f"Unknown: its vibration is further from every trained class (score {self.score:.3g}) than that of all "
-                f"but {rate} of {self.basis} (up to {self.threshold:.3g}). {differs}"
+                f"Unknown: its vibration is further from every trained class than that of all but {rate} of "
+                f"{self.basis}. {differs}"
             )
         if len(self.prediction_set) == 1:
             return f"{self.label}: no other class is plausible at an error rate of {rate}, by {self.basis}."

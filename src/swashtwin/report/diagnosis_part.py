@@ -22,7 +22,7 @@ from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
 from swashtwin.report.training_part import choice_blocks
-from swashtwin.report.wording import fact_entries, percent, rig_notice
+from swashtwin.report.wording import fact_entries, number, percent, rig_notice
 
 _UNCALIBRATED = "The model's confidence was not calibrated, so the score ranks the classes and is no probability."
 _MOST_NOTES, _MOST_CHECKS = 3, 4
@@ -56,7 +56,8 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     unknown, possible = diagnosis.unknown, diagnosis.prediction_set
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
-    certainty = (*sure, *notes[:_MOST_NOTES]) if unknown else (*_how_sure(diagnosis), *sure, *notes[:_MOST_NOTES])
+    far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
+    certainty = (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     checks = next_checks(*labels, unknown=unknown)
     blocks = (
@@ -74,7 +75,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         results={"diagnoses": [diagnosis.to_dict()]},
         verdict=_verdict(diagnosis),
         tone=_tone(diagnosis),
-        certainty=certainty,
+        certainty=(*certainty, *notes[:_MOST_NOTES]),
         actions=tuple(check.what for check in checks[:_MOST_CHECKS]),
         glance=glance(diagnosis, key, () if unknown or is_healthy(diagnosis.label) else labels[:1]),
         subject=diagnosis.recording_id,

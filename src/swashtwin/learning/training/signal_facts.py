@@ -25,8 +25,9 @@ _LEAST_SPREAD, _LEAST_BAND_SPREAD = 1.0, 3.0
 _LEAST_EXCESS = 0.5
 """Difference below which a fact is not told: it would be rounded to 0 dB."""
 _LEAST_POWER = 1e-30
-_LEAST_OFFSET, _MOST_LIKE = 1e-2, 1e-4
-"""Offset, and share that no other channel explains, below which they count as such."""
+_LEAST_OFFSET, _ALONE = 1e-2, (1e-4, 0.1)
+"""Offset below which it counts as such, and the range of the share that no other channel explains: up to a correlation
+of 0.95 channels are their own."""
 _LEAST_RECORDINGS = 5
 """Training recordings from which a range can be told."""
 _FAR = 10.0
@@ -65,7 +66,7 @@ def signal_facts(windows: WindowSet) -> Float64[np.ndarray, "window channel fact
     unit = samples - samples.mean(axis=2, keepdims=True)
     unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), _LEAST_POWER)
     square = (unit @ unit.swapaxes(1, 2)) ** 2 * (1 - np.eye(windows.n_channels))
-    alone = np.maximum(1 - square.max(axis=2), _MOST_LIKE)
+    alone = np.clip(1 - square.max(axis=2), *_ALONE)
     return np.stack(
         [_facts_of(samples[:, c], alone[:, c], windows.sample_rate) for c in range(windows.n_channels)], axis=1
     )

@@ -133,7 +133,7 @@ def test_a_clock_set_back_keeps_no_message_waiting(history: History, monkeypatch
     with history.machine("pump-1") as transaction:
         transaction.post("log", {})
     with monkeypatch.context() as patch:
-        patch.setattr("swashtwin.monitoring.history.outbox.datetime", Clock)
+        patch.setattr("swashtwin.monitoring.history.history.datetime", Clock)
         (message,) = history.outbox.claim(["log"])
         history.outbox.failed(message.id, "no route", again_in=60)
     assert len(history.outbox.claim(["log"])) == 1

@@ -7,17 +7,17 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from fastapi import FastAPI
 from starlette.responses import Response
 from starlette.routing import Route
 
 from swashtwin.monitoring.page import serving
+from swashtwin.monitoring.page.application import build_app
 
 pytestmark = pytest.mark.nightly
 
 
 @pytest.fixture
-def port(plant, application: FastAPI, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def port(plant, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Port of a page that hangs up on silent clients after half a second."""
     monkeypatch.setattr(serving, "HEADER_SECONDS", 0.5)
     monkeypatch.setattr(serving, "MOST_CONNECTIONS", 50)
@@ -25,6 +25,7 @@ def port(plant, application: FastAPI, monkeypatch: pytest.MonkeyPatch) -> Iterat
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         number = probe.getsockname()[1]
+    application = build_app(plant.config, plant.history, upload=lambda *_: "id")
     application.router.routes.insert(0, Route("/static/large", lambda _: Response(bytes(5_000_000))))
     server = serving.serve_page(application, "127.0.0.1", number)
     thread = threading.Thread(target=server.run, daemon=True)
@@ -81,6 +82,20 @@ def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> Non
         with socket.create_connection(("127.0.0.1", port)) as other:
             other.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
             assert b" 200 " in _answer(other)[:20]
+
+
+def test_an_upload_that_breaks_off_is_no_error_of_ours(port: int, plant, caplog: pytest.LogCaptureFixture) -> None:
+    head = "POST /api/recordings HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5000\r\n"
+    part = 'Content-Type: multipart/form-data; boundary=a\r\n\r\n--a\r\nContent-Disposition: form-data; name="file"; filename="a.wav"\r\n\r\nRIFF'
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall((head + part).encode())
+        time.sleep(0.2)
+    with socket.create_connection(("127.0.0.1", port)) as other:
+        other.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert b" 200 " in _answer(other)[:20]
+    time.sleep(0.2)
+    assert "Traceback" not in caplog.text
+    assert list((plant.config.folder / "uploads").glob("*")) == []
 
 
 def test_what_is_no_http_is_refused_and_the_next_request_answered(port: int) -> None:

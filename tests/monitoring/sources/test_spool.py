@@ -101,11 +101,11 @@ def test_a_card_that_cannot_be_read_for_a_moment_is_read_again(tmp_path: Path, m
     waiting = Spool(tmp_path)
     waiting.add(delivery(), b"samples")
 
-    def fail(*_: object, **__: object) -> str:
+    def fail(*_: object, **__: object) -> bytes:
         raise OSError(24, "Too many open files")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_text", fail)
+        patch.setattr(Path, "read_bytes", fail)
         assert waiting.next(0.0) is None
     file = waiting.next(0.0)
     assert file is not None

@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from swashtwin.monitoring.history.reading import FACTS, MachineOverview
 from swashtwin.monitoring.history.tables import Alarm, Event, Judgment, Rejection
-from swashtwin.monitoring.page.machine_states import state_of
 from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
+from swashtwin.monitoring.page.wording import state_of
 
 Limit = Annotated[int, Query(ge=1, le=5000)]
 Short = Annotated[str, Query(max_length=200)]

@@ -11,9 +11,9 @@ from prometheus_client.registry import Collector
 from starlette.responses import JSONResponse, Response
 
 from swashtwin.foundation import VERSION, SwashTwinError
-from swashtwin.monitoring.page.machine_states import STATES, state_of
 from swashtwin.monitoring.page.records import all_machines
 from swashtwin.monitoring.page.site import Site
+from swashtwin.monitoring.page.wording import STATES, state_of
 
 if TYPE_CHECKING:
     from swashtwin.monitoring.service.running import WatchStatus

@@ -15,11 +15,20 @@ from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Alarm, Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend, sparkline
-from swashtwin.monitoring.page.machine_states import STATES, alarm_state, by_urgency, state_of
 from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.page.spectra import draw_spectrum, healthy_recordings
-from swashtwin.monitoring.page.wording import VERDICT_NAMES, grouped_levels, moment_text, number, stored_name
+from swashtwin.monitoring.page.wording import (
+    STATES,
+    VERDICT_NAMES,
+    alarm_state,
+    by_urgency,
+    grouped_levels,
+    moment_text,
+    number,
+    state_of,
+    stored_name,
+)
 
 CARDS = 60
 """Machines on one page."""

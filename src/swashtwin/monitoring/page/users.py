@@ -112,30 +112,26 @@ class UserFile:
 
     def mark(self, name: str) -> str | None:
         """Text that changes with the password of the person `name` and does not tell it; None where nobody's name."""
-        return next(
-            (_digest(item.hash) for item in self._current() if (item.kind, item.name) == ("person", name)), None
-        )
+        return None if (known := self._hash(name)) is None else _digest(known)
 
     def checked_mark(self, name: str, password: str) -> str | None:
         """Mark of the person `name` where the password is right; takes as long for a name that nobody has."""
-        hashes = self._hashes(name)
+        known = self._hash(name)
         with _CHECKING:
             try:
-                _HASHER.verify(hashes[0] if hashes else _nobody(), password[:1000])
+                _HASHER.verify(known or _nobody(), password[:1000])
             except (VerificationError, InvalidHashError):
                 return None
-        return _digest(hashes[0]) if hashes else None
+        return None if known is None else _digest(known)
 
     def program(self, token: str) -> Entry | None:
         """The program whose token this is; None where nobody's."""
         digest = _digest(token)
-        fitting = [
-            item for item in self._current() if item.kind != "person" and secrets.compare_digest(item.hash, digest)
-        ]
-        return fitting[0] if fitting else None
+        programs = [item for item in self._current() if item.kind != "person"]
+        return next((item for item in programs if secrets.compare_digest(item.hash, digest)), None)
 
-    def _hashes(self, name: str) -> list[str]:
-        return [item.hash for item in self._current() if (item.kind, item.name) == ("person", name)]
+    def _hash(self, name: str) -> str | None:
+        return next((item.hash for item in self._current() if (item.kind, item.name) == ("person", name)), None)
 
     def _current(self) -> list[Entry]:
         try:

@@ -1,10 +1,9 @@
 """A recording as a source hands it over: a file, what was said of it, and when it came."""
 
-import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -59,16 +58,6 @@ class Delivery:
         for name in ("file", "machine"):
             if (text := getattr(self, name)) is not None:  # a database takes neither a NUL nor half a character
                 object.__setattr__(self, name, escape_controls(text)[:_LONGEST_STATED])
-
-    def to_json(self) -> str:
-        """One line of JSON."""
-        return json.dumps(asdict(self) | {"received": self.received.isoformat()})
-
-    @classmethod
-    def from_json(cls, text: str) -> "Delivery":
-        """The delivery of which `to_json` made the text."""
-        values = json.loads(text)
-        return cls(**values | {"received": datetime.fromisoformat(values["received"])})
 
 
 Accept = Callable[[Delivery, bytes | Path], str]

@@ -15,6 +15,8 @@ from datetime import UTC, datetime
 from errno import ENOSPC
 from pathlib import Path
 
+import msgspec
+
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.sources.delivery import Delivery, safe_name
 from swashtwin.recordings import suffix_of
@@ -76,7 +78,7 @@ class Spool:
         try:
             digest = _write(data, content)
             card = self._folder / f".{key}{_CARD}"
-            _write(card, delivery.to_json().encode())
+            _write(card, msgspec.json.encode(delivery))
             card.replace(self._folder / f"{key}{_CARD}")
         except BaseException:
             for path in (data, self._folder / f".{key}{_CARD}"):
@@ -101,8 +103,8 @@ class Spool:
             key = self._keys[0]
         card = self._folder / f"{key}{_CARD}"
         try:
-            delivery = Delivery.from_json(card.read_text(encoding="utf-8"))
-        except (ValueError, TypeError, KeyError, FileNotFoundError):
+            delivery = msgspec.json.decode(card.read_bytes(), type=Delivery)
+        except (msgspec.DecodeError, FileNotFoundError):
             path = next((path for path in self._folder.glob(f"{key}.*") if path != card), card)
             return SpoolFile(key, path, Delivery("spool", path.name, datetime.now(UTC), problem="its card is damaged."))
         except OSError as cause:

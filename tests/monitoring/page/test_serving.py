@@ -86,7 +86,8 @@ def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> Non
 
 def test_an_upload_that_breaks_off_is_no_error_of_ours(port: int, plant, caplog: pytest.LogCaptureFixture) -> None:
     head = "POST /api/recordings HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5000\r\n"
-    part = 'Content-Type: multipart/form-data; boundary=a\r\n\r\n--a\r\nContent-Disposition: form-data; name="file"; filename="a.wav"\r\n\r\nRIFF'
+    head += "Content-Type: multipart/form-data; boundary=a\r\n\r\n"
+    part = '--a\r\nContent-Disposition: form-data; name="file"; filename="a.wav"\r\n\r\nRIFF'
     with socket.create_connection(("127.0.0.1", port)) as connection:
         connection.sendall((head + part).encode())
         time.sleep(0.2)

@@ -1,7 +1,6 @@
 """A saved classifier answers as the one that was saved, or is refused; a diagnosis says what to doubt."""
 
 import copy
-import json
 import math
 import subprocess
 import sys
@@ -193,12 +192,6 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(clas
 def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(classifier, change, words):
     with pytest.raises(DataError, match=words):
         diagnose(classifier, replace(recording("new", "normal"), **change))
-
-
-def test_a_diagnosis_is_json(classifier):
-    loaded = json.loads(json.dumps(diagnose(classifier, recording("new", "piston")).to_dict()))
-    assert loaded["label"] == "piston"
-    assert loaded["n_windows"] == len(loaded["window_labels"]) == 6
 
 
 def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):

@@ -1,7 +1,6 @@
 """A classifier from a pump prior: faults that nobody measured, what it refuses, its file and its commands."""
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -16,7 +15,6 @@ from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg,
 from swashtwin.physics import Twin
 from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
-from swashtwin.report import write_report
 from swashtwin.synthesis import OrderChanges, PumpPrior, simulate_changes
 
 CONDITION = OperatingCondition(speed=rpm(1000), discharge_pressure=MPa(10))
@@ -226,26 +224,6 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
     assert verdict["label"] == "piston"
-
-
-def test_the_page_speaks_of_trees_and_simulated_pumps_and_of_no_window(tmp_path: Path) -> None:
-    page = write_report(adapted().diagnose(recording("piston", 9)), folder=tmp_path).read_text(encoding="utf-8")
-    text = re.sub(r"<[^>]+>", "", page)
-    assert "The change against 3 healthy recordings of the machine is most like that of simulated pumps" in text
-    assert "of the votes of the pump prior" in text
-    assert "windows say so" not in text
-    assert not list((tmp_path / "figures").glob("*windows*"))
-
-
-def test_recordings_without_a_class_are_said_to_count_as_healthy(tmp_path: Path) -> None:
-    folder = tmp_path / "pump"
-    items = [replace(item, label=None) for item in healthy(2)]
-    files = [f"{number}.h5" for number in range(len(items))]
-    for item, file in zip(items, files, strict=True):
-        write_recording(item, folder / file)
-    write_index(items, files, folder / "recordings.toml")
-    result = run("model", "adapt", "25scy14-1b", folder, "--out", tmp_path / "model.safetensors")
-    assert "2 recordings without a class counted as healthy" in " ".join(result.stderr.split())
 
 
 def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:

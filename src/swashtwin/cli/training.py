@@ -25,8 +25,6 @@ from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import Choice
 
@@ -106,12 +104,19 @@ def train(
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     is_chosen = network is None and preset is Preset.recommended
-    _refuse_options(is_chosen, {"--set": settings, "--checkpoint": checkpoint}, {"--budget": budget})
+    given = {"--budget": budget} if not is_chosen else {"--set": settings, "--checkpoint": checkpoint}
+    for name in (name for name, value in given.items() if value):
+        advice = (
+            "belongs to a network; name it with --network, such as bitcn."
+            if is_chosen
+            else "belongs to the training that chooses; leave it out, or leave out --network and --preset."
+        )
+        raise typer.BadParameter(advice, param_hint=name)
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.foundation import parse
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import declared_classes, load_recordings
+    from swashtwin.recordings import declared_classes, load_recordings, several_healthy
 
     if resume and checkpoint is None:
         raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
@@ -140,7 +145,8 @@ def train(
         detector.save(out)
         _tell_detector(detector, out, as_json)
         return
-    _check_classes(recordings.labels, {name for synthetic in added for name in synthetic.classes}, source)
+    for finding in several_healthy(recordings.labels):
+        note(f"note: {finding.message}")
     classifier = FaultClassifier(
         **recipe,
         window=window,
@@ -171,18 +177,6 @@ def train(
     _tell_training(classifier, source, out, seed, as_json)
 
 
-def _refuse_options(is_chosen: bool, of_network: dict[str, object], of_choice: dict[str, object]) -> None:
-    """Refuse options of a named network where training chooses, and the other way round."""
-    for name, value in (of_network if is_chosen else of_choice).items():
-        if value:
-            advice = (
-                "belongs to a network; name it with --network, such as spectral_bitcn."
-                if is_chosen
-                else "belongs to the training that chooses; leave it out, or leave out --network and --preset."
-            )
-            raise typer.BadParameter(advice, param_hint=name)
-
-
 def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window: int | None) -> dict[str, Any]:
     """Arguments of `FaultClassifier`; an unknown name is a wrong command line."""
     from swashtwin import presets
@@ -199,23 +193,6 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     own = {key: getattr(training, key) for key in defaults_of(training) if key in FaultClassifier().get_params()}
     other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in own}
     return {"network": name, **own, "training_settings": other or None, "network_settings": shape or None}
-
-
-def _check_classes(measured: "Iterable[str | None]", made: set[str], source: Path) -> None:
-    """Refuse a single class, and note several that are healthy."""
-    from swashtwin.foundation import DataError
-    from swashtwin.recordings import several_healthy
-
-    labels = set(measured)
-    for finding in several_healthy(labels):
-        note(f"note: {finding.message}")
-    classes = sorted(name for name in labels | made if name is not None)
-    if len(classes) == 1:
-        raise DataError(
-            f"{source}: every recording is of the class {classes[0]!r}; a classifier needs two classes at least: "
-            "record another, or add synthetic windows of one with --add; healthy recordings alone make an anomaly "
-            "detector."
-        )
 
 
 def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:

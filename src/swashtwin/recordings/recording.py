@@ -237,7 +237,7 @@ class Recording:
         """What was recorded, whatever the file is called: a hash of each channel (`Samples.content_hashes`).
 
         Two recordings with a hash in common hold the same measurement. A copy under another name, in another format or
-        at another rate of ``resample`` is noticed; one that was cut, filtered or scaled before it was loaded is not.
+        at another rate of ``resample`` is noticed; a `fingerprint` tells one that was cut, filtered or scaled.
         """
         return tuple(digest for digest in self.samples.content_hashes() if digest)
 

@@ -137,11 +137,7 @@ def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recordi
     for recording in recordings:
         if recording.condition is None:
             left_out.append((recording.recording_id, "the recording has no operating condition"))
-        elif (
-            recording.label not in (None, fault.label)
-            and propose_class(str(recording.label)) != fault.label
-            and not is_healthy(recording.label)
-        ):
+        elif not _may_show(fault, recording.label):
             left_out.append(
                 (recording.recording_id, f"the recording's label is {recording.label}, the fault's {fault.label}")
             )

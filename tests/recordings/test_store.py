@@ -86,7 +86,7 @@ def test_a_foreign_hdf5_file_is_read_in_its_own_number_type(layout: str, tmp_pat
         file["acc"].attrs.update({"fs": 51200.0, "unit": "mg"})
     recording = load_recording(tmp_path / "a.h5")
     expected = (values if layout in ("rows", "columns") else values[:1]) * (9.80665 * 1e-3)
-    assert recording.raw(0, 10).dtype == np.int16
+    assert recording.samples.raw(0, 10).dtype == np.int16
     np.testing.assert_allclose(recording.signal, expected, rtol=1e-14)
     np.testing.assert_array_equal(recording.slice(7, 11).signal, recording.signal[:, 7:11])
 

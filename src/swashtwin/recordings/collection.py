@@ -14,7 +14,7 @@ from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
-    nearest_test_rows,
+    best_test_rows,
     recording_groups,
     stated_angular_speed,
     stated_pressure,
@@ -197,7 +197,7 @@ class Recordings(Sequence[Recording]):
         pressure = np.array([stated_pressure(recording) for recording in self._recordings])
         levels = merge_close_values(speed, GROUP_SPEED_TOLERANCE), merge_close_values(pressure, PRESSURE_TOLERANCE)
         cells = np.unique([f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True)[1]
-        rows = nearest_test_rows(classes, cells, groups, test, seed)
+        rows = best_test_rows(classes, cells, groups, test, seed, every_class=False)
         if rows is None:
             raise DataError(
                 f"every split by {by} takes a class out of training, because each {by} has classes of its own; split "

@@ -159,6 +159,8 @@ def best_test_rows(
     groups: Shaped[np.ndarray, " row"],
     test_fraction: float,
     seed: int,
+    *,
+    every_class: bool = True,
 ) -> Int[np.ndarray, " _tested"] | None:
     """Rows of a test set that shares no group with the rest and has every class on both sides, or None.
 
@@ -170,42 +172,24 @@ def best_test_rows(
     classes : class of each row.
     cells : finer strata, such as class and pressure together.
     groups : what is kept whole.
+    every_class : False: where no fold has every class on both sides, fewest classes miss in the test set, and none in
+        training.
     """
-    for n_folds in _fold_counts(groups, test_fraction):
-        for strata in (cells, classes):
-            ranks = [
-                (one_sided(cells, rows), abs(rows.size / len(classes) - test_fraction), position, rows)
-                for position, rows in enumerate(_folds(strata, groups, n_folds, seed))
-                if not one_sided(classes, rows)
-            ]
-            if ranks:
-                return min(ranks, key=lambda rank: rank[:3])[3]
-    return None
-
-
-def nearest_test_rows(
-    classes: Int[np.ndarray, " row"],
-    cells: Int[np.ndarray, " row"],
-    groups: Shaped[np.ndarray, " row"],
-    test_fraction: float,
-    seed: int,
-) -> Int[np.ndarray, " _tested"] | None:
-    """As `best_test_rows`; where no fold has every class on both sides, fewest classes miss in the test set.
-
-    None where every fold would take a class out of training altogether.
-    """
-    rows = best_test_rows(classes, cells, groups, test_fraction, seed)
-    if rows is not None:
-        return rows
-    ranks: list[tuple[int, int, float, int, Int[np.ndarray, " _tested"]]] = []
-    for n_folds in _fold_counts(groups, test_fraction):
-        for strata in (cells, classes, np.zeros_like(classes)):
-            for rows in _folds(strata, groups, n_folds, seed):
-                rest = np.delete(classes, rows)
-                if set(classes[rows].tolist()) <= set(rest.tolist()):
-                    size = abs(rows.size / len(classes) - test_fraction)
-                    ranks.append((one_sided(classes, rows), one_sided(cells, rows), size, len(ranks), rows))
-    return min(ranks, key=lambda rank: rank[:4])[4] if ranks else None
+    partial: list[tuple[tuple[float, ...], Int[np.ndarray, " _tested"]]] = []
+    for n_folds in range(min(round(1 / test_fraction), np.unique(groups).size), 1, -1):
+        for strata in (cells, classes, None):
+            whole: list[tuple[tuple[float, ...], Int[np.ndarray, " _tested"]]] = []
+            folds = _folds(np.zeros_like(classes) if strata is None else strata, groups, n_folds, seed)
+            for position, rows in enumerate([] if every_class and strata is None else folds):
+                missing = one_sided(classes, rows)
+                rank = one_sided(cells, rows), abs(rows.size / len(classes) - test_fraction)
+                if not missing and strata is not None:
+                    whole.append(((*rank, position), rows))
+                elif not every_class and set(classes[rows].tolist()) <= set(np.delete(classes, rows).tolist()):
+                    partial.append(((missing, *rank, len(partial)), rows))
+            if whole:
+                return min(whole, key=lambda pair: pair[0])[1]
+    return min(partial, key=lambda pair: pair[0])[1] if partial else None
 
 
 def one_sided(strata: Int[np.ndarray, " row"], rows: Int[np.ndarray, " _tested"]) -> int:
@@ -213,10 +197,6 @@ def one_sided(strata: Int[np.ndarray, " row"], rows: Int[np.ndarray, " _tested"]
     counts = np.bincount(strata)
     tested = np.bincount(strata[rows], minlength=counts.size)
     return int(np.sum((counts > 0) & ((tested == 0) | (tested == counts))))
-
-
-def _fold_counts(groups: Shaped[np.ndarray, " row"], test_fraction: float) -> range:
-    return range(min(round(1 / test_fraction), np.unique(groups).size), 1, -1)
 
 
 def _folds(

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import Any, NoReturn
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, plain_text
 from swashtwin.pump import OperatingCondition
@@ -28,8 +28,8 @@ class Recording:
     """Signals that were sampled together, without a gap, at one operating condition.
 
     A recording is whole in training or in test: windows carry its `recording_id`, and no split parts it. One that was
-    loaded from a file reads its samples when they are asked for: `signal` reads them all and keeps them, `slice`,
-    `blocks` and `raw` read a part. The facts are there without reading.
+    loaded from a file reads its samples when they are asked for: `signal` reads them all and keeps them, `slice`
+    and `blocks` read a part. The facts are there without reading.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Recording:
     attributes: Mapping[str, str]
     """Further facts from the file or the index (source file, sensor, date)."""
     samples: Samples
-    """Where the samples are: in memory, or in a file; `signal`, `slice`, `blocks` and `raw` give them."""
+    """Where the samples are: in memory, or in a file; `signal`, `slice` and `blocks` give them."""
 
     def __init__(
         self,
@@ -165,16 +165,6 @@ class Recording:
         """Whether the speed of the shaft is known at each sample."""
         return self.samples.has_speed
 
-    @property
-    def sample_type(self) -> np.dtype:
-        """Number type of `raw`."""
-        return self.samples.dtype
-
-    @property
-    def factors(self) -> tuple[float, ...]:
-        """What one unit of each channel of `raw` stands for in `unit`."""
-        return self.samples.factors
-
     def slice(self, start: int, stop: int) -> "Recording":
         """The recording from sample `start` to before sample `stop`, in memory.
 
@@ -192,20 +182,6 @@ class Recording:
         """The recording in parts of `BLOCK` samples, which follow each other without a gap."""
         for start in range(0, self.n_samples, BLOCK):
             yield self.slice(start, start + BLOCK)
-
-    def raw(self, start: int, stop: int) -> Shaped[np.ndarray, "channel time"]:
-        """Samples from `start` to before `stop`, in the number type of the file; times `factors` they are in `unit`.
-
-        Raises
-        ------
-        InputError, DataError
-            As in `slice`.
-        """
-        return self.samples.raw(start, stop)
-
-    def speed_part(self, start: int, stop: int) -> Float[np.ndarray, " time"] | None:
-        """The speed [rad/s] at the samples from `start` to before `stop`, or None where it is not known."""
-        return self.samples.speed_part(start, stop)
 
     def replace(self, **changes: Any) -> "Recording":
         """The same recording with some facts, its signal or its speed changed; samples in a file are not read for it.

@@ -54,7 +54,9 @@ def write_store(
     if not recordings:
         raise DataError("no recording to store.")
     require_distinct((recording.recording_id for recording in recordings), "a store")
-    size = sum(recording.sample_type.itemsize * recording.n_channels * recording.n_samples for recording in recordings)
+    size = sum(
+        recording.samples.dtype.itemsize * recording.n_channels * recording.n_samples for recording in recordings
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     require_disk_space(path.parent, 1, size)
     done = 0

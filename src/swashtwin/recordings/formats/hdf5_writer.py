@@ -69,19 +69,19 @@ def write_many(recordings: list[Recording], path: Path, written: Callable[[int],
         for number, recording in enumerate(recordings):
             group, count = file.create_group(f"{number:06d}"), recording.n_samples
             shape, chunk = (recording.n_channels, count), (recording.n_channels, min(_CHUNK, count))
-            signal = group.create_dataset("signal", shape, recording.sample_type, chunks=chunk, fletcher32=True)
+            signal = group.create_dataset("signal", shape, recording.samples.dtype, chunks=chunk, fletcher32=True)
             speed = None
             if recording.has_speed:
                 speed = group.create_dataset("speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True)
             for start in range(0, count, BLOCK):
-                block = recording.raw(start, start + BLOCK)
+                block = recording.samples.raw(start, start + BLOCK)
                 signal[:, start : start + BLOCK] = block
                 if speed is not None:
-                    speed[start : start + BLOCK] = recording.speed_part(start, start + BLOCK)
+                    speed[start : start + BLOCK] = recording.samples.speed_part(start, start + BLOCK)
                 target.raise_error()
                 written(block.nbytes)
             _write_facts(group, recording)
-            group.attrs["factor"] = np.array(recording.factors)
+            group.attrs["factor"] = np.array(recording.samples.factors)
             if hashes := recording.samples.original_hashes():
                 group.attrs["hashes"] = np.bytes_(json.dumps(hashes).encode())
 

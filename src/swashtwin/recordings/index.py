@@ -14,8 +14,6 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     SwashTwinError,
-    UnitError,
-    parse,
     plain_text,
     read_text,
     sha256_of,
@@ -27,6 +25,7 @@ from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import recording_of
 from swashtwin.recordings.recording import Recording, require_distinct
+from swashtwin.recordings.stated_facts import is_quantity
 from swashtwin.recordings.store import is_store
 
 INDEX_NAME = "recordings.toml"
@@ -250,21 +249,13 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
         entry["unit"] = recording.unit
         if "discharge_pressure" in attributes:
             attributes["pressure"] = attributes.pop("discharge_pressure")
-        stated = [key for key in QUANTITIES if _is_positive(attributes.get(key), QUANTITIES[key])]
+        stated = [key for key in QUANTITIES if is_quantity(attributes.get(key), key)]
         entry |= {key: attributes.pop(key) for key in stated}
         if attributes:
             entry["attributes"] = attributes
     if absolute.is_file():
         entry["sha256"] = sha256_of(absolute)
     return entry
-
-
-def _is_positive(text: object, unit: str) -> bool:
-    """Whether an attribute is a quantity that an entry may state."""
-    try:
-        return parse(text, unit) > 0
-    except UnitError:
-        return False
 
 
 def path_from(folder: Path, path: Path) -> str:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -111,7 +111,12 @@ def propose_index(
         label_pattern = answers.pop("label_pattern", label_pattern)
         pressure_unit = answers.pop("pressure_unit", pressure_unit)
         defaults |= answers
-    _refuse_missing(folder, survey.missing)
+    if survey.missing:
+        listed = "; ".join(
+            f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}"
+            for key, names in survey.missing.items()
+        )
+        raise DataError(f"{folder}: neither the files nor the options state {listed}.")
     if not survey.entries:
         reason = survey.skipped[0] if survey.skipped else f"supported are {', '.join(suffixes())}."
         raise DataError(f"{folder} holds no file to index: {reason}")
@@ -121,7 +126,7 @@ def propose_index(
     index = _index_of(survey.entries, defaults, folder, index_folder)
     hints = [*machines, *label_hints(entry["label"] for entry in survey.entries if "label" in entry)]
     return IndexProposal(
-        index, tuple(survey.skipped), _sentences(survey.facts, defaults), tuple(dict.fromkeys([*survey.notes, *hints]))
+        index, tuple(survey.skipped), _sentences(survey.facts), tuple(dict.fromkeys([*survey.notes, *hints]))
     )
 
 
@@ -179,10 +184,9 @@ def _survey(
         for entry in _entries_within(raw, {"file": name, **values}, defaults, str(path)):
             whole = Entry.from_mapping({**defaults, **entry}, str(path))
             columns = choose_columns(raw, whole, str(path))
-            missing = _missing_facts(raw, list(columns), whole, str(path))
+            missing = _missing_facts(raw, list(columns), whole, defaults.keys(), str(path))
             for key in missing:
                 survey.missing.setdefault(key, []).append(name)
-            _require_agreement(raw, list(columns), whole, set(defaults) - set(missing), str(path))
             origins = _origins(
                 name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file
             )
@@ -275,30 +279,19 @@ def _ask(questions: Mapping[str, str], ask: Callable[[str, str], str | None] | N
     return answers
 
 
-def _refuse_missing(folder: Path, missing: Mapping[str, list[str]]) -> None:
-    if missing:
-        listed = "; ".join(
-            f"{key} of {len(files)} files (as {files[0]}): {_QUESTIONS[key][0]}" for key, files in missing.items()
-        )
-        raise DataError(f"{folder}: neither the files nor the options state {listed}.")
-
-
-def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, where: str) -> list[str]:
-    has_units = all(name in raw.units for name in columns)
-    missing = {
-        "sample_rate": entry.sample_rate is None and rate_in_file(raw, columns, where) is None,
-        "unit": not (has_units or raw.sensitivities) and entry.unit is None and entry.sensitivity is None,
-        "label": not entry.label and not raw.facts.get("label"),
-    }
-    return [key for key, is_missing in missing.items() if is_missing]
-
-
-def _require_agreement(raw: RawFile, columns: list[str], entry: Entry, stated: set[str], where: str) -> None:
-    """Refuse options that a file contradicts; `stated` are those given for all files."""
-    if "sensitivity" in stated or "unit" in stated:
-        scale(raw, entry, columns, where)
-    if "sample_rate" in stated:
+def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, given: Set[str], where: str) -> list[str]:
+    """Facts that nobody states; one of those `given` for all files that the file contradicts is refused."""
+    has_units = all(name in raw.units for name in columns) or bool(raw.sensitivities)
+    missing = []
+    if entry.sample_rate is None and rate_in_file(raw, columns, where) is None:
+        missing.append("sample_rate")
+    elif "sample_rate" in given:
         stated_rate(raw, columns, entry, where)
+    if not has_units and entry.unit is None and entry.sensitivity is None:
+        missing.append("unit")
+    elif given & {"sensitivity", "unit"}:
+        scale(raw, entry, columns, where)
+    return missing if entry.label or raw.facts.get("label") else [*missing, "label"]
 
 
 def _index_of(
@@ -330,7 +323,6 @@ def _index_of(
 
 _FACTS_FIRST = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
 """Facts that are listed before the others."""
-_FLAG = "the option"
 _MOST = 6
 """Values that a sentence lists."""
 
@@ -348,7 +340,7 @@ def _origins(
 ) -> Facts:
     """Value and origin of each fact that the entry of a file will have."""
     origin = "the table" if table else "the pattern" if pattern else "its name"
-    facts: Facts = {key: (_words(value), _FLAG) for key, value in defaults.items()}
+    facts: Facts = {key: (_words(value), "the option") for key, value in defaults.items()}
     facts |= {key: (_words(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
     facts |= {f"attribute {key}": (str(value), origin) for key, value in entry.get("attributes", {}).items()}
     facts |= {key: (facts[key][0], "the file") for key in in_file}
@@ -368,35 +360,23 @@ def _origins(
     return facts
 
 
-def _sentences(files: Iterable[Facts], defaults: Mapping[str, Any]) -> tuple[str, ...]:
-    """One sentence for each fact: its values with their number of files, the origins, and where a flag is overruled."""
-    counts: dict[str, Counter[tuple[str, str]]] = {}
+def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
+    """One sentence for each fact: its values with their number of files, by origin."""
+    counts: dict[str, dict[str, Counter[str]]] = {}
     for facts in files:
-        for key, pair in facts.items():
-            counts.setdefault(key, Counter())[pair] += 1
-    order = [key for key in _FACTS_FIRST if key in counts] + sorted(set(counts) - set(_FACTS_FIRST))
-    return tuple(f"{key}: {_sentence(counts[key])}{_overruled(counts[key], defaults.get(key))}" for key in order)
+        for key, (value, origin) in facts.items():
+            counts.setdefault(key, {}).setdefault(origin, Counter())[value] += 1
+    sentences = []
+    for key in [key for key in _FACTS_FIRST if key in counts] + sorted(set(counts) - set(_FACTS_FIRST)):
+        parts = []
+        for origin, values in counts[key].items():
+            listed = ", ".join(f"{value} ({count})" for value, count in list(values.items())[:_MOST])
+            more = f" and {len(values) - _MOST} more" if len(values) > _MOST else ""
+            parts.append(f"{listed}{more}, says {origin}")
+        sentences.append(f"{key}: {'; '.join(parts)}")
+    return tuple(sentences)
 
 
 def _words(value: Any) -> str:
     """A value as people write it: a list with commas."""
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
-
-
-def _overruled(counts: Counter[tuple[str, str]], flag: Any) -> str:
-    """In how many files a flag's value is overruled by the file."""
-    overruled = sum(count for (_, origin), count in counts.items() if origin != _FLAG)
-    if flag is None or not overruled:
-        return ""
-    gives_way = f"gives way in {overruled} of {counts.total()} files"
-    return f"; the option's {_words(flag)} {gives_way} (edit the index where they are wrong)"
-
-
-def _sentence(counts: Counter[tuple[str, str]]) -> str:
-    parts = []
-    for origin in dict.fromkeys(origin for _, origin in counts):
-        values = [(value, count) for (value, source), count in counts.items() if source == origin]
-        listed = ", ".join(f"{value} ({count})" for value, count in values[:_MOST])
-        more = f" and {len(values) - _MOST} more" if len(values) > _MOST else ""
-        parts.append(f"{listed}{more}, says {origin}")
-    return "; ".join(parts)

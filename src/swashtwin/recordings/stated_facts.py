@@ -168,12 +168,13 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
             bare = _CASES.get(suffix[1].lower(), suffix[1].lower()) if suffix else ""
             texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
     facts = facts_of_texts(texts)
-    return {key: text for key, text in facts.items() if key in PRESSURES or _is_quantity(text, QUANTITIES[key])}
+    return {key: text for key, text in facts.items() if key in PRESSURES or is_quantity(text, key)}
 
 
-def _is_quantity(text: str, unit: str) -> bool:
+def is_quantity(text: object, key: str) -> bool:
+    """Whether a text is a quantity above zero that an entry may state under a key."""
     try:
-        return parse(text, unit) > 0
+        return parse(text, QUANTITIES[key]) > 0
     except UnitError:
         return False
 

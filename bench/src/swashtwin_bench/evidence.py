@@ -9,6 +9,7 @@ commit at which it runs. ``add`` makes one of what a study prints with ``--json`
 
 import argparse
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,23 +19,23 @@ ROOT = Path(__file__).parents[2]
 FOLDER, PAGE = ROOT / "evidence", ROOT.parent / "docs" / "bench" / "evidence.md"
 USUAL = "evidence-0.2"
 """Tag at which most commands run."""
+USUAL_INTERVALS = ("mean ± std", "mean ± std over fleets", "mean ± std over pumps")
+"""Intervals that the head of the page explains."""
+_PICTURES = (
+    "excitation waveforms spectra identification-rates training-sets confusion tsne training-loss ablation noise "
+    "algorithms related"
+).split()
 HEAD = f"""# The evidence
 <!-- Made by `python -m swashtwin_bench.evidence page` from the files in bench/evidence. -->
 
-One table for each question, with what was aimed at and missed. Most figures are of the [virtual rig](rig.md), **which
-is no machine**; none is of a real axial piston pump. Commands run at the tag `{USUAL}`, or at the
-commit that is named. L0: random windows of known recordings. L1: later time of a recording. L2: other recordings of
-trained pumps. L3: another pressure. L4: pumps never seen. *Scarce cell*: the swash plate fault at 15 MPa, hardly
-measured. *Nominal* and *calibrated* twins: values of the pump file, or estimated from recordings. *By window* unless
-said; other [terms](../reference/nomenclature.md).
+One table for each question, misses included. Most figures are of the [virtual rig](rig.md), **no machine**; none is of
+a real axial piston pump. Commands run at the tag `{USUAL}` unless a commit is named. ± is the standard deviation over
+what n counts, brackets are 95 % intervals, of differences paired, unless said. L0: random windows; L1: later time; L2:
+other recordings; L3: another pressure; L4: other pumps; L5: synthetic to measured. *Scarce cell*: the swash plate fault
+at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, by recordings. *Trees*: extra
+trees. By window unless said; other [terms](../reference/nomenclature.md).
 
-Pictures of the paper's experiments (size medium, fleets 20 to 22): [excitation](../figures/paper/excitation.svg),
-[waveforms](../figures/paper/waveforms.svg), [spectra](../figures/paper/spectra.svg),
-[loss of the identification](../figures/paper/identification-rates.svg),
-[training sets](../figures/paper/training-sets.svg), [confusion](../figures/paper/confusion.svg),
-[t-SNE](../figures/paper/tsne.svg), [training](../figures/paper/training-loss.svg),
-[ablation](../figures/paper/ablation.svg), [noise](../figures/paper/noise.svg),
-[algorithms](../figures/paper/algorithms.svg), [related work](../figures/paper/related.svg).
+Pictures of the paper's experiments (medium, fleets 20 to 22): {", ".join(f"[{name}](../figures/paper/{name}.svg)" for name in _PICTURES)}.
 """
 
 
@@ -62,11 +63,23 @@ class Evidence:
     def section(self) -> str:
         """Section of the page."""
         facts = [f"*Aim*: {self.aim}."] if self.aim else []
-        facts += [f"*n*: {self.n}; {self.interval}."]
+        facts += [f"*n*: {self.n}" + ("." if self.interval in USUAL_INTERVALS else f"; {self.interval}.")]
         source = f"`{self.command}`" + ("" if self.commit == USUAL else f" at `{self.commit}`")
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
-        table = "\n".join("|" + "|".join(cells).replace(" ± ", "±") + "|" for cells in lines)
-        return f"### {self.question}\n{self.answer} {' '.join(facts)}\n\n{source}\n\n{table}\n"
+        table = "\n".join("|" + "|".join(cells) + "|" for cells in lines)
+        text = f"### {self.question}\n{self.answer} {' '.join(facts)}\n\n{source}\n\n{table}\n"
+        for spelled, short in _SHORT:
+            text = re.sub(spelled, short, text)
+        return text
+
+
+_SHORT = (
+    (r"(?<=[\d%]) to (?=[-+]?\d)", "…"),
+    (r"(?<=[\d%).*]) / (?=[-+*\d])", "/"),
+    (" ± ", "±"),
+    (r"(?<=[\d.]), (?=[-+]?\d\.)", ","),
+)
+"""How ranges and series of numbers are written on the page."""
 
 
 def load(folder: Path = FOLDER) -> list[Evidence]:

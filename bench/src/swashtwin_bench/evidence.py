@@ -21,10 +21,13 @@ USUAL = "evidence-0.2"
 """Tag at which most commands run."""
 USUAL_INTERVALS = ("mean ± std", "mean ± std over fleets", "mean ± std over pumps")
 """Intervals that the head of the page explains."""
-_PICTURES = (
-    "excitation waveforms spectra identification-rates training-sets confusion tsne training-loss ablation noise "
-    "algorithms related"
-).split()
+_PICTURES = ", ".join(
+    f"[{name}](../figures/paper/{name}.svg)"
+    for name in (
+        "excitation", "waveforms", "spectra", "identification-rates", "training-sets", "confusion", "tsne",
+        "training-loss", "ablation", "noise", "algorithms", "related",
+    )
+)  # fmt: skip
 HEAD = f"""# The evidence
 <!-- Made by `python -m swashtwin_bench.evidence page` from the files in bench/evidence. -->
 
@@ -35,7 +38,7 @@ other recordings; L3: another pressure; L4: other pumps; L5: synthetic to measur
 at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, by recordings. *Trees*: extra
 trees. By window unless said; other [terms](../reference/nomenclature.md).
 
-Pictures of the paper's experiments (medium, fleets 20 to 22): {", ".join(f"[{name}](../figures/paper/{name}.svg)" for name in _PICTURES)}.
+Pictures of the paper's experiments (medium, fleets 20 to 22): {_PICTURES}.
 """
 
 
@@ -76,10 +79,9 @@ class Evidence:
 _SHORT = (
     (r"(?<=[\d%]) to (?=[-+]?\d)", "…"),
     (r"(?<=[\d%).*]) / (?=[-+*\d])", "/"),
-    (" ± ", "±"),
-    (r"(?<=[\d.]), (?=[-+]?\d\.)", ","),
+    (r"(?<=\d) ± (?=\d)", "±"),
 )
-"""How ranges and series of numbers are written on the page."""
+"""How ranges and pairs of numbers are written on the page."""
 
 
 def load(folder: Path = FOLDER) -> list[Evidence]:

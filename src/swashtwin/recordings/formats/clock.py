@@ -60,7 +60,12 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     """
     clocks = _clocks(path, raw, options)
     rest = {name: column for name, column in raw.columns.items() if name not in clocks}
-    counters = [name for name, column in rest.items() if len(raw.columns) > 1 and _is_counter(raw, name, column)]
+    counters = [
+        name
+        for name, column in rest.items()
+        if (len(raw.columns) > 1 and _is_counter(raw, name, column))
+        or (clocks and named_as_time(name) and raw.units.get(name) in (None, *TIME_UNITS))
+    ]
     counters = counters if len(counters) < len(rest) else []
     others = {name: column for name, column in rest.items() if name not in counters}
     seconds = {name: _unit(path, raw, name, options) for name in clocks}
@@ -76,11 +81,8 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         rate, gap = found[clock]
         gaps += [gap] if gap and gap not in gaps else []
         stated = raw.rates.get(name, raw.sample_rate)
-        if rate and stated and options.time_column is None and not math.isclose(rate, stated, rel_tol=_COARSE):
-            raise DataError(
-                f"{path} states two sample rates for {name}: {stated:g} Hz, and {rate:g} Hz by the times in {clock}; "
-                f'say time_column = "{clock}" if the times are right, or correct the file.'
-            )
+        if rate and stated and options.time_column is None:
+            require_one_rate(path, name, stated, rate, clock)
         if rate and (not stated or options.time_column is not None):
             rates[name] = rate
         if len(clocks) > 1:
@@ -97,6 +99,15 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         for field, values in (("units", raw.units), ("rates", rates), ("starts", starts))
     }
     return replace(raw, columns=others, sample_rate=sample_rate, attributes=attributes, breaks=tuple(breaks), **kept)
+
+
+def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: str) -> None:
+    """Refuse a rate [Hz] by the times in a clock that is another than the one that the file states."""
+    if not math.isclose(rate, stated, rel_tol=_COARSE):
+        raise DataError(
+            f"{path} states two sample rates for {name}: {stated:g} Hz, and {rate:g} Hz by the times in {clock}; "
+            f'say time_column = "{clock}" if the times are right, or correct the file.'
+        )
 
 
 class _Part:
@@ -165,7 +176,7 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
             called.append(name)
         elif not is_rated and raw.units.get(name) in (None, *TIME_UNITS) and _is_clock(raw, name):
             rising.append(name)
-    chosen = called or rising
+    chosen = ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else []) or called or rising
     return chosen if len(chosen) < len(names) else chosen[:1]
 
 
@@ -207,18 +218,19 @@ def _sparse(column: Column) -> Float[np.ndarray, " time"]:
 
 
 def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
-    """Whether a column holds whole numbers that rise by one, from the beginning again or not, and has no unit.
+    """Whether a column holds whole numbers that rise by one, from the beginning again or not, or rises evenly.
 
-    One that is called as counters are may skip samples.
+    It has no unit of another quantity. One that is called as counters are may skip samples.
     """
     if raw.units.get(name) not in (None, *TIME_UNITS) or len(column) < 3:
         return False
     head = np.asarray(column[0:_HEAD], dtype=np.float64)
     if not (head == np.round(head)).all():
-        return False
+        return _is_clock(raw, name)
     steps = _counted(head)
     may_skip = _COUNTER_NAME.fullmatch(re.split(r"[./]", name)[-1].strip()) is not None
-    return bool(np.median(steps) == 1 and (steps >= 1).all() and (may_skip or (len(steps) > 15 and steps.max() == 1)))
+    is_counted = np.median(steps) == 1 and (steps >= 1).all() and (may_skip or (len(steps) > 15 and steps.max() == 1))
+    return bool(is_counted) or _is_clock(raw, name)
 
 
 def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:

@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import SideBySide
-from swashtwin.recordings.formats.clock import time_name, timed
-from swashtwin.recordings.formats.dialects import HEAD, NUMBER, THOUSANDS, Kind, dialect_of, split_line
+from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
+from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
@@ -149,6 +149,7 @@ class _Table:
                 has_header=False,
                 separator=self._separator.decode(),
                 decimal_comma=comma,
+                null_values=list(MISSING),
                 quote_char='"' if b'"' in body else None,
                 encoding="utf8-lossy",
                 schema={str(column): kinds.get(kind, polars.String) for column, kind in enumerate(self._kinds)},
@@ -241,7 +242,7 @@ class _Table:
                     reason += f", or say header_lines = {number} if the table begins below it"
                 return DataError(f"{self._path}: line {number} has {len(fields)} columns, not {width}; {reason}.")
             for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._dialect.names, strict=True)):
-                if kind in (Kind.number, Kind.blank) and field and not NUMBER[decimal].fullmatch(field):
+                if kind in (Kind.number, Kind.blank) and field not in MISSING and not NUMBER[decimal].fullmatch(field):
                     reason = "is not a number; correct it"
                     if THOUSANDS.fullmatch(field):
                         reason = "has marks for thousands; write the numbers without them"
@@ -288,6 +289,12 @@ class _Table:
         texts = stated_sensitivities(pairs)
         texts = texts * len(channels) if len(texts) == 1 else texts
         sensitivities = dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
+        of_samples = header_rate(
+            (name, text) for name, text in pairs if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
+        )
+        if raw.sample_rate and of_samples and options.time_column is None:
+            clock = next(iter(columns.keys() - raw.columns.keys()))
+            require_one_rate(self._path, channels[0], of_samples, raw.sample_rate, clock)
         rate = raw.sample_rate or header_rate(pairs)
         return replace(
             raw, units=units, sample_rate=rate, sensitivities=sensitivities, breaks=tuple(self._breaks) or raw.breaks

@@ -22,6 +22,8 @@ NUMBER = {
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity|∞)", re.IGNORECASE),
 }
 """A number with each decimal mark."""
+MISSING = ("", "N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "--", "---")
+"""What programs write for a sample that is missing."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3})+(\.\d+)?")
 """A number with marks for thousands."""
@@ -78,6 +80,10 @@ def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
     DataError
         There is no table, or its numbers can be read in two ways.
     """
+    if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
+        raise DataError(
+            f"{path} is the header of a DIAdem data set, whose samples are in another file; export it as text."
+        )
     separators = (options.separator,) if options.separator else _SEPARATORS
     decimals = (options.decimal,) if options.decimal else (".", ",")
     candidates = [

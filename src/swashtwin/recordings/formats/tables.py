@@ -49,7 +49,7 @@ def header_pairs(header: str) -> list[tuple[str, str]]:
     pairs, above = [], [""]
     for line in header.splitlines():
         line = line.strip('%#; \t"')
-        for separator in (r"[;\t]|:(?!\d\d(?:\D|$))\s*|\s*=\s*", r'"?,"?'):
+        for separator in (r"[;\t]|:(?!\d\d(?:\D|$))\s*|\s*=\s*", r'"?,"?', r"\s+(?=[+-]?\d)"):
             parts = re.split(separator, line, maxsplit=1)
             if len(parts) == 2:
                 pairs.append((parts[0].strip().rstrip(":"), parts[1].strip(' ",;')))

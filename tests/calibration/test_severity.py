@@ -105,6 +105,7 @@ def test_severities_of_single_parts_and_dams_are_found(
     assert estimate.severity.verdict == "identified"
 
 
+@pytest.mark.nightly
 def test_a_port_that_opens_early_does_not_hide_an_advance(
     pump: Pump, true_twin: Twin, at_15: OperatingCondition
 ) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from swashtwin.foundation import InputError, MPa, mm, rpm, um
+from swashtwin.foundation import MPa, mm, rpm, um
 from swashtwin.physics import HarmonicBalance, OrderLines, Scales, Twin, accelerations
 from swashtwin.physics.twin import response
 from swashtwin.pump import (
@@ -74,14 +74,6 @@ def test_each_twin_of_a_batch_has_the_bits_it_has_by_itself(twins: list[Twin]) -
             assert torch.equal(own_lines(batch, i, twin), twin.acceleration()), twin.fault
 
 
-def test_the_orders_are_those_of_all_twins_and_the_lines_beyond_a_twin_s_own_are_zero(twins: list[Twin]) -> None:
-    batch = accelerations(twins)
-    np.testing.assert_array_equal(batch.orders, sorted(set().union(*(twin.orders.tolist() for twin in twins))))
-    for i, twin in enumerate(twins):
-        assert torch.count_nonzero(batch.lines[i][:, ~np.isin(batch.orders, twin.orders)]) == 0
-        assert batch.orders[batch.lines[i].abs().sum(dim=0) > 0].max() <= twin.n_lines
-
-
 def test_values_and_scales_of_each_twin_may_be_a_batch_themselves(twins: list[Twin]) -> None:
     some = [twins[0], twins[1], twins[5]]
     spread = torch.linspace(0.5, 2.0, 12, dtype=torch.float64).reshape(2, 1, 6)
@@ -141,14 +133,3 @@ def test_a_batch_too_large_for_the_memory_is_computed_in_chunks(
         assert torch.equal(before, after)
     for before, after in zip(whole[2:], chunked[2:], strict=True):
         torch.testing.assert_close(before, after, rtol=1e-12, atol=0.0)
-
-
-def test_a_batch_of_none_of_unlike_sensors_or_of_a_negative_value_is_refused(twins: list[Twin]) -> None:
-    fewer = replace(twins[0], pump=replace(twins[0].pump, sensors=twins[0].pump.sensors[:1]))
-    for batch in ([], [twins[0], fewer]):
-        with pytest.raises(InputError, match="twins of one number of sensors"):
-            accelerations(batch)
-    values = torch.stack([twin.values for twin in twins[:2]])
-    values[1, 3] = -1e8
-    with pytest.raises(InputError, match=r"block_valve.stiffness \(-1e\+08\) must be positive"):
-        accelerations(twins[:2], values)

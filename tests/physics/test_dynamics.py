@@ -60,13 +60,6 @@ def test_interface_matrices_do_not_depend_on_the_shaft_angle(pump: Pump, angle: 
     np.testing.assert_allclose(piston_bore_shape(pump, angle), piston_bore_shape(pump), atol=1e-15)
 
 
-def test_the_slipper_vector_has_its_closed_form(pump: Pump) -> None:
-    gamma, zeta = pump.rotating_group.swash_angle, pump.positions.shell
-    sine, cosine = math.sin(gamma), math.cos(gamma)
-    expected = np.array([0, sine, -cosine, zeta * sine, 0, 0, 0, 0, 0, 0, 0, -sine, cosine])
-    np.testing.assert_allclose(assemble(pump).slipper_vector.numpy(), expected, atol=1e-15)
-
-
 def test_discrete_rings_sum_to_the_closed_forms(pump: Pump) -> None:
     radius, n = pump.valve_plate.film_radius, 24
     ring = np.zeros((13, 13))

@@ -108,12 +108,6 @@ def test_pressing_a_slipper_on_pushes_the_retainer_toward_the_swash_plate(
     assert pushed == pytest.approx(-pressed.impulse, rel=0.15)
 
 
-def test_another_slipper_of_the_pump_adds_the_same_load_at_its_own_turn(pump: Pump, at_15: OperatingCondition) -> None:
-    first, third = (loose_slipper_lines(LooseSlipper(mm(0.2), slipper=i), pump, at_15, 40) for i in (0, 2))
-    turned = first * np.exp(2j * math.pi * 2 / 7 * np.arange(41))[:, None]
-    assert np.linalg.norm(third - turned) < 2e-3 * np.linalg.norm(first)  # the outlet's steps do not divide by 7
-
-
 def test_slippers_that_are_rigid_with_the_rotor_load_it_instead_of_the_retainer(
     pump: Pump, at_15: OperatingCondition
 ) -> None:

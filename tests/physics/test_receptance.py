@@ -65,19 +65,6 @@ def test_it_has_no_residual_worth_the_name(matrices: Matrices, frequency: Tensor
     assert float((residual / added).max()) < 2e-13
 
 
-def test_gradients_of_a_batch_are_the_bits_of_its_members(matrices: Matrices, frequency: Tensor) -> None:
-    mass, damping, stiffness = matrices
-    force = some_lines(SETS, 51, 13)
-
-    def slopes(c: Tensor, k: Tensor, q: Tensor) -> tuple[Tensor, ...]:
-        arguments = c.clone().requires_grad_(), k.clone().requires_grad_(), q.clone().requires_grad_()
-        return torch.autograd.grad(receptance(mass, *arguments[:2], 1j * frequency, arguments[2]), arguments, q.conj())
-
-    together = slopes(damping, stiffness, force)
-    for actual, alone in zip(together, slopes(damping[5], stiffness[5], force[5]), strict=True):
-        assert torch.equal(actual[5], alone)
-
-
 def coupled(matrices: Matrices) -> Matrices:
     mass, damping, stiffness = matrices
     tie = torch.zeros(13, dtype=torch.float64)

@@ -135,22 +135,6 @@ def test_periodic_solutions_have_exact_derivatives_of_both_orders(
         assert torch.autograd.gradgradcheck(lines, arguments, fast_mode=True, atol=1e-4)
 
 
-def test_each_of_a_batch_turns_at_its_own_speed_and_stops_by_itself(matrices: Matrices, pump: Pump) -> None:
-    mass, damping, stiffness = quick_to_settle(matrices)
-    speeds = torch.tensor([200.0, 377.0, 90.0], dtype=torch.float64)
-    share = torch.tensor([0.1, 1.0, 0.0], dtype=torch.float64)[:, None, None]
-    term = turning(pump)
-    weaker = PeriodicTerm(1, term.stiffness * share)
-    several = damping.expand(3, 13, 13), stiffness.expand(3, 13, 13)
-    force = some_force(16).expand(3, 16, 13)
-    together = periodic_steady_state(HarmonicBalance(), mass, *several, speeds, force, [weaker])
-    for i in range(3):
-        alone = periodic_steady_state(
-            HarmonicBalance(), mass, damping, stiffness, speeds[i], force[i], [PeriodicTerm(1, weaker.stiffness[i])]
-        )
-        assert torch.equal(together[i], alone)
-
-
 def test_a_periodic_part_too_large_for_the_iteration_is_refused(matrices: Matrices) -> None:
     mass, damping, stiffness = matrices
     force = torch.ones(3, 13, dtype=torch.complex128)

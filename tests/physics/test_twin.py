@@ -150,33 +150,11 @@ def test_scales_act_on_what_they_name(pump: Pump, at_15: OperatingCondition) -> 
     np.testing.assert_allclose(lines_of(stronger), lines_of(deeper))
 
 
-def test_a_low_sample_rate_and_a_narrow_band_are_refused(pump: Pump, at_15: OperatingCondition) -> None:
-    with pytest.raises(InputError, match=r"below twice the twin's bandwidth"):
-        Twin(pump, at_15).simulate(1.0, 8000.0)
-    with pytest.raises(InputError, match="piston-pass frequency"):
-        Twin(pump, at_15, bandwidth=50)
-
-
 def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_15: OperatingCondition) -> None:
     twin = Twin(pump, at_15)
     strongest = twin.orders[np.abs(lines_of(twin)[0]).argmax()]
     assert strongest * at_15.shaft_frequency == pytest.approx(401, abs=1)
     assert math.isclose(abs(lines_of(twin)[0, twin.orders == 28][0]), 1.251, rel_tol=0.01)
-
-
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-@pytest.mark.parametrize("fault", [SwashPlateDefect(**RECESS), TiltedBlockFace(0.2)])
-def test_a_gpu_gives_the_lines_of_the_processor(pump: Pump, at_15: OperatingCondition, fault: object) -> None:
-    twin = Twin(pump, at_15, fault, bandwidth=2000)  # type: ignore[arg-type]
-    values = (twin.values * torch.tensor([[1.0], [1.5]], dtype=torch.float64)).requires_grad_()
-    there = values.detach().cuda().requires_grad_()
-    here_lines, there_lines = twin.acceleration(values), twin.acceleration(there)
-    torch.testing.assert_close(there_lines.cpu(), here_lines, rtol=1e-9, atol=1e-12)
-    here_lines.abs().sum().backward()
-    there_lines.abs().sum().backward()
-    assert values.grad is not None
-    assert there.grad is not None
-    torch.testing.assert_close(there.grad.cpu(), values.grad, rtol=1e-9, atol=0.0)
 
 
 @pytest.mark.parametrize("topology", ["T1", "T2"])

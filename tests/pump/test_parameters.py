@@ -123,41 +123,28 @@ def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path,
          r'rotating_group.pitch_radius = 26 is a bare value; write pitch_radius = { value = "... m", source = "..." }'),
         ('"26 mm"', "26", UnitError, r'rotating_group.pitch_radius is the bare number 26; write .* "26 m"'),
         ('"26 mm"', '"26"', UnitError, r"rotating_group.pitch_radius = '26' has no unit; write .* \"26 m\""),
-        ('"7"', "7", UnitError, r'rotating_group.piston_count is the bare number 7; write .* example "7"'),
-        ('"16.8 deg"', '"16.8"', UnitError, r"rotating_group.swash_angle = '16.8' has no unit"),
         ('"26 mm"', '"26 bar"', UnitError, r"rotating_group.pitch_radius = '26 bar' is no quantity in m"),
-        ('"26 mm"', '"26 mn"', UnitError, r"rotating_group.pitch_radius = '26 mn' is not|is no quantity in m"),
-        ('"26 mm"', '"2,6 cm"', UnitError, r"rotating_group.pitch_radius = '2,6 cm' is not a quantity"),
         (r'"140 mm"', '"140"', UnitError, r"bearings.positions\[1\] = '140' has no unit"),
         (', source = "paper" }$', " }", DataError, r'rotating_group.piston_count has no source; add source = "..."'),
-        ('source = "paper" }$', 'source = " " }', DataError, "rotating_group.piston_count has no source"),
         ("^pitch_radius", "pitch_radios", DataError,
          r"\[rotating_group\] has an unknown entry 'pitch_radios'; the entries are piston_count,.* pitch_radius"),
         ("^pitch_radius = .*$", "", DataError, r"\[rotating_group\] lacks pitch_radius \(unit m\)"),
         (r"^\[oil\]$", "[oils]", DataError, "the pump has an unknown entry 'oils'; the entries are format, name, rot"),
         (r"^\[oil\]\n(.+\n)+", "", DataError, r"\[oil\] is missing"),
-        (r"^\[oil\]\n(.+\n)+", "[valve_plate.oil]\n", DataError, r"\[oil\] is missing|unknown entry 'oil'"),
-        (r"^\[interfaces.block_valve\]\n(.+\n)+", "", DataError, r"\[interfaces.block_valve\] is missing"),
         (r"^\[interfaces.block_valve\]$", "[interfaces.block_valves]", DataError,
          r"\[interfaces\] has an unknown entry 'block_valves'; the entries are slipper_swash, block_valve, pis"),
-        (r"^(\[interfaces.*\]\n(.+\n)+\n)+", "", DataError, r"\[interfaces\] is missing or no table"),
         ("^format = 1$", "format = 2", DataError, "format is 2; this version reads format = 1"),
-        ("^format = 1$", "", DataError, "format is None"),
         ("^format = 1$", "format = = 1", DataError, "not valid TOML: .*line 4"),
-        ('value = "26 mm"', 'value = "26 mm', DataError, "not valid TOML"),
         ('"26 mm"', '["26 mm", "27 mm"]', DataError, r"rotating_group.pitch_radius = .* must be one quantity"),
         (r'\["35 mm", "140 mm", "170 mm"\]', '"35 mm"', DataError, "bearings.positions = '35 mm' must be a list of qu"),
         (r', "170 mm"\]', "]", InputError, "bearings: positions and stiffnesses must be lists of the same length"),
         ('"26 mm"', '"-26 mm"', InputError, r"rotating_group.pitch_radius \(-0.026 m\) must be positive"),
         ('"870 kg/m\\^3"', '"0 kg/m^3"', InputError, r"oil.density \(0 kg/m\^3\) must be positive"),
-        ('"20 um"', '"-20 um"', InputError, r"masses.rotor_eccentricity \(-2e-05 m\) must be positive"),
-        ('"4e8 N/m"', '"-4e8 N/m"', InputError, r"bearings.stiffnesses \(-4e\+08 N/m\) must be positive"),
         ('"7"', '"7.5"', InputError, r"rotating_group.piston_count \(7.5\) must be a whole number"),
         ('"7"', '"2"', InputError, r"piston_count \(2\) must lie in 3...19"),
         ('"7"', '"11"', InputError, r"11 bores of 17 mm overlap on a pitch radius of 26 mm; enlarge pitch_radius"),
         ('"17 mm"', '"17 m"', InputError, "bores of 1.7e\\+04 mm overlap on a pitch radius of 26 mm"),
         ('"26 mm"', '"26 m"', InputError, r"give 2.494e\+04 mL per revolution, outside 0.01...5000 mL"),
-        ('"17 mm"', '"17 um"', InputError, "give 2.494e-05 mL per revolution, outside .*; look for a slip of the unit"),
         ('"16.8 deg"', '"16.8 rad"', InputError, r"swash_angle \(962.6 deg\) must lie within 0...45 deg"),
         ('"14 mm"', '"22 mm"', InputError, "slipper_diameter must exceed pocket_diameter"),
         ('"0.6"', '"6"', InputError, r"piston_eccentricity \(6\) must lie in 0...1"),
@@ -167,7 +154,6 @@ def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path,
          r"pitch_radius \(31 mm\) must lie between the sealing lands .* below outer_land_inner_radius \(29 mm\)"),
         ('"22 mm"', '"23 mm"', InputError, r"7 slippers of 23 mm overlap .* 22.56 mm apart"),
         ('"16.8 deg"', '"35 deg"', InputError, r"the stroke of 36.41 mm .* pulls the pistons out .* over 35 mm"),
-        ('"3 mL"', '"-3 mL"', InputError, r"dead_volume \(-3e-06 m\^3\) must be positive"),
         ('"0.8 mm"', '"18 mm"', InputError, r"orifice_diameter \(18 mm\) must be below pocket_diameter \(14 mm\)"),
         ('"358 deg"', '"372 deg"', InputError, r"kidneys overlap at top dead center: discharge_close .372 deg. .*370"),
         ('"8 deg"', '"80 deg"', InputError, r"groove of 80 deg .* cannot be milled"),
@@ -177,14 +163,10 @@ def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path,
         ('"194 deg"', '"170 deg"', InputError,
          r"valve_plate.suction_close \(3.107\) must be below discharge_open \(2.967\)"),
         ('^name = "cover_z"$', "", DataError, r"sensors\[0\] lacks name"),
-        (r"^direction = \[0, 1, 0\]$", "", DataError, r"sensors\[1\] lacks direction"),
         (r"direction = \[0, 1, 0\]", "direction = [0, 1]", DataError, r"sensors\[1\]: .* lists of three components"),
-        (r"direction = \[0, 1, 0\]", 'direction = "y"', DataError, r"sensors\[1\]: .* lists of three components"),
         (r"direction = \[0, 1, 0\]", 'direction = ["0", "1", "0"]', DataError, "must be bare numbers: it has no unit"),
         (r"direction = \[0, 1, 0\]", "direction = [0, 0, 0]", DataError, r"sensors\[1\].direction .* has no length"),
-        (r"direction = \[0, 1, 0\]", "direction = [0, nan, 0]", DataError, r"sensors\[1\].direction .* has no length"),
         (r'\["0 mm", "80 mm", "50 mm"\]', '"80 mm"', DataError, r"sensors\[1\].position = '80 mm' must be a list of"),
-        (r'\["0 mm", "80 mm", "50 mm"\]', '["0 mm", "80 mm"]', DataError, r"sensors\[1\]: .* three components"),
         ('"body_y"', '"cover_z"', DataError, r"sensors\[1\]: another sensor is named 'cover_z' already"),
         (r"^(\[\[sensors\]\]\n(.+\n)+\n*)+", "", DataError, r"no \[\[sensors\]\]; give at least one"),
     ],
@@ -198,20 +180,6 @@ def test_a_wrong_file_is_refused_in_one_line_that_names_file_entry_and_remedy(
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
     assert type(caught.value) is error
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"interfaces": 5}, r"\[interfaces\] is missing or no table"),
-        ({"oil": 5}, r"\[oil\] is missing or no table"),
-        ({"sensors": [1]}, r"no \[\[sensors\]\]"),
-        ({"sensors": {"name": "a"}}, r"no \[\[sensors\]\]"),
-    ],
-)
-def test_a_section_of_another_kind_is_refused(pump: Pump, tmp_path: Path, change: dict[str, Any], message: str) -> None:
-    with pytest.raises(DataError, match=message):
-        load_pump(save(tmp_path, tomli_w.dumps(tables_of(pump) | change)))
 
 
 def test_an_unknown_pump_is_answered_with_those_there_are() -> None:
@@ -277,11 +245,3 @@ def test_the_six_values_come_back_in_their_order(values: list[float]) -> None:
 def test_an_interface_value_that_is_not_positive_is_named(wrong: float) -> None:
     with pytest.raises(InputError, match=rf"block_valve.stiffness \({wrong:g}\) must be a positive number"):
         Interfaces.from_values([1, 1, 1, wrong, 1, 1])
-
-
-@given(warmer=st.floats(0, 80))
-def test_oil_thins_exponentially_with_temperature(pump: Pump, warmer: float) -> None:
-    oil = pump.oil
-    assert oil.viscosity_at(oil.reference_temperature) == oil.viscosity
-    expected = oil.viscosity * math.exp(-oil.viscosity_slope * warmer)
-    assert oil.viscosity_at(oil.reference_temperature + warmer) == pytest.approx(expected, rel=1e-9)

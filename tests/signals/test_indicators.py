@@ -196,16 +196,6 @@ def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
     assert indicators_of(replace(pump(), condition=None), bands=band, families=("bands",)).values.shape == (2, 0)
 
 
-def test_a_recording_in_an_unknown_unit_has_no_velocity() -> None:
-    table = indicators_of(replace(pump(), unit="V"))
-    assert "velocity_rms" not in [indicator.name for indicator in table.columns]
-    both = stacked([table, indicators_of(pump())])
-    assert len(both.rows) == 4
-    assert np.isnan(both.column("velocity_rms")[1][:2]).all()
-    with pytest.raises(InputError, match="several units"):
-        both.column("rms")
-
-
 def test_a_short_recording_has_gaps_and_no_error() -> None:
     recording = replace(pump(), signal=pump().signal[:, :900])
     table = indicators_of(recording, pistons=7)

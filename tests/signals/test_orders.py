@@ -110,13 +110,6 @@ def test_the_stated_error_is_the_error_that_noise_makes() -> None:
     assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.35)
 
 
-def test_several_channels_follow_a_line_better_than_the_worst() -> None:
-    true = shaft_speed(start=14, end=14.5)
-    recording = turning(true, noise=2.0, channels=4)
-    alone = [tracked_speed(recording.picked([name]), order=7, near=rpm(860)).deviation for name in recording.channels]
-    assert tracked_speed(recording, order=7, near=rpm(860)).deviation < min(alone)
-
-
 def test_noise_without_a_line_is_not_followed() -> None:
     noise = np.random.default_rng(0).standard_normal((2, 80000))
     with pytest.raises(DataError, match="stands clear of the noise"):

@@ -14,10 +14,8 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.synthesis import (
     FILLERS,
-    Filler,
     Variation,
     fill_cell,
-    has_filler,
     register_filler,
     simulate_windows,
     sources_of,
@@ -117,12 +115,6 @@ def test_severity_spreads_as_asked(twin: Twin, measured: WindowSet) -> None:
     assert levels[1].std() > 5 * levels[0].std()
 
 
-def test_several_twins_take_turns(twin: Twin, measured: WindowSet, pump: Pump) -> None:
-    other = replace(twin, pump=replace(pump, name="other"))
-    synthetic = simulate_windows([twin, other], count=4, like=measured, seed=0)
-    assert list(synthetic.specimen) == [f"twin of {name}" for name in (pump.name, "other") * 2]
-
-
 def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pump) -> None:
     with pytest.raises(InputError, match="give twins of one class"):
         simulate_windows([twin, twin.with_fault(None)], count=2, like=measured, seed=0)
@@ -220,21 +212,3 @@ def test_a_filler_of_ones_own_is_registered_and_used_by_name(
     assert windows.synthetic.all()
     with pytest.raises(InputError, match="registered already"):
         register_filler("silence", fill_with_silence)
-
-
-def test_an_installed_filler_is_found_by_its_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    def copies(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        return train
-
-    class EntryPoint:
-        def load(self) -> Filler:
-            return copies
-
-    def entry_points(*, group: str, name: str) -> list[EntryPoint]:
-        return [EntryPoint()] if (group, name) == ("swashtwin.fillers", "copies") else []
-
-    monkeypatch.setattr("swashtwin.synthesis.filler.FILLERS", names := dict(FILLERS))
-    monkeypatch.setattr("swashtwin.synthesis.filler.entry_points", entry_points)
-    assert has_filler("copies")
-    assert names["copies"] is copies
-    assert not has_filler("silence")

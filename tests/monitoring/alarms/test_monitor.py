@@ -93,12 +93,6 @@ def test_a_recording_far_from_the_others_is_not_learned_from_and_the_judgement_s
     assert point_judgments[-1].learned == 20
 
 
-def test_a_first_recording_far_from_the_others_is_dropped_once_there_are_five(machine: Machine) -> None:
-    point_judgments = course(machine, [30.0] + [0.0] * 4)
-    assert point_judgments[4].learned == 4
-    assert "an earlier recording" in point_judgments[4].notes[0]
-
-
 def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     machine: Machine, watched: PointState
 ) -> None:

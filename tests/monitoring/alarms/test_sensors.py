@@ -8,7 +8,7 @@ import scipy.signal
 import scipy.stats
 from small_machine import Machine
 
-from swashtwin.foundation import DataError, stream
+from swashtwin.foundation import stream
 from swashtwin.monitoring.alarms.monitor import PointMonitor, PointState
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
@@ -200,10 +200,3 @@ def test_levels_that_fall_while_none_rises_are_no_sign_of_health(machine: Machin
         state = judgment.state
     assert [finding.kind for finding in judgment.findings] == ["fallen"]
     assert (judgment.stage, judgment.sensor) == ("sensor", "raised")
-
-
-@pytest.mark.parametrize("n_samples", [1, 2, 19])
-def test_a_recording_of_a_few_samples_is_too_short_and_no_sensor_at_fault(machine: Machine, n_samples: int) -> None:
-    recording = machine.recording(0)
-    with pytest.raises(DataError):
-        MONITOR.judge(recording.replace(signal=recording.signal[:, :n_samples]), None)

@@ -40,24 +40,6 @@ def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     assert history.read.recording(number + 1) is None
 
 
-def test_an_error_within_a_transaction_undoes_all_of_it(history: History) -> None:
-    with history.machine("pump-1") as transaction:
-        transaction.add_event("note", "me")
-    before = history.read.sequence()
-
-    def fail() -> None:
-        with history.machine("pump-1") as transaction:
-            transaction.add_recording(judgment(1))
-            transaction.post("log", {})
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
-    assert history.read.recordings() == []
-    assert history.outbox.waiting(["log"]) == 0
-    assert history.read.sequence() == before
-
-
 def test_numbers_that_are_not_finite_become_null_or_the_largest(history: History) -> None:
     odd = judgment(1, ood_p=math.nan, capital=math.inf, reasons={"p": math.nan, "a": np.arange(2)})
     with history.machine("pump-1") as transaction:
@@ -110,27 +92,6 @@ def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(hi
         history.read.trend("pump-1", "", "content")
 
 
-def test_the_state_of_a_point_is_kept_in_two_parts(history: History) -> None:
-    with history.machine("pump-1") as transaction:
-        transaction.save_point("a", speed=157.0, baseline={"levels": [["x", "1 kHz", 3.0]]}, test={"capital": 1.0})
-        transaction.save_point("b", test={})
-    with history.machine("pump-1") as transaction:
-        transaction.save_point("a", speed=157.0, test={"capital": 2.0})
-        point = transaction.point("a")
-        assert point is not None
-        assert transaction.baseline("a") == {"levels": [["x", "1 kHz", 3.0]]}
-        assert (point.test, point.speed, point.pressure) == ({"capital": 2.0}, 157.0, None)
-        assert transaction.point("c") is None
-        assert [point.name for point in transaction.points()] == ["a", "b"]
-    assert history.read.baseline("pump-1", "a") == {"levels": [["x", "1 kHz", 3.0]]}
-    assert history.read.baseline("pump-1", "b") is None
-    with history.machine("pump-1") as transaction:
-        transaction.forget_points()
-        transaction.save_point("a", test={})
-        assert transaction.baseline("a") is None
-    assert [point.name for point in history.read.points("pump-1")] == ["a"]
-
-
 def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: History) -> None:
     with history.machine("pump-1") as transaction:
         first = transaction.open_alarm("pump", "a", START, {"rise": 9.0}, None).id
@@ -154,24 +115,6 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
     assert [alarm.id for alarm in history.read.alarms("pump-1")] == [second, first]
     assert history.read.alarms(state="open") == []
     assert history.read.alarm(999) is None
-
-
-def test_the_overview_has_each_machine_with_its_newest_recording(history: History) -> None:
-    with history.machine("pump-2") as transaction:
-        for number in (1, 3, 2):
-            transaction.add_recording(judgment(number, state="alarm" if number == 3 else "normal"))
-        transaction.open_alarm("pump", "a", START, {}, None)
-    with history.machine("pump-1") as transaction:
-        transaction.add_event("note", "me")
-    first, second = history.read.machines()
-    assert (first.name, first.recordings, first.last, first.alarms) == ("pump-1", 0, None, ())
-    assert (second.name, second.recordings) == ("pump-2", 3)
-    assert second.last is not None
-    assert (second.last.file, second.last.state) == ("3.wav", "alarm")
-    assert [alarm.kind for alarm in second.alarms] == ["pump"]
-    counts = history.read.counts()
-    assert counts.recordings == {("pump-2", "normal"): 2, ("pump-2", "alarm"): 1}
-    assert counts.alarms == {("pump-2", "pump"): 1}
 
 
 def test_a_rejection_of_the_same_content_is_counted(history: History) -> None:

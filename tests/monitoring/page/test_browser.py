@@ -102,8 +102,8 @@ def _newest(served, machine: str) -> int:
 
 
 def _addresses(served) -> list[str]:
-    return ["/", "/machines/pump-1", "/machines/pump-2", f"/recordings/{_newest(served, 'pump-1')}", "/alarms",
-            "/alarms/1", "/log", "/login"]  # fmt: skip
+    recordings = [f"/recordings/{_newest(served, name)}" for name in ("pump-1", "presse-4")]
+    return ["/", "/machines/pump-1", "/machines/pump-2", *recordings, "/alarms", "/alarms/1", "/log", "/login"]
 
 
 def test_the_overview_leads_to_a_machine_and_its_newest_recording(tab) -> None:

@@ -118,7 +118,9 @@ def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestCl
 def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(client: TestClient, plant) -> None:
     identity = newest(plant, "presse-4")
     text = client.get(f"/recordings/{identity}").text
-    assert "channel y does not move" in text
+    assert text.count("channel y does not move") == 2  # in its alarm, and as evidence
+    assert "no verdict on the pump" in text
+    assert "Normal" not in text
     assert '<svg class="drawing"' not in text
 
 

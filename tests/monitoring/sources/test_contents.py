@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from errno import EMFILE
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from swashtwin.monitoring.sources.spool import Spool, SpoolFile
 from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
-from swashtwin.recordings.formats import isolation
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 PUMP = Machine(name="pump-1")
@@ -50,22 +48,6 @@ def reason(file: SpoolFile, machine: Machine = PUMP, tags: Tags | None = None) -
     with pytest.raises(UnfitError) as caught:
         read_contents(file, machine, tags)
     return caught.value.reason, str(caught.value)
-
-
-def test_a_file_is_not_broken_where_the_computer_has_too_many_open_files(
-    deliver: Deliver, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = deliver(b"x,y\n" + b"1,2\n" * 400, "a.csv", rate="1 kHz", unit="g")
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(EMFILE, "Too many open files")
-
-    monkeypatch.setattr(isolation.subprocess, "Popen", full)
-    isolation.stop()
-    with pytest.raises(OSError, match="Too many open files"):
-        read_contents(file, PUMP, None)
-    monkeypatch.undo()
-    assert read_contents(file, PUMP, None).recording.signal.shape == (2, 400)
 
 
 def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:

@@ -97,21 +97,6 @@ def test_a_damaged_card_is_a_problem_of_its_recording(tmp_path: Path) -> None:
     assert (file.path.read_bytes(), file.delivery.problem) == (b"samples", "its card is damaged.")
 
 
-def test_a_card_that_cannot_be_read_for_a_moment_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    waiting = Spool(tmp_path)
-    waiting.add(delivery(), b"samples")
-
-    def fail(*_: object, **__: object) -> bytes:
-        raise OSError(24, "Too many open files")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_bytes", fail)
-        assert waiting.next(0.0) is None
-    file = waiting.next(0.0)
-    assert file is not None
-    assert file.delivery == delivery()
-
-
 def test_a_name_that_is_no_text_is_written_in_a_form_that_every_database_takes() -> None:
     name = delivery("a\x00\udcff.wav").file
     assert name == "a\\x00\\udcff.wav"

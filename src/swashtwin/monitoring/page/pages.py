@@ -213,7 +213,7 @@ class Pages:
             is_unknown=bool(reasons.get("is_unknown")),
             checks=_checks(judgment),
             moved=moved,
-            sentences=findings if moved else [*findings, *(reasons.get("sentences") or [])],
+            sentences=findings or ([] if moved else reasons.get("sentences") or []),
             notes=reasons.get("notes") or [],
             learning=self._site.config.alarms.learning,
             limit=self._site.alarm_capital,

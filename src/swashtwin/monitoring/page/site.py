@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, TypeAlias
 from urllib.parse import quote, urlencode
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,21 +20,8 @@ from swashtwin.monitoring.page import wording
 from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service.running import WatchStatus
 
-
-@runtime_checkable
-class Upload(Protocol):
-    """Takes a recording that was sent by HTTP."""
-
-    def __call__(self, path: Path, name: str, machine: str | None, facts: Mapping[str, str]) -> str:
-        """Id of the recording, once it cannot be lost any more.
-
-        Raises
-        ------
-        SwashTwinError
-            It can not be taken; one line says why.
-        OSError
-            There is no space for it.
-        """
+Upload: TypeAlias = Callable[[Path, str, str | None, Mapping[str, str]], str]
+"""Takes a file, its name, its machine and its facts; returns its id once it cannot be lost (`Watch.upload`)."""
 
 
 @dataclass

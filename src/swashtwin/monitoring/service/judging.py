@@ -129,6 +129,8 @@ class Pipeline:
         except DataError as cause:
             raise UnfitError("unfit", str(cause)) from cause
         stated = OperatingPoint.of(recording)
+        if found.stage == "sensor":  # whatever the model says of it, it says nothing of the pump
+            verdict = {"no_verdict": "A sensor is at fault, or the pump does not run: no verdict on the pump."}
         answer = verdict.pop("answer", None) or {}
         judgment = Judgment(
             content=contents.digest,

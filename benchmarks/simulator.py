@@ -35,7 +35,6 @@ ENTRIES = (
     Entry("jax_again", "JAX lax.scan RK4, unrolled, recomputing", "jax_side", "JaxScanAgain", "jax"),
     Entry("diffrax", "diffrax RK4, RecursiveCheckpointAdjoint", "diffrax_side", "Diffrax", "diffrax"),
     Entry("diffrax_all", "diffrax RK4, as many checkpoints as steps", "diffrax_side", "DiffraxRemembering", "diffrax"),
-    Entry("diffrax_forward", "diffrax RK4, ForwardMode", "diffrax_side", "DiffraxForward", "diffrax"),
     Entry("torchdiffeq", "torchdiffeq rk4 (3/8 rule)", "ode_library", "TorchDiffEq", "torchdiffeq", steps=2000),
     Entry("eager", "PyTorch eager RK4, autograd", "eager", "Eager"),
 )
@@ -94,7 +93,7 @@ def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
     steady, eager, jax = fastest(rows, "steady"), fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
     return {
         "eager": eager / steady,
-        "diffrax": fastest(rows, "diffrax", "diffrax_all", "diffrax_forward") / steady,
+        "diffrax": fastest(rows, "diffrax", "diffrax_all") / steady,
         "jax": jax / steady,
         "torchdiffeq": fastest(rows, "torchdiffeq") / steady,
         "steady_rk4_eager": eager / fastest(rows, "steady_rk4"),

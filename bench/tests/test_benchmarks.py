@@ -50,7 +50,6 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
         ("jax_side", "JaxScanAgain", "jax"),
         ("diffrax_side", "Diffrax", "diffrax"),
         ("diffrax_side", "DiffraxRemembering", "diffrax"),
-        ("diffrax_side", "DiffraxForward", "diffrax"),
     ],
 )
 def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(

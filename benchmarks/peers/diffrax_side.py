@@ -7,7 +7,7 @@ import diffrax
 import jax.numpy as jnp
 import numpy as np
 
-from peers.jax_side import Array, JaxTrajectory, forward
+from peers.jax_side import Array, JaxTrajectory
 
 
 class ClassicalRungeKutta(diffrax.AbstractERK):
@@ -64,15 +64,3 @@ class DiffraxRemembering(Diffrax):
     def adjoint(self) -> diffrax.AbstractAdjoint:
         """As many checkpoints as steps."""
         return diffrax.RecursiveCheckpointAdjoint(checkpoints=self.problem.n_steps)
-
-
-class DiffraxForward(Diffrax):
-    """The six slopes forward."""
-
-    def adjoint(self) -> diffrax.AbstractAdjoint:
-        """The one for forward differentiation."""
-        return diffrax.ForwardMode()
-
-    def differentiated(self) -> Callable:
-        """What gives loss and slopes."""
-        return forward(self._loss)

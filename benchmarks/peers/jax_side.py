@@ -48,15 +48,11 @@ class JaxTrajectory(Contender):
             self.compiled[name] = jax.jit(function).lower(at, self.tables).compile()
         return jax.block_until_ready(self.compiled[name](at, self.tables))
 
-    def differentiated(self) -> Callable:
-        """What gives loss and slopes."""
-        return jax.value_and_grad(self._loss)
-
     def prepare(self, values: np.ndarray) -> float:
         """Compile the gradient without running it; returns how long that took [s]."""
         started = time.perf_counter()
         at = jnp.asarray(values)
-        self.compiled["gradient"] = jax.jit(self.differentiated()).lower(at, self.tables).compile()
+        self.compiled["gradient"] = jax.jit(jax.value_and_grad(self._loss)).lower(at, self.tables).compile()
         return time.perf_counter() - started
 
     def value(self, values: np.ndarray) -> float:
@@ -65,7 +61,7 @@ class JaxTrajectory(Contender):
 
     def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
         """Loss and its slopes."""
-        loss, slopes = self._run("gradient", self.differentiated(), values)
+        loss, slopes = self._run("gradient", jax.value_and_grad(self._loss), values)
         return float(loss), np.asarray(slopes)
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
@@ -106,15 +102,3 @@ class JaxScanAgain(JaxScan):
 
     unroll = 4
     remember = False
-
-
-def forward(loss: Callable) -> Callable:
-    """Loss and its six slopes, carried forward all at once."""
-
-    def both(values: Array, tables: tuple[Array, Array]) -> tuple[Array, Array]:
-        def push(tangent: Array) -> tuple[Array, Array]:
-            return jax.jvp(lambda at: loss(at, tables), (values,), (tangent,))
-
-        return jax.vmap(push, out_axes=(None, 0))(jnp.eye(6))
-
-    return both

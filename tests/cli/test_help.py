@@ -1,5 +1,7 @@
 """The command line explains itself, and answers a wrong word in one line."""
 
+import importlib.metadata
+import importlib.util
 import inspect
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import swashtwin
-from swashtwin.cli import app, console
+from swashtwin.cli import app, application, console
 from swashtwin.cli.application import FIRST, GROUPS, PUMPS
 from swashtwin.cli.options import READING
 
@@ -156,3 +158,23 @@ def test_python_m_is_the_same_command() -> None:
         [sys.executable, "-m", "swashtwin", "twin", "pump"], capture_output=True, text=True, check=False
     )
     assert "show" in process.stdout + process.stderr
+
+
+@pytest.mark.parametrize("words", [("bench", "study", "case1"), ("demo",), ("watch", "demo", "--end")])
+def test_without_the_bench_its_commands_say_the_line_that_installs_it(
+    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: importlib.metadata.EntryPoints())
+    spec = importlib.util.spec_from_file_location("application_alone", application.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    alone = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(alone)
+    result = CliRunner().invoke(alone.app, words)
+    assert isinstance(result.exception, SystemExit)
+    assert "pip install swashtwin-bench" in " ".join(result.output.split())
+
+
+def test_a_folder_of_the_bench_is_sent_to_the_benchs_report(tmp_path: Path) -> None:
+    line = one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
+    assert f"swashtwin bench report {tmp_path} --out PAGE" in line

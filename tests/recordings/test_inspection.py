@@ -12,13 +12,16 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
     RecordingReport,
-    inspect_recording,
     inspect_recordings,
     load_recording,
     refuse_unfit,
 )
 
 RATE = 6400.0
+
+
+def inspect_recording(recording: Recording) -> RecordingReport:
+    return inspect_recordings([recording]).recordings[0]
 
 
 def good(seed: int = 0, *, seconds: float = 6.0, speed: float = 860.0, lines: bool = True) -> Recording:

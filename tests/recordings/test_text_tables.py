@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Options, Recording, inspect_recording, load_recording, write_recording
+from swashtwin.recordings import Options, Recording, inspect_recordings, load_recording, write_recording
 from swashtwin.recordings.formats import csv
 
 TABLES = {
@@ -177,7 +177,9 @@ def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> 
     (tmp_path / "a.csv").write_text("x,y,status\n" + "".join(f"{n}.5,{n * n},{word}\n" for n, word in enumerate(words)))
     loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
     np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60) ** 2])
-    notes = [finding.message for finding in inspect_recording(loaded).findings if finding.kind == "left_out"]
+    notes = [
+        finding.message for finding in inspect_recordings([loaded]).recordings[0].findings if finding.kind == "left_out"
+    ]
     assert notes == ["columns that hold text or dates were left out: status."]
 
 

@@ -2,7 +2,6 @@
 
 from .checks.channels import clipped_samples as clipped_samples
 from .checks.channels import refuse_unfit as refuse_unfit
-from .checks.comparison import inspect_recording as inspect_recording
 from .checks.comparison import inspect_recordings as inspect_recordings
 from .checks.comparison import layout_findings as layout_findings
 from .checks.comparison import several_healthy as several_healthy

@@ -44,15 +44,19 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     >>> facts_of([Recording(np.ones((1, 4)), 1.0, name, specimen=name) for name in names]).machine
     'A, B'
     """
+    dates = [
+        next((str(item.attributes[name]) for name in _DATES if item.attributes.get(name)), "") for item in recordings
+    ]
     texts = {
         "machine": [recording.specimen or "" for recording in recordings],
-        "date": [_date(recording) for recording in recordings],
+        "date": [" ".join(date.replace("T", " ").split())[:40] for date in dates],
         "file": [str(recording.attributes.get("file", "")) for recording in recordings],
     }
     nouns = {"machine": "machines", "date": "dates", "file": "files"}
     origins = dict.fromkeys(str(recording.attributes.get("origin", "")) for recording in recordings)
     shafts = {_shaft(recording) for recording in recordings}
-    pistons = {_pistons(recording) for recording in recordings}
+    counts = {str(recording.attributes.get("pistons", "")) for recording in recordings}
+    pistons = {int(text) if text.isdecimal() and 0 < int(text) < 100 else None for text in counts}
     return RecordingFacts(
         condition=_condition(recordings),
         **{name: _listed(values, nouns[name]) for name, values in texts.items()},
@@ -67,11 +71,6 @@ def _listed(values: Sequence[str], noun: str) -> str:
     if len(distinct) <= _MOST:
         return ", ".join(distinct)
     return f"{distinct[0]} to {distinct[-1]}" if noun == "dates" else f"{len(distinct)} {noun}"
-
-
-def _date(recording: Recording) -> str:
-    stated = [str(recording.attributes[name]) for name in _DATES if recording.attributes.get(name)]
-    return " ".join(stated[0].replace("T", " ").split())[:40] if stated else ""
 
 
 def _condition(recordings: Sequence[Recording]) -> str:
@@ -97,8 +96,3 @@ def _shaft(recording: Recording) -> float | None:
         return stated_speed(recording)
     except DataError:  # along an angle, without samples per turn
         return None
-
-
-def _pistons(recording: Recording) -> int | None:
-    text = str(recording.attributes.get("pistons", ""))
-    return int(text) if text.isdecimal() and 0 < int(text) < 100 else None

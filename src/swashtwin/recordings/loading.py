@@ -57,7 +57,8 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
 def recording_of(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
     stamp = file_stamp(path)
-    _require_checksum(path, entry)
+    if entry.sha256 and entry.sha256.lower() != (digest := sha256_of(path)):
+        raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
     raw = open_raw(path, entry.options)
     if not raw.facts:
         header = {key: text for key, text in facts_of_header(raw).items() if getattr(entry, key, "") is None}
@@ -118,15 +119,6 @@ def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
     return _view(open_raw(path, entry.options), entry, path).columns
 
 
-def _require_checksum(path: Path, entry: Entry) -> None:
-    """Refuse a file that is not the one for which the entry states a SHA-256."""
-    if not entry.sha256:
-        return
-    digest = sha256_of(path)
-    if entry.sha256.lower() != digest:
-        raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
-
-
 def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
     """Columns the entry asks for, in its order; where it asks for none, `vibration_columns`."""
     chosen: dict[str, Column] = {}
@@ -172,8 +164,12 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
         raise DataError(
             f'{where} does not say its sample rate{doubt}; add sample_rate = "25.6 kHz" (or whatever it was).'
         )
-    if in_index is None or in_file is None:
-        return in_file or _positive(in_index, where)
+    if in_file is None:
+        if in_index is None or in_index <= 0:
+            raise DataError(f"{where}: sample_rate ({in_index!r} Hz) must be positive.")
+        return in_index
+    if in_index is None:
+        return in_file
     if abs(in_index / in_file - 1) > _RATE_TOLERANCE:
         raise DataError(
             f"{where} says its sample rate is {in_file:g} Hz, the index says {in_index:g} Hz; correct the index."
@@ -193,13 +189,6 @@ def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | Non
             "channels = [...]."
         )
     return next(iter(names))
-
-
-def _positive(rate: float | None, where: str) -> float:
-    """The rate [Hz], refused where it is not positive."""
-    if rate is None or rate <= 0:
-        raise DataError(f"{where}: sample_rate ({rate!r} Hz) must be positive.")
-    return rate
 
 
 def _condition(

@@ -45,6 +45,8 @@ _IN_HEADERS = {
 _SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
 _CASES = {"mpa": "MPa", "kpa": "kPa", "hz": "Hz"}
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
+_LEAST_PRESSURE = 2e5
+"""What a header calls a pressure is that of the air below this [Pa]."""
 _PATIENCE = 1.0
 """Seconds that a pattern may search in one path."""
 
@@ -168,7 +170,12 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
             bare = _CASES.get(suffix[1].lower(), suffix[1].lower()) if suffix else ""
             texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
     facts = facts_of_texts(texts)
-    return {key: text for key, text in facts.items() if key in PRESSURES or is_quantity(text, key)}
+    return {
+        key: text
+        for key, text in facts.items()
+        if (key in PRESSURES and re.fullmatch(_NUMBER, text))
+        or (is_quantity(text, key) and not (key == "pressure" and parse(text, "Pa") < _LEAST_PRESSURE))
+    }
 
 
 def is_quantity(text: object, key: str) -> bool:

@@ -65,7 +65,7 @@ def cut_windows(
     >>> windows.signal.shape, windows.start.tolist()
     ((3, 1, 300), [0, 300, 600])
     """
-    recordings = recordings if isinstance(recordings, Sequence) else list(recordings)
+    recordings = list(recordings)
     _require_distinct(recordings)
     length = _window_length(recordings[0].sample_rate, length, duration, like)
     stride = length if stride is None else stride

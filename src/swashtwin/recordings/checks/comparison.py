@@ -27,11 +27,6 @@ _LEVEL_RATIO = 30.0
 _LONGEST, _LEAST, _DURATION = 8192, 256, 0.33  # samples, samples, seconds of a window where nobody says
 
 
-def inspect_recording(recording: Recording) -> RecordingReport:
-    """Range of each channel and everything suspicious about the recording."""
-    return _report(recording)[0]
-
-
 def inspect_recordings(
     recordings: Sequence[Recording],
     *,
@@ -49,6 +44,7 @@ def inspect_recordings(
     unreadable : what `load_recordings` reported of files that are not among the recordings.
     progress : called with the number of recordings that are done, and of all.
     """
+    recordings = list(recordings)
     reports, statistics = [], []
     for number, stored in enumerate(recordings):
         if progress:

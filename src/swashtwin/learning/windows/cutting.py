@@ -21,7 +21,7 @@ from swashtwin.recordings import (
     window_findings,
 )
 
-_WHOLE = 1 << 24
+_WHOLE = 1 << 21
 """Samples of all channels up to which a recording is read once and held in memory while it is cut."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import inspect_recording, load_recording
+from swashtwin.recordings import inspect_recordings, load_recording
 
 CASES = Path(__file__).parent / "cases"
 G = 9.80665
@@ -60,7 +60,8 @@ def test_a_case_is_read_right(
     assert recording.channels in (tuple(channels.split()), tuple(channels.split(",")))
     if rms:
         np.testing.assert_allclose(np.sqrt(np.nanmean(recording.signal**2, axis=1)), rms, rtol=1e-4)
-    assert any(finding.kind == "gaps" for finding in inspect_recording(recording).findings) == file.startswith("13")
+    findings = inspect_recordings([recording]).recordings[0].findings
+    assert any(finding.kind == "gaps" for finding in findings) == file.startswith("13")
 
 
 @pytest.mark.parametrize(("file", "reason"), REFUSED, ids=[row[0] for row in REFUSED])

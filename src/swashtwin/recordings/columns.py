@@ -52,6 +52,21 @@ def number_type(column: Column) -> np.dtype:
     return stated if isinstance(stated, np.dtype) else np.asarray(column[0 : min(1, len(column))]).dtype
 
 
+class Part:
+    """Samples of a column from `first` to before `last`."""
+
+    def __init__(self, column: Column, first: int, last: int) -> None:
+        self._column, self._first, self._last = column, first, last
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return self._last - self._first
+
+    def __getitem__(self, span: slice, /) -> np.ndarray:
+        start, stop, step = span.indices(len(self))
+        return np.asarray(self._column[self._first + start : self._first + stop])[::step]
+
+
 class SideBySide:
     """Columns that a file holds beside each other: a slice of all is read at once and kept for the others."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import BLOCK, Column
+from swashtwin.recordings.columns import BLOCK, Column, Part
 from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit, snapped_rate
 from swashtwin.recordings.formats.tables import split_unit
 
@@ -110,20 +110,6 @@ def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: s
         )
 
 
-class _Part:
-    """Samples of a column from `first` to before `last`."""
-
-    def __init__(self, column: Column, first: int, last: int) -> None:
-        self._column, self._first, self._last = column, first, last
-
-    def __len__(self) -> int:
-        return self._last - self._first
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, step = span.indices(len(self))
-        return np.asarray(self._column[self._first + start : self._first + stop])[::step]
-
-
 def split(raw: RawFile) -> RawFile:
     """The recordings that begin at the breaks of a file, with columns of their own, such as ``x [2]``."""
     if not raw.breaks:
@@ -134,7 +120,7 @@ def split(raw: RawFile) -> RawFile:
     for name, column in raw.columns.items():
         for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
             key = f"{name} [{number}]"
-            columns[key], starts[key], names[key] = _Part(column, first, last), f"sample {first} of the file", name
+            columns[key], starts[key], names[key] = Part(column, first, last), f"sample {first} of the file", name
     kept: dict[str, Any] = {
         field: {key: values[name] for key, name in names.items() if name in values}
         for field, values in (("units", raw.units), ("rates", raw.rates), ("sensitivities", raw.sensitivities))

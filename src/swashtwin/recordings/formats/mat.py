@@ -11,7 +11,7 @@ import numpy as np
 from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import RATE_NAMES, Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
 from swashtwin.recordings.formats.tables import SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 
@@ -130,6 +130,8 @@ def _flattened(content: dict[str, Any], prefix: str = "") -> list[tuple[str, Any
     return pairs
 
 
+_RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
+"""What files call their sample rate [Hz], in any case of letters."""
 _STEP_NAMES = (
     "dt", "delta_t", "deltat", "ts", "sampling_interval", "sample_interval", "sampling_period", "sample_period",
     "samplingperiod", "sampleperiod", "time_step", "timestep", "x_values.increment",
@@ -164,7 +166,7 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: 
         return {name: value for name, value in found.items() if value is not None}
 
     in_file = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
-    rates = stated(in_file, (*RATE_NAMES, *_STEP_NAMES), "sample rates")
+    rates = stated(in_file, (*_RATE_NAMES, *_STEP_NAMES), "sample rates")
     units = stated({name: unit for name, text in facts.items() if (unit := _unit(name, text))}, _UNIT_NAMES, "units")
     sensed = {name: texts[0] for name in facts if (texts := _sensitivity(name, facts))}
     sensitivities = stated(sensed, _SENSITIVITY_NAMES, "sensitivities")
@@ -174,7 +176,7 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: 
         if unknown_scale(scales):
             units.pop(name, None)  # it is that of the scaled numbers
     facts.pop("unit", None)
-    general = {rate for name, rate in in_file.items() if _PARTS.split(name.lower())[-1] in RATE_NAMES}
+    general = {rate for name, rate in in_file.items() if _PARTS.split(name.lower())[-1] in _RATE_NAMES}
     if len(general) == 1 and not rates:
         rates = dict.fromkeys(columns, general.pop())
     facts |= {"left_out": ", ".join(sorted_.left_out)} if sorted_.left_out else {}
@@ -194,7 +196,7 @@ def _rate(name: str, text: str) -> float | None:
     try:
         if last in _STEP_NAMES or name.lower().endswith("x_values.increment"):
             return 1 / parse(text if re.search(r"[a-z]$", text) else f"{text} s", "s")
-        if any(key in name.lower() for key in RATE_NAMES):
+        if any(key in name.lower() for key in _RATE_NAMES):
             return parse(text if re.search(r"[a-zA-Z]$", text) else f"{text} Hz", "Hz")
     except (UnitError, ZeroDivisionError):
         pass

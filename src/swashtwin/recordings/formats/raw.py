@@ -10,9 +10,6 @@ from swashtwin.foundation import DataError, MissingExtraError, UnitError, is_uni
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column
 
-RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate", "sampling_frequency")
-"""What files call their sample rate [Hz], in any case of letters."""
-
 STORE_KIND = "swashtwin store "
 """What every version of an HDF5 file of many recordings calls itself, before the number."""
 _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)

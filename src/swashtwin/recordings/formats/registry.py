@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable, Iterable
 from errno import EMFILE, ENFILE, ENOSPC
-from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -15,28 +14,10 @@ from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible
 from swashtwin.recordings.recording import Recording
 
 _FORMATS = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".dat": "csv",
-    ".lvm": "csv",
-    ".tsv": "csv",
-    ".asc": "csv",
-    ".csv.gz": "csv",
-    ".txt.gz": "csv",
-    ".dat.gz": "csv",
-    ".tsv.gz": "csv",
-    ".mat": "mat",
-    ".wav": "wav",
-    ".tdms": "tdms",
-    ".uff": "uff",
-    ".unv": "uff",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".parquet": "parquet",
-    ".npz": "npz",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-}
+    **{f".{name}{packed}": "csv" for packed in ("", ".gz") for name in ("csv", "txt", "dat", "lvm", "tsv", "asc")},
+    ".mat": "mat", ".wav": "wav", ".tdms": "tdms", ".uff": "uff", ".unv": "uff", ".h5": "hdf5", ".hdf5": "hdf5",
+    ".parquet": "parquet", ".npz": "npz", ".mf4": "mdf", ".mdf": "mdf",
+}  # fmt: skip
 _registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
@@ -109,11 +90,6 @@ def open_raw(path: Path, options: Options) -> RawFile:
     read = _reader(path)
     if path.stat().st_size == 0:
         raise DataError(f"{path} is empty (0 bytes).")
-    return _read(path, read, options)
-
-
-def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options) -> RawFile:
-    """Content of a file as its format reads it, refused where it is damaged."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here
@@ -135,19 +111,16 @@ def _read(path: Path, read: Callable[[Path, Options], RawFile], options: Options
 
 
 def _reader(path: Path) -> Callable[[Path, Options], RawFile]:
+    """What reads a file: our own formats in another process, registered ones in this."""
     suffix = suffix_of(path)
     if suffix in _FORMATS:
-        return partial(_read_in_subprocess, _FORMATS[suffix])
+        return lambda path, options: read_in_subprocess(_FORMATS[suffix], path, options)[""]
     if suffix not in _registered:
         for point in entry_points(group=_ENTRY_POINTS, name=suffix[1:]):
             register_format(suffix, point.load())
     if suffix not in _registered:
         raise DataError(f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are {', '.join(suffixes())}.")
     return _registered[suffix]
-
-
-def _read_in_subprocess(module: str, path: Path, options: Options) -> RawFile:
-    return read_in_subprocess(module, path, options)[""]
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:

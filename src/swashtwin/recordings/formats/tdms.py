@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import Column
+from swashtwin.recordings.columns import Column, Part
 from swashtwin.recordings.formats.clock import TIME_UNITS, timed
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
@@ -101,7 +101,7 @@ def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str,
             parts = _parts(history.get(channel.path, []), channel)
             for number, (start, stop, properties) in enumerate(parts, 1):
                 key = name if len(parts) == 1 else f"{name} [{number}]"
-                columns[key] = _Channel(file, channel, start, stop)
+                columns[key] = Part(_Channel(file, channel), start, stop)
                 stated[key] = kind, properties, group
     if size > path.stat().st_size:
         raise DataError(f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}.")
@@ -171,18 +171,17 @@ def _parts(history: list[tuple[int, dict[str, Any]]], channel: Any) -> list[tupl
 
 
 class _Channel:
-    """Samples of a channel from `first` to before `last`, which keep their file open."""
+    """Samples of a channel, which keep their file open."""
 
-    def __init__(self, file: Any, channel: Any, first: int, last: int) -> None:
+    def __init__(self, file: Any, channel: Any) -> None:
         self._file, self._channel = file, channel
-        self._first, self._last = first, last
 
     def __len__(self) -> int:
-        return self._last - self._first
+        return len(self._channel)
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
         start, stop, step = span.indices(len(self))
-        samples = np.asarray(self._channel[self._first + start : self._first + stop])[::step]
+        samples = np.asarray(self._channel[start:stop])[::step]
         if samples.dtype.kind == "M":
             return samples.astype("datetime64[ns]").astype(np.int64)
         return samples.astype(np.float64)

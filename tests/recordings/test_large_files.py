@@ -9,9 +9,15 @@ import h5py
 import numpy as np
 import pytest
 from numpy.lib import format
+from scipy.io import savemat
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording, write_recording
+
+
+def packed_archive(folder: Path) -> Path:
+    np.savez_compressed(folder / "a.npz", x=np.zeros(1_000_000))
+    return folder / "a.npz"
 
 
 def one_chunk(folder: Path) -> Path:
@@ -61,6 +67,11 @@ def shape_of_more_than_there_is(folder: Path) -> Path:
     return folder / "a.npz"
 
 
+def matlab_zeros(folder: Path) -> Path:
+    savemat(folder / "a.mat", {"x": np.zeros(1_500_000)}, do_compression=True)
+    return folder / "a.mat"
+
+
 BOMBS: list[tuple[Callable[[Path], Path], str]] = [
     (one_chunk, r"chunks of /x that take 3\.2 GB, more than the limit of 0\.01 GB|unpacks to 4 GB"),
     (fill_values, r"unpacks to 8 GB \(/x, \(1000000000,\)\), more than 100 times its size"),
@@ -69,6 +80,8 @@ BOMBS: list[tuple[Callable[[Path], Path], str]] = [
     (external, "/x is external"),
     (linked, r"'x' is a link to another file \(other\.h5\)"),
     (shape_of_more_than_there_is, r"takes more than the limit of 0\.01 GB of memory to read; .*SWASHTWIN_MEMORY_GB"),
+    (matlab_zeros, r"takes 0\.012 GB, more than the limit of 0\.01 GB; .*SWASHTWIN_MEMORY_GB"),
+    (packed_archive, r"takes 0\.016 GB, more than the limit of 0\.01 GB; .*SWASHTWIN_MEMORY_GB"),
 ]
 
 

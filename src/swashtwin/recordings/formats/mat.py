@@ -3,12 +3,13 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, UnitError, parse
+from swashtwin.foundation import DataError, UnitError, parse, require_memory
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
@@ -34,7 +35,9 @@ def read(path: Path, options: Options) -> RawFile:
     pymatreader = load_extra("pymatreader")
     if h5py.is_hdf5(path):
         _require_data_within(path)
-    objects = {name: kind for name, _, kind in pymatreader.whosmat(path) if kind not in _KINDS and name[:1] != "#"}
+    variables = pymatreader.whosmat(path)
+    require_memory(path, sum(8 * prod(shape) for _, shape, _ in variables))
+    objects = {name: kind for name, _, kind in variables if kind not in _KINDS and name[:1] != "#"}
     content = pymatreader.read_mat(path)
     content = {name: value for name, value in content.items() if name not in objects and name[:1] not in ("#", "_")}
     raw = sorted_variables(path, _labchart(content) or _flattened(content), options)

@@ -1,4 +1,4 @@
-"""What `FaultClassifier` takes: recordings with their classes, and synthetic windows."""
+"""What `FaultClassifier` takes: recordings with their classes, and synthetic windows; and what it holds out."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -7,10 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError
+import swashtwin.learning as learning
+from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import WindowSet
 from swashtwin.pump import FAULT_KINDS, canonical_label, is_healthy, propose_class
-from swashtwin.recordings import Recording, Recordings
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    Recordings,
+    repeated_recordings,
+    say_seen,
+    seen_recordings,
+)
+
+_ERROR_RATE = 0.1
 
 
 def as_recordings(X: Any) -> Sequence[Recording] | None:
@@ -166,3 +176,66 @@ def with_synthetic(measured: WindowSet, sets: Sequence[WindowSet]) -> WindowSet:
     for windows in sets:
         together = together + windows.with_classes(classes)
     return together
+
+
+def hold_out_validation(
+    training: WindowSet,
+    group: str | Mapping[str, str],
+    manifest: Manifest,
+    *,
+    fraction: float,
+    error_rate: float | None,
+    seed: int,
+) -> tuple[WindowSet, WindowSet | None, float, tuple[str, ...]]:
+    """(training windows, validation windows or None, error rate that these allow, notes).
+
+    Parameters
+    ----------
+    group : what a split keeps whole.
+    manifest : recordings that stay in training.
+    fraction : share of the recordings that is held out; 0 for none.
+    error_rate : that which the validation recordings should allow; 0.1 if None, and then as far as they go.
+    """
+    asked = _ERROR_RATE if error_rate is None else error_rate
+    if not fraction:
+        return training, None, asked, ()
+    n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
+    plan = learning.plan_validation(n_left, asked, fraction)
+    try:
+        training, validation = learning.split_by_recording(
+            training, test_fraction=plan.fraction, seed=seed, group=group, keep_in_training=manifest
+        )
+    except DataError as cause:
+        raise DataError(
+            f"no validation set can be held out with every class on both sides: {cause} Otherwise "
+            "a validation or a test fraction of 0 trains without this split."
+        ) from cause
+    count = np.unique(validation.recording_id).size
+    if error_rate is not None:
+        learning.require_enough(count, error_rate)
+    allowed, notes = learning.allowed_error_rate(count, asked), tuple[str, ...]()
+    if allowed != asked or plan.fraction != fraction:
+        rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
+        notes = (
+            f"An error rate of {asked:g} needs {plan.needed} validation recordings, and a share of "
+            f"{fraction:g} is about {round(fraction * plan.n_recordings)}; {count} "
+            f"of {plan.n_recordings} recordings are held out for it{rate}.",
+        )
+    return training, learning.without_overlap(validation), allowed, notes
+
+
+def refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
+    if seen := seen_recordings(manifest, held_out.recordings):
+        raise LeakError(
+            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
+            "split), then calibrate, synthesize and train on the training side with a test fraction of 0.",
+            field="test_fraction",
+        )
+
+
+def copy_notes(windows: WindowSet) -> list[str]:
+    copies = repeated_recordings(windows.recordings)
+    return [
+        f"{name} holds the same samples as {first}; keep one of them, or it counts twice."
+        for name, first in copies.items()
+    ]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from swashtwin.diagnosis.attribution import contributions
 from swashtwin.diagnosis.checklist import Check, next_checks
-from swashtwin.diagnosis.contributions import contributions
 from swashtwin.diagnosis.diagnosing import fit_to_recording, require_recording
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
 from swashtwin.diagnosis.verdict import Diagnosis
@@ -189,25 +189,20 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
     adds = contributions(scaled_classifier, windows, label, rival, stated_speed(recording))
     samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
-    n_samples, n_moments = samples.shape[1], adds.moments.shape[1]
+    n_samples, n_moments = samples.shape[1], adds["moments"].shape[1]
     edges = np.linspace(0, n_samples, n_moments + 1).astype(np.int64)[:-1]
     return Evidence(
+        **adds,
         recording_id=recording.recording_id,
         label=ranked[0],
         rival=ranked[1],
         unknown=diagnosis.unknown,
-        baseline=adds.baseline,
-        margin=adds.margin,
-        gap=abs(adds.total - adds.margin) / max(abs(adds.margin), 1e-12),
         start=first * length / classifier.sample_rate,
         channels=classifier.channels,
         unit=classifier.layout.unit,
-        moments=adds.moments,
         peaks=np.maximum.reduceat(np.abs(samples), edges, axis=1),
         moment=n_samples / classifier.sample_rate / n_moments,
-        bands=adds.bands,
-        lines=adds.lines,
-        rms=band_rms(samples, adds.bands, classifier.sample_rate),
+        rms=band_rms(samples, adds["bands"], classifier.sample_rate),
         pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),
         checks=next_checks(

@@ -3,11 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float, Float64
 
-from swashtwin.diagnosis.attribution import line_shares
 from swashtwin.learning import WindowLevel
-from swashtwin.signals import line_frequencies, signal_envelope
+from swashtwin.signals import line_frequencies, signal_envelope, transform
 
 ORDERS = 40
 """Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third octaves."""
@@ -128,3 +127,23 @@ def _powers(samples: np.ndarray) -> Float64[np.ndarray, "channel line"]:
     """Mean square of each line, mean removed."""
     moving = samples - samples.mean(axis=1, keepdims=True)
     return np.asarray(np.maximum(line_shares(moving, moving), 0.0) / samples.shape[1], dtype=np.float64)
+
+
+def line_shares(
+    signal: Float[np.ndarray, "channel time"], gradient: Float[np.ndarray, "channel time"]
+) -> Float64[np.ndarray, "channel line"]:
+    """What each line of the spectrum (`signals.transform`) adds to the answer; their sum is Σ signal · gradient.
+
+    Examples
+    --------
+    >>> x, g = np.random.default_rng(0).normal(size=(2, 1, 9))
+    >>> bool(np.isclose(line_shares(x, g).sum(), (x * g).sum()))
+    True
+    """
+    n = signal.shape[-1]
+    both = transform(signal) * np.conj(transform(gradient))
+    weight = np.full(both.shape[-1], 2.0)
+    weight[0] = 1.0
+    if n % 2 == 0:
+        weight[-1] = 1.0
+    return np.asarray(weight / n * both.real, dtype=np.float64)

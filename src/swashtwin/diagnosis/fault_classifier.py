@@ -10,7 +10,10 @@ import numpy as np
 import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_input import (
     as_recordings,
+    copy_notes,
+    hold_out_validation,
     name_alike,
+    refuse_seen,
     relabeled,
     require_none,
     synthetic_sets,
@@ -19,7 +22,6 @@ from swashtwin.diagnosis.classifier_input import (
 )
 from swashtwin.diagnosis.diagnosing import diagnose, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
-from swashtwin.diagnosis.held_out import copy_notes, hold_out_validation, refuse_seen
 from swashtwin.diagnosis.reasons import few_machines
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis

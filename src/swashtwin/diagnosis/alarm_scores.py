@@ -1,13 +1,24 @@
 """How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for each fault."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
+from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, to_table
 from swashtwin.pump import is_healthy, is_same_class
 from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
+
+
+class Diagnosing(Protocol):
+    """A detector or a prior."""
+
+    @property
+    def manifest(self) -> Manifest:
+        """The recordings that had a part in it."""
+
+    def diagnose(self, recording: Recording) -> Diagnosis:
+        """Its answer on one recording."""
 
 
 @dataclass(frozen=True)
@@ -50,28 +61,31 @@ class AlarmScores:
         return table
 
 
-def labeled_unseen(recordings: Sequence[Recording], manifest: Manifest) -> list[Recording]:
-    """Measured recordings with a label, none of which had a part in a model.
+def evaluate_alarms(model: Diagnosing, X: Any, y: Any, error_rate: float | None) -> AlarmScores:
+    """Alarms by class on measured recordings that had no part in a model, all healthy names as one class.
+
+    Parameters
+    ----------
+    X : recordings with labels.
+    y : class of each recording; None for its own label.
+    error_rate : false-alarm rate that the model states.
 
     Raises
     ------
     LeakError
-        One had.
+        A recording had a part in the model.
     DataError
         None has a label.
     """
+    from swashtwin.learning import wilson_interval
+
+    recordings = relabeled(require_recordings(X), y)
     labeled = [recording for recording in recordings if recording.label is not None and not recording.synthetic]
     if not labeled:
         raise DataError("no measured recording has a label; label them in the index.")
-    if seen := seen_recordings(manifest, manifest_of(labeled)):
+    if seen := seen_recordings(model.manifest, manifest_of(labeled)):
         raise LeakError(f"{say_seen(seen)} had a part in the model (its manifest); test on others.")
-    return labeled
-
-
-def alarm_scores(labels: Sequence[str], answers: Sequence[Diagnosis], error_rate: float | None) -> AlarmScores:
-    """Alarms by class, all healthy names as one class."""
-    from swashtwin.learning import wilson_interval
-
+    labels, answers = [str(recording.label) for recording in labeled], [model.diagnose(item) for item in labeled]
     healthy = next((label for label in labels if is_healthy(label)), "")
     by_class: dict[str, list[Diagnosis]] = {}
     for label, answer in zip(labels, answers, strict=True):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
-from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
+from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
+from swashtwin.diagnosis.classifier_input import require_recordings
 from swashtwin.diagnosis.diagnosing import require_layout
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
@@ -178,23 +178,9 @@ class AnomalyDetector(Estimator):
         )
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
-        """False alarms, and alarms of each fault, on recordings that had no part in it.
-
-        Parameters
-        ----------
-        X : recordings with labels.
-        y : class of each recording; its own label by default.
-
-        Raises
-        ------
-        LeakError
-            A recording had a part in the detector.
-        DataError
-            None has a label.
-        """
-        labeled = labeled_unseen(relabeled(require_recordings(X), y), self.manifest)
-        answers = [self.diagnose(recording) for recording in labeled]
-        return alarm_scores([str(recording.label) for recording in labeled], answers, self.error_rate_)
+        """False alarms, and alarms of each fault, on recordings that had no part in it (`evaluate_alarms`)."""
+        self._require_fitted()
+        return evaluate_alarms(self, X, y, self.error_rate_)
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the detector was written to it whole."""

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, Shaped
 
-from swashtwin.diagnosis.alarm_scores import AlarmScores, alarm_scores, labeled_unseen
-from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
+from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
+from swashtwin.diagnosis.classifier_input import require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
 from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
@@ -223,23 +223,8 @@ class PriorClassifier:
         )
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
-        """False alarms, and alarms and names of each fault, on recordings that had no part in it.
-
-        Parameters
-        ----------
-        X : recordings with labels.
-        y : class of each recording; its own label by default.
-
-        Raises
-        ------
-        LeakError
-            A recording had a part in it.
-        DataError
-            None has a label.
-        """
-        labeled = labeled_unseen(relabeled(require_recordings(X), y), self.manifest)
-        answers = [self.diagnose(recording) for recording in labeled]
-        return alarm_scores([str(recording.label) for recording in labeled], answers, None)
+        """False alarms, alarms and names of faults, on recordings that had no part in it (`evaluate_alarms`)."""
+        return evaluate_alarms(self, X, y, None)
 
     def _require_fit(self, recording: Recording, unit: str) -> None:
         """Refuse a recording that no virtual pump is like."""

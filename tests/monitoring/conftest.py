@@ -1,4 +1,4 @@
-"""Fixtures of the room: a PostgreSQL server, and an empty history in each of both databases."""
+"""Fixtures of the room: a PostgreSQL server, an empty history in each of both databases, a broker, a machine."""
 
 import os
 import shutil
@@ -10,6 +10,10 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from mqtt_broker import Broker
+from small_machine import Machine
+
+from swashtwin.monitoring.history.history import History
 
 _NUMBERS = count()
 
@@ -96,3 +100,28 @@ def postgresql_url(postgres_server: PostgresServer) -> str:
 def history_url(request: pytest.FixtureRequest) -> str:
     """URL of an empty database: SQLite (an empty URL), then PostgreSQL."""
     return "" if request.param == "sqlite" else str(request.getfixturevalue("postgresql_url"))
+
+
+@pytest.fixture
+def history(history_url: str, tmp_path: Path) -> Iterator[History]:
+    """An empty history, in SQLite and in PostgreSQL."""
+    history = History.open(history_url, tmp_path)
+    yield history
+    history.close()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    """A running broker; the test is skipped where mosquitto is not installed."""
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    server = Broker(folder)
+    server.start()
+    yield server
+    server.stop()
+
+
+@pytest.fixture(scope="session")
+def machine() -> Machine:
+    """The machine that is watched."""
+    return Machine()

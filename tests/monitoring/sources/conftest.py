@@ -1,11 +1,9 @@
-"""A broker, and what a source hands its deliveries to."""
+"""What a source hands its deliveries to."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from mqtt_broker import Broker
 
 from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
@@ -33,14 +31,3 @@ class Deliveries:
 def deliveries(tmp_path: Path) -> Deliveries:
     """A spool that remembers what came."""
     return Deliveries(Spool(tmp_path / "spool"))
-
-
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    """A running broker; the test is skipped where mosquitto is not installed."""
-    folder = tmp_path / "broker"
-    folder.mkdir()
-    server = Broker(folder)
-    server.start()
-    yield server
-    server.stop()

@@ -20,6 +20,7 @@ METRICS = {
     "watched": "healthy recordings watched",
     "false_alarms": "false alarms",
     "large": "large healthy recordings",
+    "findings": "healthy recordings with a finding about sensors or a pump at rest",
     "alarm_at": "severity at the alarm, over the typical one",
     "delay": "recordings from the onset to the alarm",
 }
@@ -98,13 +99,15 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         duration=settings.duration,
     )
     monitor = PointMonitor(f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
-    state, values = None, {"watched": 0.0, "false_alarms": 0.0, "large": 0.0, "alarm_at": math.nan, "delay": math.nan}
+    counts = dict.fromkeys(("watched", "false_alarms", "large", "findings"), 0.0)
+    state, values = None, {**counts, "alarm_at": math.nan, "delay": math.nan}
     for number, (recording, severity) in enumerate(plant_course(seed, pump, course)):
         judgment = monitor.judge(recording, state)
         state = judgment.state
         if severity == 0:
             values["watched"] += judgment.stage == "watching"
             values["large"] += judgment.is_large
+            values["findings"] += bool(judgment.findings)
             values["false_alarms"] += judgment.pump == "raised"
         elif judgment.is_alarm:
             return {**values, "alarm_at": severity, "delay": float(number + 1 - settings.onset)}
@@ -121,6 +124,8 @@ def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
         f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised one "
         f"({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for a pump that does not change."
     )
+    findings = int(sum(trial.values["findings"] for trial in healthy))
+    yield f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({_share(findings, watched)})."
     worn = [trial for trial in study.trials if trial.factors["course"] != HEALTHY]
     before = int(sum(trial.values["false_alarms"] for trial in worn))
     healthy_part = int(sum(trial.values["watched"] for trial in worn))

@@ -153,13 +153,6 @@ def test_the_version_is_the_package_s() -> None:
     assert run("--version").stdout.strip() == swashtwin.__version__
 
 
-def test_python_m_is_the_same_command() -> None:
-    process = subprocess.run(
-        [sys.executable, "-m", "swashtwin", "twin", "pump"], capture_output=True, text=True, check=False
-    )
-    assert "show" in process.stdout + process.stderr
-
-
 @pytest.mark.parametrize("words", [("bench", "study", "case1"), ("demo",), ("watch", "demo", "--end")])
 def test_without_the_bench_its_commands_say_the_line_that_installs_it(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

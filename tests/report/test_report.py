@@ -115,7 +115,7 @@ def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, pag
     names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
     assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
     kinds = {name.rsplit("_", 1)[-1] for name in names}
-    expected = {"excitation", "waveforms", "spectra", "estimates", "losses", "paths", "confusion", "tsne", "training"}
+    expected = {"excitation", "waveforms", "spectra", "estimates", "search", "confusion", "tsne", "training"}
     assert kinds == expected | {"rows"}
 
 
@@ -128,8 +128,8 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
     np.testing.assert_array_equal(waveform, calibration.fits[0].waveforms.calibrated[1])
     values = numbers(Path(f"{first}estimates.csv"), "value")
     np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
-    np.testing.assert_array_equal(numbers(Path(f"{first}losses.csv"), "frequency"), history.spectrum_loss)
-    np.testing.assert_array_equal(numbers(Path(f"{first}paths.csv"), "K_v"), history.values[:, 3])
+    np.testing.assert_array_equal(numbers(Path(f"{first}search.csv"), "spectrum"), history.spectrum_loss)
+    np.testing.assert_array_equal(numbers(Path(f"{first}search.csv"), "K_v"), history.values[:, 3])
     total = numbers(Path(f"{first}excitation.csv"), "total_m")
     each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
     np.testing.assert_allclose(total, each, atol=1e-15)

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from swashtwin.physics import SteadySolver
-    from swashtwin.pump import Fault, OperatingCondition
+    from swashtwin.pump import Fault
 
 T = TypeVar("T")
 
@@ -108,7 +107,6 @@ CalibrationFile = Annotated[
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
-Temperature = Annotated[str | None, typer.Option(help='Oil temperature, such as "45 degC".')]
 _FAULT = 'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
 FaultText = Annotated[
     str, typer.Option("--fault", metavar="KIND[:NAME=QUANTITY,...]", help=f"{_FAULT} normal is a healthy pump.")
@@ -131,16 +129,6 @@ class Preset(StrEnum):
 
 
 PresetName = Annotated[Preset, typer.Option(help="What every option and setting defaults to.")]
-
-
-class Solver(StrEnum):
-    """Method that solves the equations of motion."""
-
-    harmonic_balance = "harmonic-balance"
-    rk4 = "rk4"
-
-
-SolverName = Annotated[Solver, typer.Option(help="Method that solves the equations; rk4 is the paper's.")]
 
 
 def _sample_unit(text: str | None) -> str | None:
@@ -250,13 +238,6 @@ def present(**values: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None and value != []}
 
 
-def condition_from(speed: str, pressure: str, temperature: str | None) -> "OperatingCondition":
-    """Operating condition that the options name."""
-    from swashtwin.pump import read_condition
-
-    return read_condition(speed=speed, discharge_pressure=pressure, oil_temperature=temperature)
-
-
 def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
     """Kind of a fault text, and its dimensions: ``("piston", {"clearance": "60um"})`` of ``piston:clearance=60um``."""
     kind, _, dimensions = text.partition(":")
@@ -273,13 +254,6 @@ def fault_from(text: str) -> "Fault | None":
     return (
         fault.with_fitting_contact() if isinstance(fault, SwashPlateDefect) and "contact" not in dimensions else fault
     )
-
-
-def solver_from(name: Solver) -> "SteadySolver":
-    """Solver that the option names."""
-    from swashtwin.physics import RK4, HarmonicBalance
-
-    return RK4() if name is Solver.rk4 else HarmonicBalance()
 
 
 def band_from(text: str, option: str = "--band") -> tuple[float, float]:

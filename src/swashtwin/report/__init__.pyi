@@ -1,7 +1,6 @@
 """Names that other rooms import, and where each lives."""
 
 from .calibration_part import calibration_blocks as calibration_blocks
-from .calibration_part import comparison_table as comparison_table
 from .calibration_part import verdict_counts as verdict_counts
 from .drawing import Drawing as Drawing
 from .drawing import render_drawing as render_drawing

@@ -46,12 +46,7 @@ def calibration_drawings(calibration: Calibration, key: str, *, with_excitation:
     for fit in calibration.fits:
         prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
         figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
-    return [
-        *figures,
-        estimates(calibration, key),
-        losses(calibration, key),
-        paths(calibration, key),
-    ]
+    return [*figures, estimates(calibration, key), search_drawing(calibration, key)]
 
 
 @figure_style()
@@ -231,73 +226,33 @@ def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
 
 
 @figure_style()
-def losses(calibration: Calibration, key: str) -> Drawing:
-    """Total, frequency and boundary loss over the search, and the best step."""
+def search_drawing(calibration: Calibration, key: str) -> Drawing:
+    """The loss over the search, and below it the six values, each over its nominal value and named at its end."""
     history = calibration.history
-    step = np.arange(1, len(history.spectrum_loss) + 1)
-    total = history.loss
-    columns = {"step": step, "total": total, "frequency": history.spectrum_loss, "boundary": history.boundary_loss}
-    columns["prior"] = history.prior_loss
-    has_gradient = len(history.gradient_norm) == len(step)
-    figure, axes = panels(1 + has_gradient, 1, 3.2 + 1.8 * has_gradient, sharex=True)
-    panel = axes[0, 0]
-    panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
-    panel.plot(step, total, color="#000000", label="total", linewidth=2.2)
-    panel.plot(step, history.spectrum_loss, "--", color="#56b4e9", label="frequency")
-    outside = np.where(history.boundary_loss > 0, history.boundary_loss, np.nan)
-    if np.isfinite(outside).any():
-        panel.plot(step, outside, ".-", color="#d55e00", label="boundary", markersize=3)
-    else:
-        panel.plot([], [], " ", label="boundary: 0 at every step")
-    if (history.prior_loss > 0).any():
-        panel.plot(step, history.prior_loss, ":", color="#009e73", label="priors")
-    panel.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
-    panel.set_ylim(bottom=max(panel.get_ylim()[0], total.min() / 30))
-    name_decades(panel)
-    if has_gradient:
-        columns["gradient_norm"] = history.gradient_norm
-        _gradient_panel(axes[1, 0], calibration)
-    axes[-1, 0].set_xlabel(_step_name(calibration))
-    axes[-1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
-    figure.legend(loc="outside right upper")
-    below = " Below: norm of the loss's gradient with respect to what the method moves." if has_gradient else ""
-    caption = (
-        f"Loss over the search with {calibration.method}, as that method measures it. The gray line marks the best "
-        f"step, {history.best + 1} of {len(step)}; its values are the result.{below}"
-    )
-    return render_drawing(f"{key}_losses", figure, columns, title="Loss over the search", caption=caption)
-
-
-def _gradient_panel(panel: Axes, calibration: Calibration) -> None:
-    norm = np.where(calibration.history.gradient_norm > 0, calibration.history.gradient_norm, np.nan)
-    panel.axvline(calibration.history.best + 1, color=LIGHT, linewidth=3)
-    panel.plot(np.arange(1, len(norm) + 1), norm, color="#000000", linewidth=1.0)
-    panel.set(yscale="log", ylabel="gradient [1]")
-    name_decades(panel)
-
-
-@figure_style()
-def paths(calibration: Calibration, key: str) -> Drawing:
-    """The six values over the search, each over its nominal value, named at its end."""
-    history = calibration.history
-    step = np.arange(1, len(history.values) + 1)
+    step = np.arange(1, len(history.loss) + 1)
     ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
-    columns = {"step": step, **{e.letter: history.values[:, i] for i, e in enumerate(calibration.estimates)}}
-    figure, axes = panels(1, 1, 3.6)
-    panel = axes[0, 0]
-    panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
-    for i, name in enumerate(PARAMETERS):
-        section, entry = name.split(".")
-        style = "-" if entry == "damping" else "--"
-        panel.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[section])
+    columns = {"step": step, "loss": history.loss, "spectrum": history.spectrum_loss, "prior": history.prior_loss}
+    columns |= {"boundary": history.boundary_loss}
+    columns |= {estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)}
+    figure, axes = panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
+    above, below = axes[:, 0]
+    for panel in (above, below):
+        panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    above.plot(step, history.loss, color="#000000")
+    above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
+    above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
+    name_decades(above)
     low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
-    panel.set(xlabel=_step_name(calibration), xlim=(0.5, len(step) + 0.5), yscale="log", ylim=(low, high))
-    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ratio_axis(panel, "y", "value over nominal value")
+    below.set(yscale="log", ylim=(low, high))
+    below.set_xlabel("epoch" if calibration.method == "IPINN" else "simulation from the best start")
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ratio_axis(below, "y", "value over nominal value")
     ends = spread_labels(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
     for i, (estimate, end) in enumerate(zip(calibration.estimates, ends, strict=True)):
-        color = INTERFACE_COLORS[PARAMETERS[i].split(".")[0]]
-        panel.annotate(
+        interface, entry = estimate.name.split(".")
+        color = INTERFACE_COLORS[interface]
+        below.plot(step, ratio[:, i], "-" if entry == "damping" else "--", color=color)
+        below.annotate(
             estimate.letter,
             (step[-1], ratio[-1, i]),
             xytext=(1.03, (end - math.log(low)) / math.log(high / low)),
@@ -307,9 +262,9 @@ def paths(calibration: Calibration, key: str) -> Drawing:
             fontsize=9,
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
         )
-    caption = "Solid: damping. Dashed: stiffness. One color for each interface. The gray line marks the best step."
-    return render_drawing(f"{key}_paths", figure, columns, title="The six values over the search", caption=caption)
-
-
-def _step_name(calibration: Calibration) -> str:
-    return "epoch" if calibration.method == "IPINN" else "simulation from the best start"
+    caption = (
+        f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
+        f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best + 1} of "
+        f"{len(step)}; its values are the result."
+    )
+    return render_drawing(f"{key}_search", figure, columns, title="The search", caption=caption)

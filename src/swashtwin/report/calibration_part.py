@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict
 from types import MappingProxyType
 
@@ -196,39 +195,6 @@ def interval_words(estimate: Estimate) -> str:
         (True, True): "no limits within the bounds",
     }
     return sentences[estimate.open_sides]
-
-
-def comparison_table(calibrations: Sequence[Calibration]) -> Table:
-    """Several calibrations side by side."""
-    rows = [
-        (Cell("calibrated at"), *(Cell(condition_words(calibration)) for calibration in calibrations)),
-        (Cell("recordings"), *(Cell(str(len(calibration.recording_ids))) for calibration in calibrations)),
-    ]
-    for index, estimate in enumerate(calibrations[0].estimates):
-        estimates = [calibration.estimates[index] for calibration in calibrations]
-        rows.append(
-            (
-                Cell(f"{estimate.letter} over nominal"),
-                *(Cell(_ratio(e.value / e.nominal, e.verdict)) for e in estimates),
-            )
-        )
-    for name, label in FIGURES.items():
-        if name == "relative_rmse":
-            continue
-        pairs = [
-            (asdict(calibration.fit_before)[name], asdict(calibration.fit_after)[name]) for calibration in calibrations
-        ]
-        rows.append((Cell(label), *(Cell(f"{number(before)} → {number(after)}") for before, after in pairs)))
-    return Table(
-        "All calibrations under the first seed: estimate over nominal value with its verdict, and errors before → "
-        "after on the recordings used.",
-        ("", *(calibration.twin.pump.name for calibration in calibrations)),
-        tuple(rows),
-    )
-
-
-def _ratio(ratio: float, verdict: str) -> str:
-    return f"{number(ratio)}, {verdict}"
 
 
 def calibration_provenance(calibration: Calibration) -> tuple:

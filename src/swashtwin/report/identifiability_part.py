@@ -28,7 +28,7 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
 
 _NEXT = ("To tell more of them, record more: swashtwin twin next says at which speed and pressure, and how long.",)
 _FEW_COORDINATES = 12
-"""Coordinates whose table is not folded away; the figure shows all."""
+"""Coordinates whose table is not folded away."""
 
 
 def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
@@ -53,7 +53,8 @@ def identifiability_blocks(report: IdentifiabilityReport, key: str) -> tuple:
         Bullets("In words", report.words),
         directions_table(report),
         table,
-        *(Picture(drawing) for drawing in identifiability_drawings(report, key)),
+        Picture(correlations(report, key)),
+        *((Picture(profile_curves(report, key)),) if report.profiles else ()),
     )
 
 
@@ -100,52 +101,9 @@ def directions_table(report: IdentifiabilityReport) -> Table:
 _COLOR_OF = {letter: INTERFACE_COLORS[name.split(".")[0]] for name, letter in LETTERS.items()}
 
 
-def identifiability_drawings(report: IdentifiabilityReport, key: str) -> list[Drawing]:
-    """Every figure of a report, in the order of the page.
-
-    Parameters
-    ----------
-    key : start of each file name.
-    """
-    figures = [shares(report, key), correlations(report, key)]
-    if report.profiles:
-        figures.append(profile_curves(report, key))
-    return figures
-
-
 def coordinate_words(name: str) -> str:
     """Name of a coordinate in words; letters of the six values as they are."""
     return name if name in _COLOR_OF else words(name)
-
-
-@figure_style()
-def shares(report: IdentifiabilityReport, key: str) -> Drawing:
-    """Width of each coordinate's posterior over that of its prior, with its standing."""
-    rows = [
-        {"coordinate": name, "posterior_std": post, "prior_std": prior, "share": post / prior, "standing": word}
-        for name, post, prior, word in zip(report.names, report.std, report.prior_std, report.standing, strict=True)
-    ]
-    figure, axes = panels(1, 1, 1.0 + 0.28 * len(rows))
-    panel = axes[0, 0]
-    for height, row in enumerate(reversed(rows)):
-        color = _COLOR_OF.get(str(row["coordinate"]), MEASURED)
-        panel.barh(height, 1.0, height=0.6, color="#efefef")
-        panel.barh(height, float(row["share"]), height=0.6, color=color)
-        panel.annotate(
-            str(row["standing"]), (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9
-        )
-    panel.set(
-        xlim=(0, 1), ylim=(-0.6, len(rows) - 0.4), yticks=range(len(rows)), xlabel="posterior over prior width [1]"
-    )
-    panel.set_yticklabels([coordinate_words(name) for name in reversed(report.names)])
-    panel.grid(axis="y", visible=False)
-    caption = (
-        "Standard deviation after the measurement (color) over that before (gray). A full bar: the measurement added "
-        "nothing. Traded off: the lines change with it, but in the same way as with others."
-    )
-    return render_drawing(
-        f"{key}_shares", figure, tabulate(rows), title="What the measurement tells of each", caption=caption
-    )
 
 
 @figure_style()

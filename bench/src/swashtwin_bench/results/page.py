@@ -22,7 +22,6 @@ from swashtwin.report import (
     SectionOrder,
     Table,
     calibration_blocks,
-    comparison_table,
     facts_table,
     flatten_settings,
     levels_table,
@@ -229,7 +228,7 @@ def _with_origin(drawing: Drawing, study: StudyTable) -> Drawing:
 
 def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     several = len(study.calibrations) > 1
-    blocks: list[Any] = [comparison_table(study.calibrations)] if several else []
+    blocks: list[Any] = []
     target = study.settings.get("pressure_Pa")
     pressures = [(each.twin.pump.name, each.twin.condition.discharge_pressure) for each in study.calibrations]
     elsewhere = tuple(

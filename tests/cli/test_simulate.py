@@ -27,7 +27,7 @@ def test_simulate_writes_what_it_tells(tmp_path: Path) -> None:
     assert back.speed is None
     for name, row in zip(back.channels, back.signal, strict=True):
         assert answer["rms_m_s2"][name] == pytest.approx(np.sqrt((row**2).mean()))
-    assert "cover_z" in run("twin", "simulate", *AT_15, *SHORT, "--out", out).stdout
+    assert "cover_z" in run("twin", "simulate", *AT_15, *SHORT, "--force", "--out", out).stdout
 
 
 def test_a_file_that_nothing_writes_is_refused_before_the_work(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(
     out: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ("twin", "simulate", *AT_15, *SHORT, *(("--count", 2) if out == "runs" else ()), "--out")
+    words = ("twin", "simulate", *AT_15, *SHORT, *(("--count", 2) if out == "runs" else ()), "--force", "--out")
     with contextlib.chdir(tmp_path_factory.mktemp("warm")):
         run(*words, out)  # compiled once, where there is space for the cache
     Path("full.h5").write_text("old")

@@ -121,28 +121,18 @@ def test_train_learns_with_noise_other_gains_and_speeds_where_they_are_set(folde
     assert (trained.noise_snr, trained.gain, trained.stretch) == (0.0, 3.0, 0.02)
 
 
-def test_resume_needs_a_checkpoint() -> None:
-    assert "--checkpoint" in run("train", "nowhere", "--resume", code=2).stderr
-
-
 @pytest.mark.parametrize(
     ("words", "code", "reason"),
     [
         (("--test-fraction", 0.7), 2, "less than or equal to 0.5"),
         (("--validation-fraction", -0.1), 2, "greater than or equal to 0"),
         (("--group", "pump_run"), 3, "pump_run"),
-        (
-            ("--network", "levels", "--checkpoint", "run.checkpoint"),
-            3,
-            "run.checkpoint exists; resume it, or delete it to start again. (--resume)",
-        ),
     ],
 )
-def test_a_split_or_a_checkpoint_that_cannot_be_is_refused_before_windows_are_cut(
+def test_a_split_that_cannot_be_is_refused_before_windows_are_cut(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[object, ...], code: int, reason: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "run.checkpoint").touch()
     monkeypatch.delattr("swashtwin.learning.windows.cutting.cut_windows")
     monkeypatch.setattr("swashtwin.learning.cut_windows", None, raising=False)
     assert reason in " ".join(run("train", folder, *words, code=code).stderr.replace("│", " ").split())

@@ -62,12 +62,6 @@ def train(
     ] = None,
     group: GroupName = "recording",
     window: UsualWindow = None,
-    window_stride: Annotated[
-        int | None, typer.Option(help="Samples from window to window; its length by default.")
-    ] = None,
-    allow_partial_revolution: Annotated[
-        bool, typer.Option("--allow-partial-revolution", help="Accept windows shorter than one turn of the shaft.")
-    ] = False,
     network: Annotated[
         str | None,
         typer.Option(help="Train this network, such as the paper's bitcn, instead of choosing by trials."),
@@ -93,8 +87,10 @@ def train(
     ] = None,
     preset: PresetName = Preset.recommended,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
-    checkpoint: Annotated[Path | None, typer.Option(help="File saved after each epoch of a named network.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue from the checkpoint, if it exists.")] = False,
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option(help="File saved after each epoch of a named network; one that is there is continued."),
+    ] = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -118,8 +114,6 @@ def train(
     from swashtwin.pump import is_healthy
     from swashtwin.recordings import declared_classes, load_recordings, several_healthy
 
-    if resume and checkpoint is None:
-        raise typer.BadParameter("needs --checkpoint FILE, the file to continue from.", param_hint="--resume")
     require_output(out, inputs=[source, *(add or ()), checkpoint], own=_MODELS, force=force)
     require_files(add or [])
     recipe = {} if is_chosen else _recipe(network, settings, preset, window)
@@ -130,7 +124,7 @@ def train(
     if not added and recordings and all(map(is_healthy, recordings.labels)):
         classifier_options = {
             "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
-            "--set": settings, "--checkpoint": checkpoint, "--window-stride": window_stride, "--window": window,
+            "--set": settings, "--checkpoint": checkpoint, "--window": window,
             "--budget": budget, "--preset": preset is Preset.paper, "--group": group != "recording",
         }  # fmt: skip
         for name, value in classifier_options.items():
@@ -150,8 +144,6 @@ def train(
     classifier = FaultClassifier(
         **recipe,
         window=window,
-        stride=window_stride,
-        allow_partial_revolution=allow_partial_revolution,
         test_fraction=_TEST_FRACTION if test_fraction is None else test_fraction,
         validation_fraction=validation_fraction,
         group=group,
@@ -160,7 +152,7 @@ def train(
         device=device,
         seed=seed,
     )
-    hint = f"{checkpoint} holds the last whole epoch: the same command with --resume continues" if checkpoint else ""
+    hint = f"{checkpoint} holds the last whole epoch: the same command continues" if checkpoint else ""
     with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
         with progress("training") as bar:
             classifier.fit(
@@ -168,7 +160,7 @@ def train(
                 synthetic=added,
                 classes=None if added else declared_classes(source),
                 checkpoint=checkpoint,
-                resume=resume,
+                resume=checkpoint is not None,
                 progress=lambda activity, finished, total: bar(finished, total, activity),
             )
         classifier.save(out)

@@ -163,8 +163,7 @@ def require_recording(thing: object) -> None:
     """Refuse what is no single recording with an `InputError`."""
     if not isinstance(thing, Recording):
         raise InputError(
-            f"a {type(thing).__name__} is no recording; give one Recording, as load_recording(path) or "
-            "Recording(signal, sample_rate, name) makes it."
+            f"a {type(thing).__name__} is no recording; give one Recording, such as load_recording makes of a file."
         )
 
 

@@ -130,7 +130,7 @@ def window_findings(
         message = (
             f"a window of {length} samples is shorter than one revolution of {slowest.recording_id}{_more(partial)} "
             f"({60 * (stated_speed(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); take length "
-            f"{_turn(slowest)} or more, or allow_partial_revolution=True."
+            f"{_turn(slowest)} or more."
         )
         yield Finding("partial_turn", "warning", None, message)
 

@@ -184,15 +184,6 @@ def test_recordings_are_a_sequence_with_facts_and_a_short_repr(folder: Path) -> 
     assert repr(mixed) == "Recordings(2: 1 normal, 1 no label; 2 channels at 2 sample rates)"
 
 
-def test_recordings_are_put_together_and_no_id_stands_twice(folder: Path) -> None:
-    recordings = load_recordings(folder)
-    extended = recordings + Recordings([make("new")])
-    assert extended.recording_ids == (*recordings.recording_ids, "new")
-    assert recordings.concat([make("new")]).recording_ids == extended.recording_ids
-    with pytest.raises(InputError, match="two recordings have the id 'A_normal_5_0'"):
-        recordings + recordings
-
-
 def test_where_selects_by_condition_and_attribute(folder: Path) -> None:
     recordings = load_recordings(folder)
     assert len(recordings.where(label="healthy", specimen="A", speed=rpm(855), pressure=MPa(15.2))) == 3
@@ -256,12 +247,6 @@ def test_a_split_keeps_groups_whole_and_every_class_on_both_sides(seed: int, by:
     assert not set(map(groups[by], train)) & set(map(groups[by], test))
     again = recordings.split(test=0.25, by=by, seed=seed)
     assert (train.recording_ids, test.recording_ids) == (again[0].recording_ids, again[1].recording_ids)
-
-
-def test_a_split_by_recording_holds_every_class_at_every_pressure() -> None:
-    train, test = Recordings(rig(5)).split(test=0.2, seed=1)
-    cells = {(label, condition) for label, condition in zip(test.labels, test.conditions, strict=True)}
-    assert (len(train), len(test), len(cells)) == (32, 8, 4)
 
 
 def test_a_class_of_one_group_stays_in_training() -> None:

@@ -2,7 +2,6 @@
 
 import errno
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -86,14 +85,6 @@ def test_an_index_gives_back_whatever_was_written(facts: dict[str, Any], suffix:
     if loaded.condition is not None and recording.condition is not None:
         for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
             assert getattr(loaded.condition, name) == pytest.approx(getattr(recording.condition, name), rel=1e-12)
-
-
-def test_recordings_come_in_the_order_of_the_index(tmp_path: Path) -> None:
-    recordings = [make("b"), make("a", "piston"), make("c")]
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    write_index(recordings, files, tmp_path)
-    assert [recording.recording_id for recording in load_recordings(tmp_path)] == ["b", "a", "c"]
-    assert tomllib.loads((tmp_path / "recordings.toml").read_text())["classes"] == ["normal", "piston"]
 
 
 def test_defaults_hold_where_an_entry_is_silent(tmp_path: Path) -> None:
@@ -318,15 +309,6 @@ def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
     assert propose_index(tmp_path, sample_rate="1 kHz", unit="g", speed="860 rpm").notes == ()
 
 
-def test_a_proposal_asks_how_the_class_is_written(tmp_path: Path) -> None:
-    for name in ("01_7", "02_8"):
-        write_recording(make(name, None), tmp_path / f"{name}.mat")
-    index = propose_index(
-        tmp_path, ask=lambda key, question: r"_(?P<label>\d)" if key == "label_pattern" else None
-    ).index
-    assert index["classes"] == ["7", "8"]
-
-
 def test_a_proposal_names_every_missing_fact(rig: Path) -> None:
     with pytest.raises(DataError, match=r"sample_rate of 3 files .*--sample-rate.*unit of 3 files .*--unit"):
         propose_index(rig)
@@ -342,6 +324,13 @@ def test_a_proposal_takes_facts_from_files_that_carry_them(tmp_path: Path) -> No
     assert "notes.txt" in proposal.skipped[0]
     save_index(proposal.index, tmp_path / "recordings.toml")
     assert [recording.label for recording in load_recordings(tmp_path)] == ["normal", "piston"]
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"holds no file to index: supported are \.csv"):
+        propose_index(tmp_path)
+    with pytest.raises(MissingFileError, match="not a folder"):
+        propose_index(tmp_path / "nowhere")
 
 
 def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
@@ -361,13 +350,6 @@ def test_files_of_one_name_in_two_folders_get_ids(tmp_path: Path) -> None:
     index = propose_index(tmp_path).index
     assert [entry["id"] for entry in index["recording"]] == ["normal_1.mat", "piston_1.mat"]
     assert index["classes"] == ["normal", "piston"]
-
-
-def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"holds no file to index: supported are \.csv"):
-        propose_index(tmp_path)
-    with pytest.raises(MissingFileError, match="not a folder"):
-        propose_index(tmp_path / "nowhere")
 
 
 # ---- public data
@@ -394,25 +376,6 @@ def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: 
     assert normal.signal.shape == (1, 60985)
     assert "from 48000 Hz to 12000 Hz" in normal.attributes["resampled"]
     assert (normal.specimen, normal.attributes["speed"]) == ("DE-healthy", "1797 rpm")
-
-
-def test_the_cavitation_set_is_indexed_from_its_table(public_data: Path, tmp_path: Path) -> None:
-    folder = public_data / "pump_cavitation"
-    proposal = propose_index(
-        folder,
-        table=folder / "files.csv",
-        columns={"speed": "speed_rpm_log", "repeat": "repeat"},
-        include=["recordings/0[1-5]_1*"],
-        unit="1",
-        channels=["ch 0", "ch 1"],
-        index_folder=tmp_path,
-    )
-    loaded = load_recordings(save_index(proposal.index, tmp_path / "cavitation.toml"))
-    assert [recording.label for recording in loaded] == [
-        "healthy",
-        *(f"cavitation{share}" for share in (25, 50, 75, 100)),
-    ]
-    assert {(recording.sample_rate, recording.signal.shape) for recording in loaded} == {(6400.0, (2, 32810))}
 
 
 @pytest.mark.parametrize(
@@ -477,13 +440,6 @@ def test_an_option_that_a_file_contradicts_is_refused_before_an_index_is_made(
     (tmp_path / "normal_1.csv").write_text("time [s],x [g]\n" + rows)
     with pytest.raises(DataError, match=message):
         propose_index(tmp_path, **options)
-
-
-def test_two_unicode_forms_of_a_label_are_one_class_of_the_index(tmp_path: Path) -> None:
-    for name in ("M\u00fcller_1.csv", "Mu\u0308ller_2.csv"):
-        (tmp_path / name).write_text("x\n1.5\n3.5\n")
-    index = propose_index(tmp_path, sample_rate="1 kHz", unit="g").index
-    assert index["classes"] == ["M\u00fcller"]
 
 
 @pytest.mark.parametrize(

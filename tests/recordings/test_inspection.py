@@ -178,11 +178,6 @@ def test_lines_beside_the_stated_speed_are_a_warning(stated: float) -> None:
     assert f"the stated {stated:.0f} rev/min" in finding.message
 
 
-@pytest.mark.parametrize("stated", [850.0, 860.0, 870.0])
-def test_a_speed_that_is_nearly_right_is_not_questioned(stated: float) -> None:
-    assert inspect_recording(good(speed=stated)).findings == ()
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_without_lines_contradicts_no_speed(seed: int) -> None:
     assert inspect_recording(good(seed, lines=False)).findings == ()
@@ -221,11 +216,6 @@ def test_equal_signals_under_two_names_are_an_error() -> None:
     report = inspect_recordings([good(), replace(good(), recording_id="copy", label="piston"), good(1)])
     (duplicate,) = [finding for finding in report.findings if finding.kind == "duplicate"]
     assert "r0, copy hold the same samples (normal, piston)" in duplicate.message
-
-
-def test_units_and_lengths_that_differ_are_found() -> None:
-    report = inspect_recordings([good(), replace(good(1, seconds=1.5), unit="1")])
-    assert {"unit", "length"} <= {finding.kind for finding in report.findings}
 
 
 def test_a_class_of_one_recording_or_one_specimen_is_found() -> None:
@@ -276,13 +266,6 @@ def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(monkeypat
 # ---- public data
 
 
-@pytest.mark.parametrize(("record", "clipped"), [(235, False), (236, True), (237, True), (234, False)])
-def test_the_bearing_recordings_known_to_be_clipped_are_found(public_data: Path, record: int, clipped: bool) -> None:
-    path = public_data / "cwru" / "drive_end_12k" / f"drive_end_12k_OR021at6_load{record - 234}_rec{record}.mat"
-    report = inspect_recording(load_recording(path, sample_rate=12000, unit="g", channels=["*_DE_time"]))
-    assert ("clipping" in kinds(report)) == clipped
-
-
 @pytest.mark.parametrize(("stated", "contradicted"), [("720 rpm", False), ("700 rpm", True), ("680 rpm", True)])
 def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
     public_data: Path, stated: str, contradicted: bool
@@ -290,10 +273,3 @@ def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
     path = public_data / "pump_cavitation" / "recordings" / "05_1_s700_cavitation100.dat.gz"
     report = inspect_recording(load_recording(path, unit="1", channels=["ch 0"], speed=stated))
     assert kinds(report) == (["speed"] if contradicted else [])
-
-
-def test_the_report_in_short_says_how_many_recordings_and_what_was_found() -> None:
-    pair = [good(), replace(good(1), specimen="B")]
-    assert repr(inspect_recordings(pair)) == "<InspectionReport of 2 recordings; sound>"
-    damaged = repr(inspect_recordings([changed(good(), 100, 200, np.nan)]))
-    assert damaged.startswith("<InspectionReport of 1 recording; error: ")

@@ -88,11 +88,6 @@ def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
         load_recording(tmp_path / "a.mat", channels=["b.y"], unit="g")
 
 
-def test_a_rate_in_words_is_understood(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", x=X, fs="25.6 kHz", unit="g")
-    assert load_recording(tmp_path / "a.npz").sample_rate == 25600.0
-
-
 def times_in_mat(folder: Path, **stated: object) -> Path:
     savemat(folder / "a.mat", {"x": X, "time": np.arange(len(X)) / 1000.0, "unit": "g", **stated})
     return folder / "a.mat"

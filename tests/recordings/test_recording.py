@@ -22,20 +22,6 @@ def make(name: str = "a", label: str | None = None, specimen: str | None = None)
     return Recording(signal, 8.0, name, channels=("x", "y", "z"), label=label, specimen=specimen)
 
 
-def test_a_recording_knows_its_length_and_the_time_of_each_sample() -> None:
-    recording = make()
-    assert (recording.n_channels, recording.duration) == (3, 0.5)
-    np.testing.assert_array_equal(recording.time, [0, 0.125, 0.25, 0.375])
-
-
-def test_relabeling_leaves_the_measurement_and_the_original_alone() -> None:
-    recording = make(label="normal")
-    other = recording.relabeled("piston")
-    assert (recording.label, other.label, other.relabeled(None).label) == ("normal", "piston", None)
-    assert other.signal is recording.signal
-    assert other.recording_id == recording.recording_id
-
-
 def test_a_recording_is_left_no_empty_id() -> None:
     with pytest.raises(InputError, match=r"needs .* and a recording_id"):
         make().replace(recording_id="")
@@ -48,11 +34,6 @@ def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: in
     assert picked.channels == tuple(names[:count])
     for name, row in zip(picked.channels, picked.signal, strict=True):
         np.testing.assert_array_equal(row, recording.signal[recording.channels.index(name)])
-
-
-def test_an_unknown_channel_is_refused_with_those_there_are() -> None:
-    with pytest.raises(InputError, match="a has no channel 'w'; it has x, y, z"):
-        make().picked(["x", "w"])
 
 
 @pytest.mark.parametrize("shape", [(5,), (1, 0), (0, 5), (2, 3, 4)])
@@ -142,8 +123,3 @@ def test_where_meets_every_condition_and_leaves_out_nothing_that_does(
     message = str(refusal.value)
     assert all(repr(value) in message for value in (label, specimen) if value is not None)
     assert label is None or all((name or "none") in message for name, _ in facts)
-
-
-def test_the_ids_of_a_window_set_select_their_recordings() -> None:
-    ids = np.array(["b", "b", "a"])
-    assert Recordings([make("a"), make("c"), make("b")]).where(ids=ids).recording_ids == ("a", "b")

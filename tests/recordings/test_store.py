@@ -22,7 +22,6 @@ from swashtwin.recordings import (
     load_recording,
     load_recordings,
     refuse_unfit,
-    write_index,
     write_recording,
     write_store,
 )
@@ -129,15 +128,6 @@ def test_a_store_keeps_the_number_type_of_a_file_and_rounds_nothing(tmp_path: Pa
     )
 
 
-def test_a_recording_of_an_index_is_that_of_its_file(tmp_path: Path) -> None:
-    recordings = [make("a"), make("b", label="piston")]
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    write_index(recordings, files, tmp_path)
-    for loaded, file in zip(load_recordings(tmp_path), files, strict=True):
-        alone = load_recording(file)
-        assert_same(replace(loaded, attributes={}), replace(alone, attributes={}))
-
-
 def test_a_store_is_not_taken_for_one_recording(tmp_path: Path) -> None:
     file = write_recording(make("a"), tmp_path / "one.h5")
     assert not is_store(file)
@@ -156,20 +146,6 @@ def test_a_store_of_another_version_is_refused_by_both_names(tmp_path: Path, num
     assert is_store(path)
     with pytest.raises(ArtifactError, match=f"format 'swashtwin store {number}', .* reads 'swashtwin store 2'"):
         load_recordings(path)
-
-
-def test_a_store_is_recognized_by_its_suffix_in_any_case_of_letters(tmp_path: Path) -> None:
-    store = write_store([make("a"), make("b")], tmp_path / "STORE.H5")
-    assert is_store(store)
-    assert load_recordings(store).recording_ids == ("a", "b")
-
-
-@pytest.mark.parametrize("name", ["SamplingRate", "samplerate", "fs", "Sampling_Frequency"])
-def test_a_foreign_hdf5_file_says_its_rate_by_any_usual_name(name: str, tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "foreign.h5", "w") as file:
-        file["x"] = np.arange(100.0)
-        file["x"].attrs[name] = 1000.0
-    assert load_recording(tmp_path / "foreign.h5", unit="g").sample_rate == 1000.0
 
 
 def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:

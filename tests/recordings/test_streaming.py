@@ -18,7 +18,6 @@ import pytest
 
 import swashtwin
 from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows
 from swashtwin.physics import Twin
 from swashtwin.physics.twin import model
 from swashtwin.pump import OperatingCondition, Pump
@@ -104,15 +103,6 @@ def test_other_formats_keep_the_channels_and_lose_the_speed(tmp_path: Path, suff
     loaded = load_recording(path, **({"unit": "m/s^2"} if suffix == "wav" else {}))
     assert loaded.speed is None
     np.testing.assert_allclose(loaded.signal, block.signal, rtol=1e-6)
-
-
-def test_windows_of_a_recording_with_a_speed_are_those_of_one_without() -> None:
-    (block,) = blocks_of((1000,))
-    for name in ("signal", "speed", "recording_id"):
-        with_speed, without = (
-            getattr(cut_windows([recording], length=100), name) for recording in (block, replace(block, speed=None))
-        )
-        np.testing.assert_array_equal(with_speed, without)
 
 
 @pytest.mark.parametrize(
@@ -274,14 +264,6 @@ def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None
     assert run.blocks == [2, 3]
     write_series(tmp_path / "two" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
     assert contents(tmp_path / "one" / "runs") == contents(tmp_path / "two" / "runs")
-
-
-def test_a_series_may_grow(tmp_path: Path) -> None:
-    run = SeriesRun([])
-    for count in (2, 3):
-        index, _ = write_series(tmp_path / "runs", count, run.blocks_of, settings={}, bytes_each=9000)
-    assert run.blocks == [0, 1, 2]
-    assert len(load_recordings(index)) == 3
 
 
 def test_a_folder_made_with_other_settings_is_refused_and_the_difference_named(tmp_path: Path) -> None:

@@ -265,7 +265,11 @@ class Case:
     units: list[str]
 
     def truth(self) -> Truth | None:
-        """What may be read; None where the file must be refused."""
+        """What may be read; None where the file must be refused. Accelerations go before other quantities."""
+        vibration = [number for number, unit in enumerate(self.units) if unit in FACTORS and unit not in ("Pa", "V")]
+        if vibration and len(vibration) < len(self.units) and all(unit in FACTORS for unit in self.units):
+            columns = (self.names, self.values, self.rates, self.units)
+            return Case(*([column[number] for number in vibration] for column in columns)).truth()  # type: ignore[arg-type]
         rate, lengths = self.rates[0], {len(values) for values in self.values}
         units = {"m/s^2" if unit not in ("Pa", "V") else unit for unit in self.units}
         plausible = isinstance(rate, float) and 1e-3 <= rate <= 1e9 and len(set(self.rates)) == 1

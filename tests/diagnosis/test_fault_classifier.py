@@ -134,6 +134,8 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     classifier = FaultClassifier("levels", window=128, epochs=1).fit(train, synthetic=sets)
     assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]
     assert '--fault-of "Kolbenverschleiss=piston"' in classifier.notes_[0]
+    only_healthy = classifier.fit(train[:3], synthetic=sets)
+    assert not any("--fault-of" in note for note in only_healthy.notes_)
     mapped = FaultClassifier("levels", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"})
     mapped.fit(train, synthetic=sets)
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]

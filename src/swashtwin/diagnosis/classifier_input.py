@@ -117,9 +117,10 @@ def name_alike(
     healthy = [label for label in measured if is_healthy(label)]
     if len(healthy) == 1:
         names |= {name: healthy[0] for name in made if is_healthy(name)}
-    lone = [label for label in sorted(measured) if label not in {names.get(name, name) for name in made}]
+    renamed = {names.get(name, name) for name in made}
+    lone = [label for label in sorted(measured) if label not in renamed and not is_healthy(label)]
     notes = []
-    for name in made:
+    for name in dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label)):
         if names.get(name, name) in measured or not lone:
             continue
         likely = [label for label in lone if propose_class(label) == name]

@@ -10,10 +10,10 @@ from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_fact
 
 _OTHER_QUANTITY = re.compile(
     r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment|"
-    r"tacho|tachometer|keyphasor|case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
+    r"case[ _-]?drain|leck(?:öl)?)(?:[^a-z]|$)",
     re.IGNORECASE,
 )
-"""Names of channels that are no vibration."""
+"""Names of channels that are no vibration; a tachometer stays, for the commands that follow it."""
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _COUNT = r"(?i:counts?|cts?|lsb|digits?|bits?|fs|full[ _-]?scale)"
 _ELECTRIC = r"[nmuµμ]?V|[pn]C|[muµμ]?A"

@@ -5,13 +5,13 @@ import math
 from pathlib import Path
 
 import pytest
+from tree_models import fit_trees
 
 from swashtwin.learning import (
-    FittedBaseline,
+    FittedClassifier,
     TrainingSettings,
     WindowSet,
     cut_windows,
-    fit_extra_trees,
     learn_confidence,
 )
 from swashtwin.pump import CLASSES
@@ -62,9 +62,9 @@ def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatc
 def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = record_roles(0, TINY)
 
-    def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedBaseline:
+    def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedClassifier:
         validation = [recording for recording in parts["same"] if recording.label != "valve_plate"]
-        return learn_confidence(fit_extra_trees(train, n_trees=5), cut_windows(validation, like=train))
+        return learn_confidence(fit_trees(train), cut_windows(validation, like=train))
 
     monkeypatch.setattr(confidence, "_fit", fit)
     result = confidence._training(parts, "chosen", "valve_plate", 0, TINY)

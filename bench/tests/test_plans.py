@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tree_models import fit_trees
 
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError
-from swashtwin.learning import BASELINES, CANDIDATES, NETWORKS, cut_windows, fit_baseline
+from swashtwin.learning import CANDIDATES, NETWORKS, cut_windows
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import DEFAULT_VARIATION, discriminative_score
@@ -107,7 +108,7 @@ def test_the_chosen_model_holds_its_candidates_in_its_key_and_trains_as_the_defa
     model = MODELS["quick"]["chosen"]
     assert len(model.describe()["candidates"]) == len(CANDIDATES)
     calls: list[dict[str, Any]] = []
-    trained = fit_baseline("ridge", dataset.measured)
+    trained = fit_trees(dataset.measured)
     fitting = lambda windows, **how: calls.append({"windows": windows, **how}) or trained  # noqa: E731
     monkeypatch.setattr(models, "fit_chosen", fitting)
     assert train_model(model, dataset.measured, seed=5, manifest=["lent"]) is trained
@@ -140,10 +141,9 @@ def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(re
     assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(accuracies)])
 
 
-def test_every_network_and_baseline_stands_in_the_algorithms_table() -> None:
+def test_every_network_stands_in_the_algorithms_table() -> None:
     names = plan_of("algorithms").models
     assert {name for name in NETWORKS if not name.startswith("bitcn_")} <= set(names)
-    assert set(BASELINES) <= set(names)
 
 
 @pytest.mark.parametrize("study", PLANS)

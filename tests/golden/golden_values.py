@@ -11,7 +11,7 @@ import swashtwin_bench.rivals.networks  # noqa: F401  (makes the rivals known)
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import load_classifier, save_classifier
 from swashtwin.foundation import MPa, mm, rpm, um
-from swashtwin.learning import TrainingSettings, WindowSet, build_network, cut_windows, fit, fit_extra_trees
+from swashtwin.learning import TrainingSettings, WindowSet, build_network, cut_windows, fit
 from swashtwin.physics import Twin
 from swashtwin.pump import DamScratch, OperatingCondition, PistonWear, SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording, Recordings
@@ -117,7 +117,8 @@ def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     """Probabilities that extremely randomized trees give to a few windows of other pumps."""
     windows = cut_windows(pair_recordings(plant), length=2048)
     others = [recording for recording in plant if recording.specimen == "C" and recording.label in windows.classes]
-    trees = fit_extra_trees(windows, seed=0, n_trees=20)
+    network = build_network("extra_trees", windows.n_channels, len(windows.classes), trees=20)
+    trees = fit(network, windows, settings=TrainingSettings(epochs=1, normalization="none"), seed=0)
     return trees.predict_proba(every_tenth(cut_windows(others, like=windows))).tolist()
 
 

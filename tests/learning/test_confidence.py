@@ -9,21 +9,19 @@ import pytest
 from commandline import one_line, run, run_json
 from sklearn.covariance import LedoitWolf
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from tree_models import fit_trees
 
 from swashtwin.diagnosis import diagnose, load_classifier, save_classifier
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import (
     BiTCN,
     Confidence,
-    FittedBaseline,
     FittedClassifier,
     TrainingSettings,
     WindowSet,
-    cross_fit,
     cross_fitted_confidence,
     cut_windows,
     fit,
-    fit_extra_trees,
     learn_confidence,
     plan_validation,
     pooled_probabilities,
@@ -236,25 +234,6 @@ def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> 
         cross_fitted_confidence(probability, names, target, np.zeros(10))
 
 
-def test_cross_fitting_asks_no_model_about_a_recording_that_it_was_trained_on() -> None:
-    train, trained = windows(several("train", 10)), []
-
-    def fit_trees(some: WindowSet) -> FittedBaseline:
-        trained.append({*some.recording_id.tolist()})
-        return fit_extra_trees(some, n_trees=3)
-
-    result = cross_fit(fit_trees, train, n_folds=4)
-    names = {*train.recording_id.tolist()}
-    assert [len(part) for part in trained] == [15, 15, 15, 15, 20]
-    assert set.union(*(names - part for part in trained[:4])) == names
-    assert {*result.manifest} == names
-    assert result.confidence.n_recordings == 20
-    assert result.confidence.cross_fitted
-    reference = fit_trees(train).training_reference
-    alike = [reference.ood_score(features) for features in reference.features]
-    assert np.median(result.confidence.ood_score) > np.median(alike)  # each is less like a training without it
-
-
 def test_a_diagnosis_says_that_its_confidence_was_cross_fitted(bare: FittedClassifier) -> None:
     train = windows(several("train", 10))
     answers = cross_fitted_confidence(bare.predict_proba(train), train.recording_id, train.target, np.arange(20.0))
@@ -276,7 +255,7 @@ def test_a_perfectly_calibrated_toy_has_the_calibration_error_of_chance_alone() 
 @pytest.mark.parametrize("kind", ["network", "trees"])
 def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: FittedClassifier, kind: str) -> None:
     if kind == "trees":
-        trees = fit_extra_trees(windows(several("train", 4)), n_trees=20)
+        trees = fit_trees(windows(several("train", 4)), 20)
         answer = learn_confidence(trees, windows(several("validation", 10)))
     else:
         answer = taught

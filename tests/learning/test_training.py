@@ -92,8 +92,8 @@ def test_every_network_overfits_twenty_windows(name):
     smaller = {"channels": (16, 24, 24), "dropout": 0.0} if name.startswith("bitcn") else {}
     classifier = fit(build_network(name, 1, 2, **smaller), windows, settings=settings)
     assert (classifier.predict_proba(windows).argmax(axis=1) == windows.target).all()
-    first = math.log(2) if name == "levels" else classifier.history[0].loss
-    assert classifier.history[-1].loss < 0.3 * first
+    first = classifier.history[0].loss if name == "bitcn" else math.log(2)
+    assert classifier.history[-1].loss < 0.4 * first
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others():

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tree_models import fit_trees
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
 from swashtwin.calibration.objective.unknowns import search_space, unknowns_of
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
-from swashtwin.learning import WindowSet, cut_windows, evaluate, fit_extra_trees
+from swashtwin.learning import WindowSet, cut_windows, evaluate
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.synthesis import (
@@ -71,7 +72,7 @@ def test_a_window_does_not_depend_on_those_made_beside_it(
 
 
 def test_no_score_is_given_on_synthetic_windows(twin: Twin, measured: WindowSet) -> None:
-    trees = fit_extra_trees(measured, seed=0, n_trees=5)
+    trees = fit_trees(measured)
     synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
     with pytest.raises(LeakError, match="synthetic"):
         evaluate(trees, synthetic)

@@ -1,5 +1,6 @@
 """Commands that end a user's work: diagnose, report."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +22,9 @@ from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import Diagnosis
+    from swashtwin.diagnosis import Diagnosis, Evidence
+    from swashtwin.learning import FittedClassifier
+    from swashtwin.recordings import Recording
 
 EXPLAINED = 10
 """Recordings whose evidence a report shows; each costs some hundred passes through the network."""
@@ -56,11 +59,7 @@ def diagnose(
         verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
     evidence = {}
     if report is not None and isinstance(trained, FaultClassifier):
-        from swashtwin.diagnosis import explain
-
-        pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
-        for recording, verdict in with_bar(pairs, "collecting evidence"):
-            evidence[verdict.recording_id] = explain(trained.fitted_, recording, verdict)
+        evidence = _evidence_of(trained.fitted_, recordings, verdicts)
     items = [item for verdict in verdicts for item in (verdict, evidence.get(verdict.recording_id)) if item is not None]
     page = write_page(report, *items, about={"Model": model})
 
@@ -82,6 +81,24 @@ def diagnose(
     tell({**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
+
+
+def _evidence_of(
+    classifier: "FittedClassifier", recordings: Sequence["Recording"], verdicts: Sequence["Diagnosis"]
+) -> dict[str, "Evidence"]:
+    """What the first verdicts rest on, by recording; none of a network that has no gradients."""
+    from swashtwin.diagnosis import explain
+
+    if not classifier.network.has_gradients:
+        note(
+            f"note: the page says no lines that speak for a verdict, since {classifier.network.name} has no gradients."
+        )
+        return {}
+    pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
+    return {
+        verdict.recording_id: explain(classifier, recording, verdict)
+        for recording, verdict in with_bar(pairs, "collecting evidence")
+    }
 
 
 _HEADERS = {

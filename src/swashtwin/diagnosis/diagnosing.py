@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +14,6 @@ from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
     Confidence,
-    DiagnosingClassifier,
     FittedClassifier,
     WindowLayout,
     WindowSet,
@@ -31,7 +29,7 @@ _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
 
 
-def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
+def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
     """The class of a recording, labeled or not, from windows cut as in training and without overlap.
 
     A recording that was loaded from its file is never whole in memory. One that cannot be used (NaN, a dead channel,
@@ -95,7 +93,7 @@ def diagnose(classifier: DiagnosingClassifier, recording: Recording, *, error_ra
         probabilities=dict(zip(classifier.classes, pooled.tolist(), strict=True)),
         reasons=reasons,
         notes=(*notes, *reasons),
-        choice=classifier.choice if isinstance(classifier, FittedClassifier) else None,
+        choice=classifier.choice,
         spectrum=classifier_spectrum(reference, classifier.layout, mean, specimen, condition),
     )
 
@@ -143,10 +141,9 @@ def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> s
     )
 
 
-C = TypeVar("C", bound=DiagnosingClassifier)
-
-
-def fit_to_recording(classifier: C, recording: Recording) -> tuple[C, Callable[[], Iterator[WindowSet]]]:
+def fit_to_recording(
+    classifier: FittedClassifier, recording: Recording
+) -> tuple[FittedClassifier, Callable[[], Iterator[WindowSet]]]:
     """(the classifier with the scaling of this recording, what gives the recording's windows in parts)."""
     parts = partial(
         window_batches,
@@ -195,7 +192,7 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
     )
 
 
-def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
+def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
     notes = []
     if seen := seen_recordings(classifier.manifest, manifest_of([recording])):
         listed = seen[recording.recording_id]
@@ -207,7 +204,7 @@ def _notes(classifier: DiagnosingClassifier, recording: Recording) -> list[str]:
     layout = classifier.layout
     if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
         notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
-    if isinstance(classifier, FittedClassifier) and classifier.network.uses_speed and not stated_speed(recording):
+    if classifier.network.uses_speed and not stated_speed(recording):
         usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
         notes.append(
             f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "

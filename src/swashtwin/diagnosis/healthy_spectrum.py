@@ -71,7 +71,7 @@ def classifier_spectrum(
 
     Parameters
     ----------
-    features : means over the windows of the recording (`DiagnosingClassifier.answer`).
+    features : means over the windows of the recording (`FittedClassifier.answer`).
     specimen : its machine; empty where not stated.
     condition : its speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
     """

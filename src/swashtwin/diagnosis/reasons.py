@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.learning import DiagnosingClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
+from swashtwin.learning import FittedClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
 _SPEED_TOLERANCE = 0.05
@@ -24,7 +24,7 @@ _MOST = 6
 
 
 def reasons_of(
-    classifier: DiagnosingClassifier,
+    classifier: FittedClassifier,
     condition: Float64[np.ndarray, " quantity"],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ def _listed_names(names: list[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
-def _of_condition(classifier: DiagnosingClassifier, speed: float, pressure: float) -> Iterator[str]:
+def _of_condition(classifier: FittedClassifier, speed: float, pressure: float) -> Iterator[str]:
     if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
         trained = _listed([value / 1e6 for value in classifier.pressures])
         yield f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."

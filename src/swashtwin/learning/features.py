@@ -4,6 +4,7 @@ Per channel, 82 numbers: 12 statistics of the time signal, the energies of 32 lo
 of the envelope, and the energies of 32 logarithmic bands of the envelope's spectrum.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ _N_SHAPE, _N_LINES, _LINE_SHARE, _N_LEVEL_BANDS = 5, 72, 0.08, 48
 
 ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "crest_factor")
 """Those of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
+OF_ENVELOPE = [TIME_STATISTICS.index(name) for name in ENVELOPE_STATISTICS]
+"""Their places among the `TIME_STATISTICS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +53,32 @@ def extract_features(windows: WindowSet) -> FeatureTable:
     >>> table.values.shape, table.names[2]
     ((2, 82), 'acceleration time rms')
     """
-    parts, names = [], []
-    for index, channel in enumerate(windows.channels):
-        signal = windows.signal[:, index].astype(np.float64)
-        envelope = signal_envelope(signal - signal.mean(axis=1, keepdims=True))
+    return FeatureTable(feature_values(windows.signal), feature_names(windows.channels))
+
+
+def feature_values(
+    signal: Float[np.ndarray, "window channel time"],
+) -> Float64[np.ndarray, "window feature"]:
+    """`extract_features` of the samples of windows."""
+    parts = []
+    for samples in signal.transpose(1, 0, 2).astype(np.float64):
+        envelope = signal_envelope(samples - samples.mean(axis=1, keepdims=True))
         parts += [
-            time_statistics(signal),
-            band_energies(signal),
-            time_statistics(envelope)[:, [TIME_STATISTICS.index(name) for name in ENVELOPE_STATISTICS]],
+            time_statistics(samples),
+            band_energies(samples),
+            time_statistics(envelope)[:, OF_ENVELOPE],
             band_energies(envelope),
         ]
-        names += [f"{channel} time {name}" for name in TIME_STATISTICS]
-        names += [f"{channel} spectrum band {band}" for band in range(N_BANDS)]
-        names += [f"{channel} envelope {name}" for name in ENVELOPE_STATISTICS]
-        names += [f"{channel} envelope spectrum band {band}" for band in range(N_BANDS)]
-    return FeatureTable(np.concatenate(parts, axis=1), tuple(names))
+    return np.concatenate(parts, axis=1)
+
+
+def feature_names(channels: Sequence[str]) -> tuple[str, ...]:
+    """Name of each column of `feature_values`."""
+    names = [f"time {name}" for name in TIME_STATISTICS]
+    names += [f"spectrum band {band}" for band in range(N_BANDS)]
+    names += [f"envelope {name}" for name in ENVELOPE_STATISTICS]
+    names += [f"envelope spectrum band {band}" for band in range(N_BANDS)]
+    return tuple(f"{channel} {name}" for channel in channels for name in names)
 
 
 def level_features(windows: WindowSet) -> Float64[np.ndarray, "window feature"]:

@@ -5,10 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.foundation import InputError
+from swashtwin.learning import features as features_of
 from swashtwin.learning.networks import window_levels as levels_of
 from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.networks.tree_network import ExtraTrees
 from swashtwin.learning.training.classifier import FittedClassifier
-from swashtwin.signals import band_shares, hann_taper
+from swashtwin.signals import TIME_STATISTICS, band_shares, hann_taper
 
 OPSET = 18
 
@@ -16,16 +19,18 @@ OPSET = 18
 class Graph:
     """Operations one after another; each is named by its number."""
 
-    def __init__(self) -> None:
+    def __init__(self, dtype: Any = np.float32) -> None:
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
+        self.dtype = dtype
+        """Type of the numbers."""
 
-    def constant(self, value: Any, dtype: Any = np.float32) -> str:
+    def constant(self, value: Any, dtype: Any = None) -> str:
         """Name of an array that the file holds."""
         from onnx import numpy_helper
 
         name = f"constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype=dtype), name))
+        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype=dtype or self.dtype), name))
         return name
 
     def __call__(self, kind: str, *inputs: Any, **attributes: Any) -> str:
@@ -50,27 +55,68 @@ class Graph:
         """Decadic logarithm."""
         return self("Mul", self("Log", x), 1 / math.log(10))
 
+    def sum(self, x: str) -> str:
+        """Sum over the last axis, which goes."""
+        return self("ReduceSum", x, self.constant([-1], np.int64), keepdims=0)
+
+    def largest(self, x: str) -> str:
+        """Largest entry of the last axis, which stays as one entry."""
+        return self("ReduceMax", x, self.constant([-1], np.int64), keepdims=1)
+
+    def analytic(self, spectrum: str, length: int, first: int, last: int) -> str:
+        """Analytic signal of the lines `first` to `last` of a transform; its two parts are a further axis."""
+        n_lines = length // 2 + 1
+        line = np.arange(n_lines)
+        weight = np.where((line >= first) & (line <= last), 2.0, 0.0)
+        if length % 2 == 0:
+            weight[-1] /= 2  # the line at half the rate stands for itself alone
+        gap = self.constant([0, 0, 0, 0, 0, 0, length - n_lines, 0], np.int64)
+        return self("DFT", self("Pad", self("Mul", spectrum, weight[:, None]), gap), axis=2, inverse=1)
+
     def transform(self, x: str) -> str:
         """One-sided transform over the last axis; the real and imaginary parts are a further axis."""
         return self("DFT", self("Unsqueeze", x, self.constant([-1], np.int64)), axis=2, onesided=1)
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """The ONNX model of a classifier on levels, without metadata; see `export_onnx` for its inputs and output."""
+    """The ONNX model of a classifier on levels or of trees, without metadata; see `export_onnx` for inputs and output.
+
+    Raises
+    ------
+    InputError
+        Its network is of another kind, whose operations are not known.
+    """
     from onnx import TensorProto, helper
 
-    layout, network, graph = classifier.layout, classifier.network, Graph()
-    assert isinstance(network, LevelNetwork)
-    x = _scaled(graph, classifier)
-    inputs = [
-        helper.make_tensor_value_info("windows", TensorProto.FLOAT, ["window", len(layout.channels), layout.length])
-    ]
-    turns = None
+    layout, network = classifier.layout, classifier.network
+    shape: list[str | int] = ["window", len(layout.channels), layout.length]
+    inputs = [helper.make_tensor_value_info("windows", TensorProto.FLOAT, shape)]
+    domains = [helper.make_opsetid("", OPSET)]
+    if isinstance(network, LevelNetwork):
+        graph = Graph()
+        if network.uses_speed:
+            inputs.append(helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["window"]))
+        _answer_of_levels(graph, classifier, network)
+    elif isinstance(network, ExtraTrees):
+        graph = Graph(np.float64)
+        domains.append(helper.make_opsetid("ai.onnx.ml", 3))
+        _answer_of_trees(graph, classifier, network)
+    else:
+        raise InputError(f"the network {network.name!r} cannot be written as ONNX.")
+    output = helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["window", len(classifier.classes)])
+    whole = helper.make_graph(graph.nodes, "classifier", inputs, [output], graph.constants)
+    return helper.make_model(whole, opset_imports=domains, ir_version=9)
+
+
+def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: LevelNetwork) -> None:
+    """`LevelNetwork.probabilities`."""
+    from onnx import helper
+
+    layout, turns = classifier.layout, None
     if network.uses_speed:
-        inputs.append(helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["window"]))
         stated = graph("Mul", "speed", 1 / (2 * math.pi * layout.sample_rate))
         turns = graph("Where", graph("IsNaN", stated), network.settings["turns"], stated)
-    features = _levels(graph, network, x, layout.length, turns)
+    features = _levels(graph, network, _scaled(graph, classifier), layout.length, turns)
     weights = network.weights
     encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
     answers = []
@@ -80,9 +126,35 @@ def onnx_model(classifier: FittedClassifier) -> Any:
             inner = graph("Gemm", graph("Relu", inner), weights["output"], weights["output.bias"], transB=1)
         answers.append(graph("Softmax", inner, axis=-1))
     graph.nodes.append(helper.make_node("Mean", answers, ["probability"]))
-    output = helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["window", len(classifier.classes)])
-    whole = helper.make_graph(graph.nodes, "classifier", inputs, [output], graph.constants)
-    return helper.make_model(whole, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=9)
+
+
+def _answer_of_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) -> None:
+    """`ExtraTrees.probabilities`: features of double precision, rounded as the trees compare them."""
+    from onnx import TensorProto, helper
+
+    x = graph("Cast", _scaled(graph, classifier), to=TensorProto.DOUBLE)
+    values = graph("Cast", _features(graph, x, classifier.length), to=TensorProto.FLOAT)
+    forest = network.forest
+    assert forest is not None
+    tree = np.searchsorted(forest.root, np.arange(forest.column.size), side="right") - 1
+    first, leaf = forest.root[tree], forest.column < 0
+    n_classes = network.n_classes
+    leaves = np.flatnonzero(leaf).repeat(n_classes)
+    attributes = {
+        "nodes_treeids": tree, "nodes_nodeids": np.arange(forest.column.size) - first,
+        "nodes_featureids": np.maximum(forest.column, 0), "nodes_truenodeids": np.where(leaf, 0, forest.left - first),
+        "nodes_falsenodeids": np.where(leaf, 0, forest.right - first),
+        "class_treeids": tree[leaves], "class_nodeids": leaves - first[leaves],
+        "class_ids": np.tile(np.arange(n_classes), int(leaf.sum())),
+    }  # fmt: skip
+    shares = (forest.probability[leaf] / len(forest.root)).ravel()
+    node = helper.make_node(
+        "TreeEnsembleClassifier", [values], ["likeliest", "probability"], domain="ai.onnx.ml",
+        nodes_modes=np.where(leaf, "LEAF", "BRANCH_LEQ").tolist(), nodes_values=forest.threshold.tolist(),
+        class_weights=shares.tolist(), classlabels_int64s=list(range(n_classes)), post_transform="NONE",
+        **{name: value.tolist() for name, value in attributes.items()},
+    )  # fmt: skip
+    graph.nodes.append(node)
 
 
 def _scaled(graph: Graph, classifier: FittedClassifier) -> str:
@@ -113,15 +185,9 @@ def _levels(graph: Graph, network: LevelNetwork, x: str, length: int, turns: str
     counts = levels_of.line_counts(turns is not None)
     parts = _spectrum_levels(graph, x, length, turns, counts[0], levels_of.LINE_SHARE, levels_of.BANDS)
     spectrum = graph.transform(x)
-    n_lines = length // 2 + 1
     for above in levels_of.ENVELOPE_FROM:
-        weight = np.where(np.arange(n_lines) > above * (length // 2), 2.0, 0.0)
-        if length % 2 == 0:
-            weight[-1] /= 2  # the line at half the rate stands for itself alone
-        half = graph("Mul", spectrum, weight[:, None])
-        gap = graph.constant([0, 0, 0, 0, 0, 0, length - n_lines, 0], np.int64)
-        analytic = graph("DFT", graph("Pad", half, gap), axis=2, inverse=1)
-        square = graph("ReduceSum", graph("Mul", analytic, analytic), graph.constant([-1], np.int64), keepdims=0)
+        analytic = graph.analytic(spectrum, length, math.floor(above * (length // 2)) + 1, length // 2)
+        square = graph.sum(graph("Mul", analytic, analytic))
         envelope = graph("Sqrt", graph("Add", square, 1e-12))
         mean = graph.mean(envelope)
         moving = graph("Sub", envelope, mean)
@@ -141,8 +207,7 @@ def _spectrum_levels(
 ) -> list[str]:
     """Shape of the waveform, levels of narrow lines, levels of logarithmic bands."""
     lines = graph.part(graph.transform(graph("Mul", x, hann_taper(length))), 1, axis=2)
-    power = graph("ReduceSum", graph("Mul", lines, lines), graph.constant([-1], np.int64), keepdims=0)
-    power = graph("Div", power, float(length))
+    power = graph("Div", graph.sum(graph("Mul", lines, lines)), float(length))
     n_lines = length // 2
     if turns is None:
         first, last = levels_of.narrow_edges(n_lines, n_narrow, share)
@@ -157,12 +222,11 @@ def _spectrum_levels(
     deviation = graph("Add", graph("Sqrt", graph.mean(graph("Mul", x, x))), 1e-6)
     z = graph("Div", x, deviation)
     square, magnitude = graph("Mul", z, z), graph("Abs", z)
-    largest = graph("ReduceMax", magnitude, graph.constant([-1], np.int64), keepdims=1)
     return [
         graph.log10(deviation),
         graph.mean(graph("Mul", square, z)),
         graph("Log", graph("Add", graph.mean(graph("Mul", square, square)), 1e-3)),
-        graph("Log", graph("Add", largest, 1e-3)),
+        graph("Log", graph("Add", graph.largest(magnitude), 1e-3)),
         graph.mean(magnitude),
         *levels,
     ]
@@ -181,3 +245,49 @@ def _order_powers(graph: Graph, power: str, lines_per_order: str, n_lines: int, 
     width = graph("Sub", high, low)
     mean = graph("Div", graph("MatMul", power, overlap), graph("Max", width, 1e-6))
     return graph("Where", graph("Less", width, levels_of.NARROWEST), graph.part(power, n_lines - 1), mean)
+
+
+def _features(graph: Graph, x: str, length: int) -> str:
+    """`feature_values`."""
+    moving = graph("Sub", x, graph.mean(x))
+    analytic = graph.analytic(graph.transform(moving), length, 1, (length - 1) // 2)
+    turned = graph("Squeeze", graph.part(analytic, 1), graph.constant([-1], np.int64))
+    envelope = graph("Sqrt", graph("Add", graph("Mul", moving, moving), graph("Mul", turned, turned)))
+    statistics = [_time_statistics(graph, x), _time_statistics(graph, envelope)]
+    parts = [
+        *statistics[0].values(), _band_levels(graph, x, length),
+        *(statistics[1][name] for name in features_of.ENVELOPE_STATISTICS), _band_levels(graph, envelope, length),
+    ]  # fmt: skip
+    return graph("Flatten", graph("Concat", *parts, axis=-1), axis=1)
+
+
+def _time_statistics(graph: Graph, x: str) -> dict[str, str]:
+    """`signals.time_statistics` by name."""
+    mean, magnitude = graph.mean(x), graph("Abs", x)
+    moving = graph("Sub", x, mean)
+    deviation = graph("Sqrt", graph.mean(graph("Mul", moving, moving)))
+    rms, peak, absolute = graph("Sqrt", graph.mean(graph("Mul", x, x))), graph.largest(magnitude), graph.mean(magnitude)
+    standard = graph("Div", moving, graph("Where", graph("Equal", deviation, 0.0), 1.0, deviation))
+    square = graph("Mul", standard, standard)
+    root = graph.mean(graph("Sqrt", magnitude))
+
+    def ratio(above: str, below: str) -> str:
+        is_zero = graph("Equal", below, 0.0)
+        return graph("Where", is_zero, 0.0, graph("Div", above, graph("Where", is_zero, 1.0, below)))
+
+    columns = (
+        mean, deviation, rms, peak, graph("Add", graph.largest(x), graph.largest(graph("Neg", x))), absolute,
+        graph.mean(graph("Mul", square, standard)), graph.mean(graph("Mul", square, square)), ratio(peak, rms),
+        ratio(rms, absolute), ratio(peak, absolute), ratio(peak, graph("Mul", root, root)),
+    )  # fmt: skip
+    return dict(zip(TIME_STATISTICS, columns, strict=True))
+
+
+def _band_levels(graph: Graph, x: str, length: int) -> str:
+    """`features.band_energies`."""
+    taper = hann_taper(length)
+    moving = graph("Mul", graph("Sub", x, graph.mean(x)), taper)
+    lines = graph.part(graph.transform(moving), 1, axis=2)
+    power = graph("Mul", graph.sum(graph("Mul", lines, lines)), 2 / (length * np.sum(taper**2)))
+    banded = graph("MatMul", power, band_shares(length // 2, features_of.N_BANDS))
+    return graph.log10(graph("Max", banded, 1e-30))

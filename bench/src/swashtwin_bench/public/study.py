@@ -14,12 +14,10 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
-    BASELINES,
     NETWORKS,
-    WindowSet,
+    RECOMMENDED_TRAINING,
     cut_windows,
     extract_features,
-    fit_baseline,
     unseen_recordings,
 )
 from swashtwin.recordings import Recording, usual_window
@@ -27,6 +25,7 @@ from swashtwin_bench.public.readers.registry import read_public_set
 from swashtwin_bench.public.sets import SPLITS, Fold, Split
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial
+from swashtwin_bench.rivals.baselines import ON_FEATURES
 from swashtwin_bench.rivals.models import CHOSEN, Model
 
 METRICS = {
@@ -52,22 +51,6 @@ _NOTES = (
 )
 
 
-class _OnFeatures(FaultClassifier):
-    """A classifier on vibration features, with the interface of `FaultClassifier`."""
-
-    def fit(self, X: Any, y: Any = None, **others: Any) -> "_OnFeatures":
-        """The same, fitted on windows of recordings."""
-        windows = cut_windows(X, length=self.window)
-        self.fitted_: Any = fit_baseline(str(self.network), windows, seed=self.seed)
-        self.classes_ = np.array(windows.classes)
-        return self
-
-    def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:
-        """Windows of recordings as the trained classifier takes them."""
-        classes = tuple(self.classes_)
-        return cut_windows(recordings, length=self.window, classes=classes, allow_partial_revolution=True)
-
-
 @dataclass(frozen=True, eq=False)
 class _Case:
     """One classifier trained on one side of a split and tested on the other."""
@@ -91,8 +74,8 @@ class _Case:
         if self.classifier == CHOSEN:
             return FaultClassifier(seed=self.seed)
         window = usual_window(train) if train else None
-        kind = _OnFeatures if self.classifier in BASELINES else FaultClassifier
-        return kind(self.classifier, window=window, seed=self.seed)
+        scaling = "none" if self.classifier in ON_FEATURES else RECOMMENDED_TRAINING.normalization
+        return FaultClassifier(self.classifier, window=window, normalization=scaling, seed=self.seed)
 
     def run(self, out: Path | None) -> dict[str, Any]:
         """Its run, read or done."""
@@ -149,10 +132,8 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
         `folder` holds none of them.
     """
     for name in settings.classifiers:
-        if name not in (CHOSEN, *NETWORKS, *BASELINES):
-            raise InputError(
-                f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join((*NETWORKS, *BASELINES))}."
-            )
+        if name not in (CHOSEN, *NETWORKS):
+            raise InputError(f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join(NETWORKS)}.")
     there = _sets_there(Path(folder), settings.sets)
     rows: list[tuple[_Case, dict[str, Any]]] = []
     leaky: list[Trial] = []

@@ -12,13 +12,13 @@ from sklearn.metrics import roc_auc_score
 
 from swashtwin.learning import (
     BiTCN,
-    SureClassifier,
+    FittedClassifier,
     TrainingSettings,
     WindowSet,
+    build_network,
     cut_windows,
     fit,
     fit_chosen,
-    fit_extra_trees,
     learn_confidence,
     recording_answers,
     score_confidence,
@@ -28,6 +28,7 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
+from swashtwin_bench.rivals.baselines import UNSCALED
 from swashtwin_bench.rivals.models import CHOSEN, Model
 
 VALIDATION = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
@@ -217,13 +218,14 @@ def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettin
     if kind == CHOSEN:
         return fit_chosen(train, seed=seed)
     if kind == "extra_trees":
-        return fit_extra_trees(train, seed=seed, n_trees=settings.trees)
+        trees = build_network(kind, train.n_channels, len(train.classes), trees=settings.trees)
+        return fit(trees, train, settings=UNSCALED, seed=seed)
     network = BiTCN(train.n_channels, len(train.classes), **settings.network)
     return fit(network, train, settings=settings.training, seed=seed)
 
 
 def _unknown(
-    classifier: SureClassifier, test: WindowSet, foreign: WindowSet, left_out: str, error_rate: float
+    classifier: FittedClassifier, test: WindowSet, foreign: WindowSet, left_out: str, error_rate: float
 ) -> dict[str, float]:
     """How well recordings of the class left out are separated from those of the trained classes."""
     familiar, strange = recording_answers(classifier, test), recording_answers(classifier, foreign)

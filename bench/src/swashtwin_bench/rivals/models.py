@@ -1,10 +1,9 @@
-"""Classifiers of the studies by name: which network or baseline, with which settings, trained how.
+"""Classifiers of the studies by name: which network, with which settings, trained how.
 
 What BiTCN is by default stands here and nowhere else.
 """
 
 import difflib
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any
 
 from swashtwin.foundation import InputError
 from swashtwin.learning import (
-    BASELINES,
     BUDGET,
     CANDIDATES,
     NETWORKS,
@@ -23,10 +21,10 @@ from swashtwin.learning import (
     WindowSet,
     build_network,
     fit,
-    fit_baseline,
     fit_chosen,
 )
 from swashtwin_bench.rivals.ablations import ABLATIONS
+from swashtwin_bench.rivals.baselines import ON_FEATURES, UNSCALED
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ class Model:
     """A classifier before it was trained."""
 
     kind: str
-    """Name in `NETWORKS` or `BASELINES`, or `CHOSEN`."""
+    """Name in `NETWORKS`, or `CHOSEN`."""
     network: Mapping[str, Any] = field(default_factory=dict)
     """Settings of a network that differ from its own defaults."""
     training: TrainingSettings = field(default_factory=TrainingSettings)
@@ -43,15 +41,12 @@ class Model:
     @property
     def is_network(self) -> bool:
         """Whether it is trained in epochs; a single training has a loss curve, and features to embed."""
-        return self.kind in NETWORKS
+        return self.kind in NETWORKS and self.kind not in ON_FEATURES
 
     def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
         if self.kind == CHOSEN:
             return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES], "budget": BUDGET}
-        if not self.is_network:
-            estimator = re.sub(r"\s+", " ", repr(BASELINES[self.kind].estimator(0)))
-            return {"kind": self.kind, "estimator": re.sub(r" at 0x[0-9a-f]+", "", estimator)}
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
         return {"kind": self.kind, "network": network, "training": self.training.to_dict()}
@@ -97,12 +92,12 @@ def _models(size: str) -> dict[str, Model]:
         **{name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()},
         NOISY: Model(DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)),
         CHOSEN: Model(CHOSEN),
-        **{name: Model(name) for name in BASELINES},
+        **{name: Model(name, {}, UNSCALED) for name in ON_FEATURES},
     }
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network and every baseline, our network without one of its parts or trained with
+"""Models by size and name: every network, our network without one of its parts or trained with
 noise, and ``chosen``, what a user gets who sets nothing."""
 
 
@@ -140,21 +135,19 @@ def train_model(
     train : training windows, measured and synthetic.
     seed : seed of weights, order and trees.
     manifest : recordings that had a part without standing in `train`.
-    device : where a network is trained; baselines take the CPU.
+    device : where a network is trained; those on features take the CPU.
     checkpoint : file that a network saves to after each epoch and goes on from; deleted at the end.
     progress : called after each epoch of a network.
     """
     if model.kind == CHOSEN:
         return fit_chosen(train, manifest=manifest, seed=seed)
-    if not model.is_network:
-        return fit_baseline(model.kind, train, seed=seed, manifest=manifest)
     classifier = fit(
         build_network(model.kind, train.n_channels, len(train.classes), **model.network),
         train,
         settings=model.training,
         seed=seed,
         manifest=manifest,
-        device=device,
+        device=device if model.is_network else "cpu",
         checkpoint=checkpoint,
         resume=checkpoint is not None,
         progress=progress,

@@ -18,6 +18,7 @@ from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, 
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin_bench.results.result import score_row
 from swashtwin_bench.results.runs import Task
+from swashtwin_bench.rivals.baselines import ON_FEATURES
 from swashtwin_bench.rivals.models import Model, models_of, train_model
 from swashtwin_bench.studies.dataset import StudyDataset, cells_of
 from swashtwin_bench.studies.perturbations import Perturbation
@@ -239,14 +240,15 @@ def train_and_test(
         checkpoint=None if out is None else task.folder(out) / "training.safetensors",
         progress=lambda _: ends.append(time.process_time()),
     )
-    if keep_model and out is not None and isinstance(classifier, FittedClassifier):
+    if keep_model and out is not None and isinstance(classifier, FittedClassifier) and classifier.network.weights:
         save_classifier(classifier, task.folder(out) / "model.safetensors")
+    is_on_features = model.kind in ON_FEATURES
     rows = list(_rows(classifier, plan, dataset))
     sets = {"train": train, **dataset.tests}
     return {
         "rows": rows,
         "classes": list(classifier.classes),
-        "history": [asdict(epoch) for epoch in getattr(classifier, "history", ())],
+        "history": [] if is_on_features else [asdict(epoch) for epoch in getattr(classifier, "history", ())],
         # the mean of an epoch since an interruption [s]
         "values": {**values, **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {})},
         "roles": dataset.roles(),
@@ -255,7 +257,9 @@ def train_and_test(
         "wall_s": time.perf_counter() - wall,
         "cpu_s": time.process_time() - cpu,
         "device": task.settings["device"],
-        "features": _features(classifier, dataset) if isinstance(classifier, FittedClassifier) else None,
+        "features": None
+        if is_on_features or not isinstance(classifier, FittedClassifier)
+        else _features(classifier, dataset),
     }
 
 

@@ -1,9 +1,9 @@
 """`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence, `score_confidence` tests it."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64, Shaped
@@ -12,16 +12,14 @@ from sklearn.metrics import roc_auc_score
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.evaluation.pooling import fit_pooling, pooled_probabilities, window_counts
-from swashtwin.learning.evaluation.protocols import SureClassifier, refuse_seen
+from swashtwin.learning.evaluation.protocols import refuse_seen
+from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, allowed_error_rate, nonconformity_scores
-from swashtwin.learning.windows.folding import group_folds
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import join_manifests, say_seen, seen_recordings
 
 _ERROR_RATE = 0.1
 """Error rate of a cross-fitted confidence that has recordings enough."""
-
-C = TypeVar("C", bound=SureClassifier)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +51,13 @@ class RecordingAnswers:
             raise DataError(f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out.")
 
 
-def recording_answers(classifier: SureClassifier, windows: WindowSet) -> RecordingAnswers:
+def recording_answers(classifier: FittedClassifier, windows: WindowSet) -> RecordingAnswers:
     """The classifier's answer to each recording among `windows`."""
     return _pooled(classifier, windows, *classifier.answer(windows))
 
 
 def _pooled(
-    classifier: SureClassifier,
+    classifier: FittedClassifier,
     windows: WindowSet,
     probability: Float[np.ndarray, "window class"],
     features: Float[np.ndarray, "window feature"],
@@ -86,7 +84,9 @@ def _pooled(
     )
 
 
-def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float = 0.1) -> C:
+def learn_confidence(
+    classifier: FittedClassifier, validation: WindowSet, *, error_rate: float = 0.1
+) -> FittedClassifier:
     """The same classifier with its confidence calibrated by validation recordings, which join its manifest.
 
     Parameters
@@ -119,11 +119,10 @@ def learn_confidence(classifier: C, validation: WindowSet, *, error_rate: float 
         cross_fitted=False,
     )
     manifest = join_manifests([classifier.manifest, validation.recordings])
-    calibrated: C = replace(classifier, confidence=confidence, manifest=manifest)  # type: ignore[type-var]
-    return calibrated
+    return replace(classifier, confidence=confidence, manifest=manifest)
 
 
-def _require_fitting(classifier: SureClassifier, validation: WindowSet) -> None:
+def _require_fitting(classifier: FittedClassifier, validation: WindowSet) -> None:
     if classifier.training_reference is None:
         raise DataError(
             "the classifier was trained on synthetic windows alone, so it cannot tell what is unknown; train it with "
@@ -192,55 +191,6 @@ def cross_fitted_confidence(
     rate = allowed_error_rate(len(names), _ERROR_RATE) if error_rate is None else error_rate
     parts = [probability[index == number] for number in range(len(names))]
     return _confidence(parts, target[first], np.asarray(ood_score), rate, cross_fitted=True)
-
-
-def cross_fit(
-    train: Callable[[WindowSet], C],
-    windows: WindowSet,
-    *,
-    group: str | Mapping[str, str] = "recording",
-    n_folds: int = 5,
-    error_rate: float | None = None,
-    seed: int = 0,
-) -> C:
-    """The classifier trained on all windows, with a `cross_fitted_confidence` from trainings without a fold each.
-
-    Parameters
-    ----------
-    train : what trains a classifier on windows; it is called `n_folds` + 1 times.
-    windows : measured windows with labels, without overlap.
-    group : what the folds never split: by specimen for pumps that were never measured; see `group_folds`.
-    n_folds : number of folds.
-    error_rate : see `cross_fitted_confidence`.
-    seed : seed of the folds.
-
-    Raises
-    ------
-    InputError
-        More folds than groups, or too few recordings for the error rate.
-    DataError
-        A fold leaves nothing of a class to train on, or an answer is not finite.
-    LeakError
-        Some windows are synthetic.
-    """
-    probability = np.full((len(windows), len(windows.classes)), np.nan)
-    ood_score: dict[str, float] = {}
-    for trained, tested in group_folds(windows, group=group, n_folds=n_folds, seed=seed):
-        held_out = windows.subset(tested)
-        classifier = train(windows.subset(trained))
-        probability[tested], features = classifier.answer(held_out)
-        answers = _pooled(classifier, held_out, probability[tested], features)
-        ood_score.update(zip(answers.recording_id, answers.ood_score.tolist(), strict=True))
-    names = sorted(ood_score)
-    confidence = cross_fitted_confidence(
-        probability,
-        windows.recording_id,
-        windows.target,
-        np.array([ood_score[name] for name in names]),
-        error_rate=error_rate,
-    )
-    fitted: C = replace(train(windows), confidence=confidence)  # type: ignore[type-var]
-    return fitted
 
 
 def _confidence(
@@ -312,7 +262,7 @@ class ConfidenceScores:
 
 
 def score_confidence(
-    classifier: SureClassifier,
+    classifier: FittedClassifier,
     test: WindowSet,
     *,
     foreign: WindowSet | None = None,

@@ -69,6 +69,7 @@ class LevelNetwork(SolvedNetwork):
     """
 
     name: ClassVar[str] = "levels"
+    has_gradients: ClassVar[bool] = True
 
     def __init__(
         self,

@@ -43,6 +43,8 @@ class Network(nn.Module):
 
     name: ClassVar[str]
     """Key in the registry; saved models name their network by it."""
+    has_gradients: ClassVar[bool] = True
+    """Whether its answer can be traced to bands and moments (`explain`)."""
     head: nn.Module
     """Last layer, features to one score per class."""
 

@@ -22,6 +22,8 @@ AnyNetwork: TypeAlias = "Network | SolvedNetwork"
 
 NETWORKS: dict[str, type | tuple[str, str]] = {
     "levels": ("level_network", "LevelNetwork"),
+    "extra_trees": ("tree_network", "ExtraTrees"),
+    "random_forest": ("tree_network", "RandomForest"),
     "bitcn": ("bitcn", "BiTCN"),
 }
 """Class of each network, or module and name of a class of this package that nobody needed yet (`network_class`)."""
@@ -52,7 +54,7 @@ def network_class(name: str) -> Any:
     return found
 
 
-def register_network(name: str, network: "type[Network] | Callable[..., nn.Module]") -> None:
+def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Module]") -> None:
     """Make an own network known under `name`, to be trained, saved and loaded like any other.
 
     A saved model names its network only, so the same call must come before it is loaded elsewhere. A package can have
@@ -64,7 +66,8 @@ def register_network(name: str, network: "type[Network] | Callable[..., nn.Modul
     name : new name; registering it again replaces the earlier network.
     network : a function, or a class, that gives a `torch.nn.Module` from ``(n_channels, n_classes, length)``. The
         module takes scaled windows ``(window, channel, sample)`` and gives ``(window, class)`` scores before softmax.
-        Further arguments with defaults are settings. Or a subclass of `Network`, which has this `name`.
+        Further arguments with defaults are settings. Or a subclass of `Network`, or of `SolvedNetwork` where numpy
+        finds the weights at once, which has this `name`.
 
     Raises
     ------
@@ -82,18 +85,18 @@ def register_network(name: str, network: "type[Network] | Callable[..., nn.Modul
     5
     >>> del NETWORKS["linear"]
     """
-    from swashtwin.learning.networks.network import Network
-    from swashtwin.learning.networks.own_module import OwnModule
-
     if not name:
         raise InputError("a network needs a name that is not empty; a saved model is loaded by it.")
     if name in BUILT_IN:
         raise InputError(f"the name {name!r} belongs to a network of swashtwin; choose another.")
-    if isinstance(network, type) and issubclass(network, Network):
-        if network.name != name:
-            raise InputError(f"{network.__name__}.name is {network.name!r}; register it under that name.")
-        NETWORKS[name] = network
+    own: Any = network
+    if hasattr(own, "represent_at"):
+        if own.name != name:
+            raise InputError(f"{own.__name__}.name is {own.name!r}; register it under that name.")
+        NETWORKS[name] = own
     else:
+        from swashtwin.learning.networks.own_module import OwnModule
+
         _require_arguments(name, network)
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
 

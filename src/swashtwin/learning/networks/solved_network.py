@@ -23,6 +23,8 @@ class SolvedNetwork:
 
     name: ClassVar[str]
     """Key in the registry; saved models name their network by it."""
+    has_gradients: ClassVar[bool] = False
+    """Whether its answer can be traced to bands and moments (`explain`)."""
 
     def __init__(self, **settings: Any) -> None:
         require_sizes(self.name, settings)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int
 
-from swashtwin.foundation import DataError, InputError, derive_seed, one_thread
+from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.networks.solved_network import SolvedNetwork
@@ -115,7 +115,7 @@ def _solved(
             if len(which):
                 values.append(represented(solved, changed, normalization))
                 target.append(changed.target)
-        solved.solve(np.concatenate(values), np.concatenate(target), derive_seed(seed, "weights"))
+        solved.solve(np.concatenate(values), np.concatenate(target), seed)
         scores: tuple[float, ...] = _scores(solved, clean, windows.target)
         if validation is not None:
             scores += _scores(solved, represented(solved, validation, normalization), validation.target)

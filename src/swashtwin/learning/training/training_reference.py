@@ -35,7 +35,7 @@ class TrainingReference:
     condition: Float64[np.ndarray, "reference quantity"]
     """Speed [rad/s] and discharge pressure [Pa] of each; NaN where not stated."""
     features: Float32[np.ndarray, "reference feature"]
-    """Mean of each feature (`SureClassifier.answer`) over the windows of the recording."""
+    """Mean of each feature (`FittedClassifier.answer`) over the windows of the recording."""
     facts: Float64[np.ndarray, "reference channel fact"]
     """Mean of `signal_facts` over some windows."""
     distance_scales: tuple[float, float] = (1.0, 1.0)

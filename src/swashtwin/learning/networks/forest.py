@@ -1,6 +1,7 @@
 """A forest as arrays: small enough to ship, read without running code, and able to learn from a few further rows."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -56,14 +57,14 @@ class Forest:
         np.add.at(added, (leaf, np.broadcast_to(target[:, None], leaf.shape)), weight)
         return replace(self, probability=(self.probability + added) / (1 + added.sum(axis=1, keepdims=True)))
 
-    def tensors(self) -> dict[str, np.ndarray]:
-        """Its arrays by name, as narrow as they may be."""
+    def tensors(self, share: type = np.float16) -> dict[str, np.ndarray]:
+        """Its arrays by name, as narrow as they may be; the shares of classes in a leaf as numbers of type `share`."""
         narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
         arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
         leaf = self.column < 0
         return {
             **arrays,
-            "leaf_probability": self.probability[leaf].astype(np.float16),
+            "leaf_probability": self.probability[leaf].astype(share),
         }
 
     @classmethod
@@ -112,6 +113,11 @@ def fit_forest(
     fitted = RandomForestClassifier(
         N_TREES, max_leaf_nodes=n_leaves, class_weight="balanced", random_state=seed % 2**32, n_jobs=1
     ).fit(values.astype(np.float32), target)
+    return forest_of(fitted, n_classes)
+
+
+def forest_of(fitted: Any, n_classes: int) -> Forest:
+    """The trees of a fitted forest of scikit-learn, whose classes are some of the numbers below `n_classes`."""
     parts: list[tuple[np.ndarray, ...]] = []
     roots, first = [], 0
     for estimator in fitted.estimators_:
@@ -126,9 +132,9 @@ def fit_forest(
     return Forest(np.array(roots), column, threshold, left, right, of_all)
 
 
-def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:
+def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
     """Arrays of a tree of scikit-learn, renumbered so that the right child of a node follows its left one."""
-    left, right = tree.children_left, tree.children_right  # type: ignore[attr-defined]
+    left, right = tree.children_left, tree.children_right
     order, queue = [0], [0]
     for node in queue:
         if left[node] >= 0:
@@ -139,11 +145,18 @@ def _in_pairs(tree: object, first: int) -> tuple[np.ndarray, ...]:
     leaf = left[order] < 0
     nodes = np.arange(len(order))
     lefts = np.where(leaf, nodes, position[left[order]])
-    probability = tree.value[order, 0]  # type: ignore[attr-defined]
+    probability = tree.value[order, 0]
     return (
-        np.where(leaf, -1, tree.feature[order]),  # type: ignore[attr-defined]
-        np.where(leaf, 0.0, tree.threshold[order].astype(np.float32)),  # type: ignore[attr-defined]
+        np.where(leaf, -1, tree.feature[order]),
+        np.where(leaf, 0.0, _not_above(tree.threshold[order])),
         first + lefts,
         first + np.where(leaf, nodes, lefts + 1),
         probability / probability.sum(axis=1, keepdims=True),
     )
+
+
+def _not_above(values: Float[np.ndarray, " node"]) -> Float[np.ndarray, " node"]:
+    """The largest numbers of single precision that are not above these: rows of such are compared with the same
+    result."""
+    single = values.astype(np.float32)
+    return np.where(single > values, np.nextafter(single, np.float32(-np.inf)), single)

@@ -1,1 +1,0 @@
-"""Classifiers without a network: on vibration features, and on random kernels."""

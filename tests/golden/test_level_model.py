@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+from safetensors.numpy import load_file
 
-from swashtwin.diagnosis import load_classifier
 from swashtwin.foundation import MPa
-from swashtwin.learning import WindowSet, cut_windows
+from swashtwin.learning import LevelNetwork, Normalization, WindowSet, cut_windows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -43,5 +43,8 @@ def windows() -> WindowSet:
 
 
 def test_a_saved_network_on_levels_answers_as_under_torch() -> None:
-    answer = load_classifier(MODEL).predict_proba(windows())[::8]
+    arrays = load_file(MODEL)
+    scaling = Normalization("set", arrays.pop("normalization.mean"), arrays.pop("normalization.deviation"))
+    network = LevelNetwork(2, 3, axis="order", shape=True, turns=0.02, hidden=8).loaded(arrays)
+    answer = network.probabilities(scaling.apply(windows()), windows().turns_per_sample)[::8]
     np.testing.assert_allclose(answer, UNDER_TORCH, rtol=0, atol=1e-6)

@@ -243,6 +243,7 @@ def train_and_test(
     if keep_model and out is not None and isinstance(classifier, FittedClassifier) and classifier.network.weights:
         save_classifier(classifier, task.folder(out) / "model.safetensors")
     is_on_features = model.kind in ON_FEATURES
+    has_features = isinstance(classifier, FittedClassifier) and not is_on_features
     rows = list(_rows(classifier, plan, dataset))
     sets = {"train": train, **dataset.tests}
     return {

@@ -15,8 +15,8 @@ from swashtwin.learning import (
     CANDIDATES,
     NETWORKS,
     RECOMMENDED_TRAINING,
-    Classifier,
     Epoch,
+    FittedClassifier,
     TrainingSettings,
     WindowSet,
     build_network,
@@ -127,7 +127,7 @@ def train_model(
     device: str = "cpu",
     checkpoint: Path | None = None,
     progress: Callable[[Epoch], None] | None = None,
-) -> Classifier:
+) -> FittedClassifier:
     """The model, trained.
 
     Parameters

@@ -240,16 +240,15 @@ def train_and_test(
         checkpoint=None if out is None else task.folder(out) / "training.safetensors",
         progress=lambda _: ends.append(time.process_time()),
     )
-    if keep_model and out is not None and isinstance(classifier, FittedClassifier) and classifier.network.weights:
+    if keep_model and out is not None and classifier.network.weights:
         save_classifier(classifier, task.folder(out) / "model.safetensors")
     is_on_features = model.kind in ON_FEATURES
-    has_features = isinstance(classifier, FittedClassifier) and not is_on_features
     rows = list(_rows(classifier, plan, dataset))
     sets = {"train": train, **dataset.tests}
     return {
         "rows": rows,
         "classes": list(classifier.classes),
-        "history": [] if is_on_features else [asdict(epoch) for epoch in getattr(classifier, "history", ())],
+        "history": [] if is_on_features else [asdict(epoch) for epoch in classifier.history],
         # the mean of an epoch since an interruption [s]
         "values": {**values, **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {})},
         "roles": dataset.roles(),
@@ -258,9 +257,7 @@ def train_and_test(
         "wall_s": time.perf_counter() - wall,
         "cpu_s": time.process_time() - cpu,
         "device": task.settings["device"],
-        "features": None
-        if is_on_features or not isinstance(classifier, FittedClassifier)
-        else _features(classifier, dataset),
+        "features": None if is_on_features else _features(classifier, dataset),
     }
 
 

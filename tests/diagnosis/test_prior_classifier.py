@@ -11,7 +11,18 @@ import pytest
 from commandline import run
 
 from swashtwin.diagnosis import PriorClassifier, fit_prior
-from swashtwin.foundation import ArtifactError, DataError, InputError, MPa, deg, read_artifact, rpm, um, write_artifact
+from swashtwin.foundation import (
+    ArtifactError,
+    DataError,
+    InputError,
+    LeakError,
+    MPa,
+    deg,
+    read_artifact,
+    rpm,
+    um,
+    write_artifact,
+)
 from swashtwin.physics import Twin
 from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
@@ -126,6 +137,13 @@ def test_an_adapted_classifier_is_not_adapted_again() -> None:
 def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
     other = [replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)]
     assert len(trained().fit([*healthy(1), *other]).healthy_changes()) == 0
+
+
+def test_an_evaluation_counts_alarms_and_names_by_class() -> None:
+    sound, worn = adapted().evaluate([recording("normal", 8), recording("piston", 9)]).classes
+    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_named, worn.auroc) == ("normal", 1, 1, 1, 1.0)
+    with pytest.raises(LeakError, match="normal 0 and 2 more had a part in the model"):
+        adapted().evaluate(healthy())
 
 
 def test_what_adapted_it_is_told_when_it_is_diagnosed() -> None:

@@ -1,24 +1,14 @@
 """How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for each fault."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, to_table
 from swashtwin.pump import is_healthy, is_same_class
 from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
-
-
-class Diagnosing(Protocol):
-    """A detector or a prior."""
-
-    @property
-    def manifest(self) -> Manifest:
-        """The recordings that had a part in it."""
-
-    def diagnose(self, recording: Recording) -> Diagnosis:
-        """Its answer on one recording."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +51,15 @@ class AlarmScores:
         return table
 
 
-def evaluate_alarms(model: Diagnosing, X: Any, y: Any, error_rate: float | None) -> AlarmScores:
+def evaluate_alarms(
+    diagnose: Callable[[Recording], Diagnosis], manifest: Manifest, X: Any, y: Any, error_rate: float | None
+) -> AlarmScores:
     """Alarms by class on measured recordings that had no part in a model, all healthy names as one class.
 
     Parameters
     ----------
+    diagnose : the model's answer on a recording.
+    manifest : recordings that had a part in it.
     X : recordings with labels.
     y : class of each recording; None for its own label.
     error_rate : false-alarm rate that the model states.
@@ -83,9 +77,9 @@ def evaluate_alarms(model: Diagnosing, X: Any, y: Any, error_rate: float | None)
     labeled = [recording for recording in recordings if recording.label is not None and not recording.synthetic]
     if not labeled:
         raise DataError("no measured recording has a label; label them in the index.")
-    if seen := seen_recordings(model.manifest, manifest_of(labeled)):
+    if seen := seen_recordings(manifest, manifest_of(labeled)):
         raise LeakError(f"{say_seen(seen)} had a part in the model (its manifest); test on others.")
-    labels, answers = [str(recording.label) for recording in labeled], [model.diagnose(item) for item in labeled]
+    labels, answers = [str(recording.label) for recording in labeled], [diagnose(item) for item in labeled]
     healthy = next((label for label in labels if is_healthy(label)), "")
     by_class: dict[str, list[Diagnosis]] = {}
     for label, answer in zip(labels, answers, strict=True):

@@ -180,7 +180,7 @@ class AnomalyDetector(Estimator):
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
         """False alarms, and alarms of each fault, on recordings that had no part in it (`evaluate_alarms`)."""
         self._require_fitted()
-        return evaluate_alarms(self, X, y, self.error_rate_)
+        return evaluate_alarms(self.diagnose, self.manifest, X, y, self.error_rate_)
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the detector was written to it whole."""

@@ -224,7 +224,7 @@ class PriorClassifier:
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
         """False alarms, alarms and names of faults, on recordings that had no part in it (`evaluate_alarms`)."""
-        return evaluate_alarms(self, X, y, None)
+        return evaluate_alarms(self.diagnose, self.manifest, X, y, None)
 
     def _require_fit(self, recording: Recording, unit: str) -> None:
         """Refuse a recording that no virtual pump is like."""

@@ -74,7 +74,8 @@ def test_the_command_exports_what_a_configuration_names(tmp_path: Path) -> None:
     assert answer["rows"]["recordings"] == 1
     assert (out / "recordings.csv").is_file()
     url = f"sqlite:///{tmp_path / 'data' / 'history.sqlite'}"
-    assert "recordings.csv" in run("history", "export", url, "--out", str(out)).stdout
+    assert "--force" in run("history", "export", url, "--out", str(out), code=3).stderr
+    assert "recordings.csv" in run("history", "export", url, "--out", str(out), "--force").stdout
 
 
 def test_exporting_makes_no_database(tmp_path: Path, postgresql_url: str) -> None:

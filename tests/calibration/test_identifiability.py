@@ -14,7 +14,6 @@ from swashtwin.calibration import (
     calibrate,
     measure,
     objective_of,
-    profile,
 )
 from swashtwin.calibration.uncertainty.discrepancy import (
     estimate_discrepancy,
@@ -168,7 +167,7 @@ def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective,
     """Fitted anew from elsewhere with the value held, nothing lower is found."""
     from swashtwin.calibration.uncertainty.profiles import _WhitenedProblem
 
-    curve = profile(objective, point, "K_Hz")
+    (curve,) = profiles(objective, point, ("K_Hz",))
     problem = _WhitenedProblem(objective, point)
     index = int(np.argmax(curve.rise))
     start = point + 0.3

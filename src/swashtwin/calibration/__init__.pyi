@@ -43,4 +43,3 @@ from .uncertainty.posterior import Estimate as Estimate
 from .uncertainty.posterior import Posterior as Posterior
 from .uncertainty.profiles import THRESHOLD as THRESHOLD
 from .uncertainty.profiles import Profile as Profile
-from .uncertainty.profiles import profile as profile

@@ -82,20 +82,18 @@ def plan_recording(
     *,
     speeds: Sequence[float] | None = None,
     pressures: Sequence[float] | None = None,
-    durations: Sequence[float] | None = None,
     sensors: Sequence[Sequence[str]] | None = None,
 ) -> RecordingPlan:
-    """Every combination of the given speeds, pressures, durations and sensor sets, the most useful recording first.
+    """Every combination of the given speeds, pressures and sensor sets, the most useful recording first.
 
-    The pump has the fault that it was calibrated with, mostly none. Combinations of fewer than 16 revolutions are left
-    out, since no calibration takes them.
+    The pump has the fault that it was calibrated with, mostly none; each recording is as long as those before are on
+    average. Combinations of fewer than 16 revolutions are left out, since no calibration takes them.
 
     Parameters
     ----------
     speeds : shaft speeds [rad/s] that can be run; by default 2/3, 1 and 3/2 times the mean one calibrated on, those
         above the pump's rated speed being that or the greatest calibrated on.
     pressures : absolute discharge pressures [Pa]; by default the same factors on the mean one, within the rated one.
-    durations : lengths [s]; by default the mean length of the recordings calibrated on.
     sensors : sets of sensors of the pump, by name; by default those calibrated on. Sensors not used before have gains,
         cross-talk and residues of their own, with the priors of the others.
 
@@ -113,17 +111,13 @@ def plan_recording(
         forecast.present[0].condition.replaced(speed=speed, discharge_pressure=pressure)
         for speed, pressure in product(speeds, pressures)
     ]
-    lengths = [forecast.mean_duration] if durations is None else list(durations)
-    if not (conditions and lengths and sets):
-        raise InputError("name at least one speed, pressure, length and set of sensors, or leave it out.")
-    if any(not length > 0 or math.isinf(length) for length in lengths):
-        raise InputError(
-            f"lengths of recordings ({', '.join(f'{length:g} s' for length in lengths)}) must be positive."
-        )
+    if not (conditions and sets):
+        raise InputError("name at least one speed, pressure and set of sensors, or leave it out.")
+    seconds = forecast.mean_duration
     choices = [
-        choice
-        for choice in product(conditions, lengths, sets)
-        if choice[1] * choice[0].shaft_frequency >= LEAST_REVOLUTIONS
+        (condition, seconds, names)
+        for condition, names in product(conditions, sets)
+        if seconds * condition.shaft_frequency >= LEAST_REVOLUTIONS
     ]
     if not choices:
         raise InputError(f"each of these recordings is shorter than {LEAST_REVOLUTIONS} revolutions: record longer.")

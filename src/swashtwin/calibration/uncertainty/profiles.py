@@ -17,7 +17,7 @@ from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import VALUES
 from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import COVERAGE
-from swashtwin.foundation import InputError, one_thread
+from swashtwin.foundation import one_thread
 from swashtwin.pump import PARAMETERS
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
@@ -180,27 +180,16 @@ class Profile:
         return f"{self.name}: only {'an upper' if below is None else 'a lower'} limit"
 
 
-def profile(objective: Objective, point: Float[np.ndarray, " unknown"], name: str) -> Profile:
-    """Profile of the coordinate `name`, walked from `point` to both sides, until the rise is clear or a bound is met.
-
-    Lines are weighed by the covariance of `discrepancy` at `point`, so the least may lie beside it. Nuisances keep
-    their priors, the six values have none but their bounds.
-
-    Raises
-    ------
-    InputError
-        No such coordinate.
-    """
-    names = objective.unknowns.names
-    if name not in names:
-        raise InputError(f"no coordinate {name!r} was searched; there are {', '.join(names)}.")
-    return profiles(objective, point, (name,))[0]
-
-
 def profiles(
     objective: Objective, point: Float[np.ndarray, " unknown"], names: tuple[str, ...] | None = None
 ) -> tuple[Profile, ...]:
-    """Profiles of several coordinates; of the six values by default."""
+    """Profiles of several coordinates, of the six values by default.
+
+    Each is walked from `point` to both sides, until the rise is clear or a bound is met.
+
+    Lines are weighed by the covariance of `discrepancy` at `point`, so the least may lie beside it. Nuisances keep
+    their priors, the six values have none but their bounds.
+    """
     names = objective.unknowns.names[VALUES] if names is None else names
     problem = _WhitenedProblem(objective, point)
     with one_thread():

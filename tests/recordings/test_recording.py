@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,21 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
             Recording(values, 10.0, "a")
     with pytest.raises(InputError, match="a is one recording where several are expected"):
         Recordings(recording)
+
+
+@pytest.mark.parametrize(
+    ("facts", "message"),
+    [
+        ({"sample_rate": "25 kHz"}, r"sample_rate \('25 kHz' Hz\) must be a positive number"),
+        ({"label": 3}, r"label \(3\) must be text"),
+        ({"speed": 80.0}, r"speed has shape \(\) for 4 samples"),
+    ],
+)
+def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], message: str) -> None:
+    with pytest.raises((DataError, InputError), match=message):
+        Recording(**{"signal": np.zeros((1, 4)), "sample_rate": 10.0, "recording_id": "a", **facts})
+    with pytest.raises(InputError, match="is no recording"):
+        Recordings(["a.csv"])
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])

@@ -42,6 +42,8 @@ class OperatingCondition:
     def __post_init__(self) -> None:
         for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
             value = getattr(self, name)
+            if isinstance(value, str):
+                raise InputError(f"{name} ({value!r}) must be a number in SI units, not text.")
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
         if self.speed > 8000 * math.pi / 30:

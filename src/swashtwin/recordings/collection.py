@@ -54,6 +54,10 @@ class Recordings(Sequence[Recording]):
     """
 
     def __init__(self, recordings: Iterable[Recording]) -> None:
+        recordings = list(recordings)
+        for item in recordings:
+            if not isinstance(item, Recording):
+                raise InputError(f"{item!r} is no recording; a file is loaded by load_recordings.")
         self._recordings = tuple(recording.unloaded() for recording in recordings)
         require_distinct(self.recording_ids, "a data set")
 

@@ -92,8 +92,16 @@ class Recording:
             signal = samples.signal
         if (samples is None and signal is None) or not recording_id:
             raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
+        texts = {"label": label, "specimen": specimen, "recording_id": recording_id}
+        for name, text in texts.items():
+            if text is not None and not isinstance(text, str):
+                raise InputError(f"{recording_id}: {name} ({text!r}) must be text.")
+        if not (isinstance(sample_rate, (int, float, np.number)) and np.isfinite(sample_rate) and sample_rate > 0):
+            raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
+        channels = (channels,) if isinstance(channels, str) else channels
         if signal is not None:
             signal = _own_samples(signal, recording_id)
+            speed = speed if speed is None or isinstance(speed, _Unchanged) else np.asarray(speed, dtype=np.float64)
             if isinstance(speed, _Unchanged):
                 speed = None if samples is None else samples.speed
             origin = samples if samples is not None and samples.name == recording_id else None
@@ -113,8 +121,6 @@ class Recording:
         }
         for name, value in facts.items():
             object.__setattr__(self, name, value)
-        if not (np.isfinite(sample_rate) and sample_rate > 0):
-            raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
         if len(channels) != samples.shape[0]:
             raise DataError(f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels.")
 

@@ -22,7 +22,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_distinct, single_file_options
-from swashtwin.cli.summaries import All, show_check, show_inspection
+from swashtwin.cli.summaries import show_check, show_inspection
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -101,8 +101,6 @@ def _ask(key: str, question: str) -> str | None:
 def inspect(
     paths: Sources,
     reading: Reading,
-    window: Window = 2048,
-    show_all: All = False,
     as_json: Json = False,
 ) -> None:
     """Look for what is wrong with recordings. Exit code 3 where a recording must not be used."""
@@ -111,9 +109,9 @@ def inspect(
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
         recordings = load_distinct(paths, unreadable, **reading)
-        report = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
+        report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
-    tell(result, as_json, lambda: show_inspection(report, recordings, show_all))
+    tell(result, as_json, lambda: show_inspection(report, recordings))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
 
@@ -121,7 +119,6 @@ def inspect(
 def check(
     source: Index,
     window: Window = 2048,
-    error_rate: Annotated[float, typer.Option(help="Error rate that the confidence of a classifier is to hold.")] = 0.1,
     as_json: Json = False,
 ) -> None:
     """Say whether recordings are sound and enough, and for what.
@@ -133,7 +130,7 @@ def check(
     with progress("checking recordings") as bar:
         unreadable: list[Finding] = []
         recordings = load_distinct([source], unreadable)
-        result = check_recordings(recordings, window=window, error_rate=error_rate, unreadable=unreadable, progress=bar)
+        result = check_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
     tell(result.to_dict(), as_json, lambda: show_check(result))
     if not result.is_sound:
         raise typer.Exit(BAD_DATA)

@@ -3,9 +3,7 @@
 import math
 import statistics
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, TypeVar
-
-import typer
+from typing import TYPE_CHECKING, TypeVar
 
 from swashtwin.cli.console import say, table
 from swashtwin.foundation import plural
@@ -19,8 +17,6 @@ T = TypeVar("T")
 
 MOST_ROWS = 12
 """Recordings that are shown one by one; more are summed up."""
-
-All = Annotated[bool, typer.Option("--all", help="Show each recording, not a summary by class and condition.")]
 
 _STATUS = ("within", "above", "below", "no baseline")
 _FURTHEST = 3
@@ -82,9 +78,9 @@ def _median(values: Iterable[float]) -> float | None:
     return statistics.median(numbers) if numbers else None
 
 
-def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]", show_all: bool) -> None:
+def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]") -> None:
     """Print the recordings of an inspection, and what is wrong with them."""
-    each = show_all or len(recordings) <= MOST_ROWS
+    each = len(recordings) <= MOST_ROWS
     if each:
         _show_recordings(report.recordings)
     else:
@@ -125,7 +121,7 @@ def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "S
             )
         )  # fmt: skip
     header = ("class", "condition", "recordings", "rate [Hz]", "length [s]", "least", "greatest", "rms", "unit")
-    table(f"{plural(len(reports), 'recording')} by class and condition (--all shows each)", header, rows)
+    table(f"{plural(len(reports), 'recording')} by class and condition (--json has each)", header, rows)
 
 
 def _show_findings(report: "InspectionReport", each: bool) -> None:

@@ -101,7 +101,7 @@ class InspectionReport:
                 where = f"in {len(names)} recordings ({listed}){', ' + channels if channels else ''}"
             else:
                 where = f"{name}{', ' + (channels if equal else finding.channel or '') if channels else ''}"
-            more = "" if equal else f" ({finding.kind} in {len(names) - 1} more recordings: --all)"
+            more = "" if equal else f" ({finding.kind} in {len(names) - 1} more recordings: --json)"
             sentences.append((finding.severity, f"{where}: {finding.message}{more if len(names) > 1 else ''}"))
         sentences += [(finding.severity, finding.message) for finding in self.findings]
         return tuple(sentences)

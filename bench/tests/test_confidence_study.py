@@ -42,6 +42,7 @@ def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
         assert {recording.label for recording in some} == set(CLASSES)
 
 
+@pytest.mark.nightly
 def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = confidence.confidence(Work((0,), out=tmp_path), TINY)
     monkeypatch.setattr(confidence, "_training", None)

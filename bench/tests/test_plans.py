@@ -7,29 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tree_models import fit_trees
 
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError
-from swashtwin.learning import CANDIDATES, NETWORKS, cut_windows
+from swashtwin.learning import NETWORKS, cut_windows
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import DEFAULT_VARIATION, discriminative_score
 from swashtwin_bench import FILLERS, Plan, plan_of, run_plan
-from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.rigs.version_two.fleet import draw_fault
-from swashtwin_bench.rivals import models
-from swashtwin_bench.rivals.models import MODELS, train_model
+from swashtwin_bench.rivals.models import MODELS
 from swashtwin_bench.studies import plans
-from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, cut_again, prepare
+from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, prepare
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.plan import PlanSettings
 from swashtwin_bench.studies.plans import OF_BOTH_RECIPES, PLANS, SIZES
 from swashtwin_bench.studies.training_sets import (
-    RIG_VARIATION,
     TWIN_TRAINING_SETS,
     TrainingSet,
-    _filler,
     fill_cells,
     noisy_training_windows,
 )
@@ -102,25 +96,6 @@ def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
     assert plan_of("case1", "paper").of_window(8192).scenario.scarce_windows == 12
 
 
-def test_the_chosen_model_holds_its_candidates_in_its_key_and_trains_as_the_default_does(
-    dataset: StudyDataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model = MODELS["quick"]["chosen"]
-    assert len(model.describe()["candidates"]) == len(CANDIDATES)
-    calls: list[dict[str, Any]] = []
-    trained = fit_trees(dataset.measured)
-    fitting = lambda windows, **how: calls.append({"windows": windows, **how}) or trained  # noqa: E731
-    monkeypatch.setattr(models, "fit_chosen", fitting)
-    assert train_model(model, dataset.measured, seed=5, manifest=["lent"]) is trained
-    assert calls == [{"windows": dataset.measured, "seed": 5, "manifest": ["lent"]}]
-
-
-def test_windows_cut_again_from_the_same_recordings_are_the_same(
-    recordings: list[Recording], dataset: StudyDataset
-) -> None:
-    np.testing.assert_array_equal(cut_again(recordings, dataset.measured).signal, dataset.measured.signal)
-
-
 def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(dataset: StudyDataset) -> None:
     noisy, values = fill_cells(dataset, TrainingSet(noise=True))
     assert values == {}
@@ -188,25 +163,6 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
     filled = {task.factors["training_set"] for task in tasks if task.factors["synthetic"] == "200"}
     assert at_none == {"measured", "class_weights"}
     assert {*FILLERS, *TWIN_TRAINING_SETS} == filled
-
-
-def test_severities_spread_as_on_the_rig_unless_a_training_set_has_the_stated_prior(dataset: StudyDataset) -> None:
-    described = {name: TWIN_TRAINING_SETS[name].describe({}) for name in ("posterior", "stated_prior")}
-    assert "severity=0.2, angle=0.008726646259971648," in described["posterior"]["filler"]
-    assert "severity=0.35, angle=0.08726646259971647," in described["stated_prior"]["filler"]
-    narrow, wide = (
-        _filler(dataset, replace(TrainingSet("nominal"), stated_prior=it), "piston") for it in (False, True)
-    )
-    assert isinstance(narrow, TwinFiller)
-    assert isinstance(wide, TwinFiller)
-    assert (narrow.variation, wide.variation) == (RIG_VARIATION, DEFAULT_VARIATION)
-
-
-def test_the_discriminator_of_a_study_is_that_of_synthesis(dataset: StudyDataset) -> None:
-    synthetic, values = fill_cells(dataset, TrainingSet("jitter", count=4))
-    test = dataset.tests[dataset.scenario.levels[0]]
-    held_out = test.subset(np.isin(test.label, dataset.scenario.scarce))
-    assert values["discriminator"] == discriminative_score(held_out, synthetic, seed=dataset.seed)
 
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])

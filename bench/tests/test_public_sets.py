@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 from scipy.stats import kurtosis
 
-from swashtwin.foundation import DataError, InputError, MissingFileError
+from swashtwin.foundation import DataError, MissingFileError
 from swashtwin.learning import cut_windows
 from swashtwin.recordings import Recording
 from swashtwin_bench import read_public_set
@@ -127,6 +127,7 @@ def test_cavitation_files_are_known_by_their_original_names(public_data: Path, t
     np.testing.assert_array_equal(recording.signal, np.loadtxt(content.decode().splitlines(), skiprows=8)[:, 1:].T)
 
 
+@pytest.mark.nightly
 def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
     folder = public_data / "motor_pump_industrial"
     recordings = read_public_set("motor_pump_industrial", folder)
@@ -142,6 +143,7 @@ def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
     }
 
 
+@pytest.mark.nightly
 def test_the_hydraulic_set_has_the_labels_and_runs_of_its_table(public_data: Path, hydraulic: list[Recording]) -> None:
     table = rows_of(public_data / "uci_hydraulic", "cycles.csv")
     assert len(hydraulic) == len(table) == 2205
@@ -151,6 +153,7 @@ def test_the_hydraulic_set_has_the_labels_and_runs_of_its_table(public_data: Pat
     assert {recording.signal.shape for recording in hydraulic} == {(17, 600)}
 
 
+@pytest.mark.nightly
 def test_slow_sensors_of_the_hydraulic_set_are_held_and_fast_ones_are_as_measured(
     public_data: Path, hydraulic: list[Recording]
 ) -> None:
@@ -194,10 +197,3 @@ def test_a_folder_without_the_set_is_refused_in_one_line(name: str, tmp_path: Pa
     with pytest.raises(DataError, match="holds no") as caught:
         read_public_set(name, tmp_path)
     assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_set_offers_the_known() -> None:
-    with pytest.raises(
-        InputError, match="'paderborn' is no public set that is known; there are bearing_run_to_failure, cwru"
-    ):
-        read_public_set("paderborn", ".")

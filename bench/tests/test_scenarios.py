@@ -84,9 +84,3 @@ def test_a_missing_test_pressure_is_refused_before_any_calibration(recordings: l
     lower = [r for r in recordings if r.condition is not None and r.condition.discharge_pressure < 12e6]
     with pytest.raises(DataError, match="tests at 15 MPa"):
         calibration_tasks(lower, tiny("case2").scenario, 0)
-
-
-def test_four_of_five_classes_are_a_study_too(recordings: list[Recording]) -> None:
-    four_classes = [r for r in recordings if r.label != "valve_plate"]
-    dataset = prepare(four_classes, TINY, 0, ())
-    assert dataset.measured.classes == ("normal", "swash_plate", "cylinder_block", "piston")

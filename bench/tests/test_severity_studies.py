@@ -47,6 +47,7 @@ def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> No
     assert max(run.fault.advance for _, run in pairs if isinstance(run.fault, GrooveErosion)) < 0.2
 
 
+@pytest.mark.nightly
 def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTable, tmp_path: Path) -> None:
     rows = severity.rows()
     assert [(row["fault"], row["dimension"]) for row in rows] == [("swash_plate", "depth"), ("swash_plate", "length")]

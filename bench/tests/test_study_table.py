@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,13 +66,6 @@ def test_recordings_of_the_rig_are_called_a_stand_in():
     recording = Recording(np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"})
     assert "stand-in for a machine" in origin_of([recording])
     assert origin_of([Recording(np.zeros((1, 8)), 10.0, "two")]) == "Recordings from files of the user."
-
-
-def test_a_study_of_one_factor_has_a_page_too(study, tmp_path):
-    alone = replace(
-        study, trials=tuple(replace(trial, factors={"twin": trial.factors["twin"]}) for trial in study.trials)
-    )
-    assert "nominal" in write_study_report(alone, folder=tmp_path).read_text(encoding="utf-8")
 
 
 def test_the_corrected_interval_is_wider_than_students():

@@ -13,9 +13,7 @@ from swashtwin_bench.questions.wrong_twins import (
     ChangeOfTwin,
     on_pump,
     scale_stated_pressure,
-    scale_stated_speed,
     twin_at_pressure,
-    twin_at_speed,
     with_bearings,
     with_mixing,
     with_mount,
@@ -63,7 +61,6 @@ def matrix_cases() -> tuple[MatrixCase, ...]:
         *_bearings(),
         *_gains(),
         *_cross_talk(),
-        *_combined(),
         *_truths(),
         *_counts(),
         *_pressures(),
@@ -71,7 +68,6 @@ def matrix_cases() -> tuple[MatrixCase, ...]:
         *_on_rig(),
         *_far_supports(),
         *_wiring(),
-        *_speeds(),
     )
 
 
@@ -122,21 +118,6 @@ def _cross_talk() -> Iterator[MatrixCase]:
 _TALK = np.array([[0, 0.1, -0.1], [0.1, 0, 0.1], [-0.1, 0.1, 0]])
 
 
-def _combined() -> Iterator[MatrixCase]:
-    for sign in (1, -1):
-        mount = [1 + sign * share for share in (0.2, -0.15, -0.15)]
-        bearings = [1 + sign * share for share in (0.2, -0.2, 0.2)]
-        gains = np.diag([1 + sign * share for share in (0.1, -0.1, 0.1)])
-        twin = _both(on_pump(with_mount, *mount), on_pump(with_bearings, *bearings))
-        yield MatrixCase("combined", f"mounting, bearings, gains {sign:+d}", twin, with_mixing(CHANNELS, gains))
-        mixing = gains + sign * _TALK
-        yield MatrixCase("combined", f"and cross-talk {sign:+d}", twin, with_mixing(CHANNELS, mixing))
-
-
-def _both(first: ChangeOfTwin, second: ChangeOfTwin) -> ChangeOfTwin:
-    return lambda twin: second(first(twin))
-
-
 def _truth_case(family: str, letter: str, factor: float, *, on_rig: bool = False) -> MatrixCase:
     name = f"{letter} {'a thirtieth of' if factor < 1 else '30 times'} the nominal one"
     return MatrixCase(family, name, on_pump(with_nominal, letter, factor), clue=letter, on_rig=on_rig)
@@ -181,12 +162,6 @@ def _wiring() -> Iterator[MatrixCase]:
         yield MatrixCase("wiring", f"{first} and {second} swapped", recording=change, clue="have each other's name")
     for name, away in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
         yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, away))
-
-
-def _speeds() -> Iterator[MatrixCase]:
-    for factor in (0.97, 1.03):
-        name = f"speed stated {100 * (factor - 1):+.0f} %"
-        yield MatrixCase("speed", name, twin_at_speed(factor), scale_stated_speed(factor), clue="rev/min")
 
 
 def _on_rig() -> Iterator[MatrixCase]:

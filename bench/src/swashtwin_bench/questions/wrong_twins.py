@@ -98,18 +98,6 @@ def _scale_pressure(condition: OperatingCondition, factor: float) -> OperatingCo
     return condition.replaced(discharge_pressure=factor * condition.discharge_pressure)
 
 
-def twin_at_speed(factor: float) -> ChangeOfTwin:
-    """Twins at `factor` times their speed."""
-    return lambda twin: twin.at(twin.condition.replaced(speed=factor * twin.condition.speed))
-
-
-def scale_stated_speed(factor: float) -> ChangeOfRecording:
-    """Recordings that state `factor` times their speed."""
-    return lambda recording: replace(
-        recording, condition=_condition(recording).replaced(speed=factor * _condition(recording).speed)
-    )
-
-
 def _condition(recording: Recording) -> OperatingCondition:
     assert recording.condition is not None  # the study's recordings have one
     return recording.condition

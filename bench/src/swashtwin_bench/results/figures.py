@@ -1,13 +1,11 @@
-"""Figures of studies: rows of scores, curves along what is varied, training, confusion matrices, t-SNE, severities."""
+"""Figures of studies: rows of scores, curves along what is varied, training, confusion matrices, t-SNE."""
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
@@ -15,13 +13,11 @@ from sklearn.manifold import TSNE
 from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
-    LIGHT,
     MEASURED,
     class_colors,
     figure_style,
     name_decades,
     panels,
-    ratio_axis,
     series_colors,
     words,
 )
@@ -259,49 +255,3 @@ def _tsne(features: np.ndarray) -> np.ndarray:
     perplexity = min(30.0, (len(features) - 1) / 3)
     points: np.ndarray = TSNE(perplexity=perplexity, init="pca", random_state=0, n_jobs=1).fit_transform(features)
     return points.astype(np.float64)
-
-
-@figure_style()
-def severity_drawing(study: StudyTable, key: str) -> Drawing:
-    """Estimated against true dimensions with their intervals, a panel for each."""
-    cases = [case for case in study.details["cases"] if case["truth"] > 0]
-    kinds = list(dict.fromkeys((case["kind"], case["dimension"]) for case in cases))
-    across = min(2, len(kinds))
-    down = math.ceil(len(kinds) / across)
-    figure, axes = panels(down, across, 0.3 + 3.0 * down)
-    for ax, (kind, dimension) in zip(axes.flat, kinds, strict=False):
-        matching = [case for case in cases if (case["kind"], case["dimension"]) == (kind, dimension)]
-        _severity_panel(ax, matching)
-        unit = f" [{matching[0]['unit']}]" if matching[0]["unit"] else ""
-        ax.set_title(f"{words(kind)}: {words(dimension)}")
-        ratio_axis(ax, "x", f"truth{unit}")
-        ratio_axis(ax, "y", f"estimate{unit}")
-    for ax in axes.flat[len(kinds) :]:
-        ax.set_visible(False)
-    return render_drawing(
-        f"{key}_found",
-        figure,
-        tabulate(cases),
-        title="Estimated against true severity",
-        caption="Each point is one recording, bars are 90 % intervals, gray the truth. Open points may be zero; bars "
-        "that begin below the panel hold zero. Both axes logarithmic; in SI in the data.",
-    )
-
-
-def _severity_panel(ax: Axes, cases: Sequence[dict[str, Any]]) -> None:
-    truth, estimated, low, high = (
-        np.array([case[name] / case["per_unit"] for case in cases]) for name in ("truth", "estimate", "low", "high")
-    )
-    least, most = 0.15 * truth.min(), 6 * truth.max()
-    ax.plot([least, most], [least, most], color=LIGHT, linewidth=2, zorder=1)
-    shown = np.clip(estimated, 1.1 * least, most)
-    bars = [shown - np.clip(low, least, shown), np.clip(high, shown, most) - shown]
-    ax.errorbar(truth, shown, yerr=bars, fmt="none", ecolor=MEASURED, elinewidth=0.8, alpha=0.5, zorder=2)
-    sure = np.array([case["detected"] for case in cases])
-    for part, fill in ((sure, CALIBRATED), (~sure, "white")):
-        ax.plot(truth[part], shown[part], "o", color=fill, markeredgecolor=CALIBRATED, markersize=4, zorder=3)
-    ax.set(xscale="log", yscale="log", xlim=(0.7 * truth.min(), 1.4 * truth.max()), ylim=(least, most))
-
-
-QUESTION_DRAWINGS: Mapping[str, Callable[[StudyTable, str], Drawing]] = MappingProxyType({"severity": severity_drawing})
-"""Figure of a study besides that of its rows, by the study's name."""

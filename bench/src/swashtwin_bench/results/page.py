@@ -31,7 +31,6 @@ from swashtwin.report import (
     write_report,
 )
 from swashtwin_bench.results.figures import (
-    QUESTION_DRAWINGS,
     confusion_of,
     curve_drawings,
     embedded_runs,
@@ -79,8 +78,7 @@ def study_part(study: StudyTable, key: str) -> Part:
     key : what the names of its figures begin with.
     """
     scores: list[Any] = [_rows_table(study), Bullets("To be read with it", study.notes)]
-    pictures = [draw(study, key) for name, draw in QUESTION_DRAWINGS.items() if name == study.study]
-    pictures.append(rows_drawing(study, key))
+    pictures = [rows_drawing(study, key)]
     further: list[Section] = []
     calibrations: list[Any] = []
     if isinstance(study, StudyResult):

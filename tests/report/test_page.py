@@ -215,3 +215,22 @@ def test_bands_outside_the_range_of_few_healthy_recordings_are_no_sign_of_a_faul
     few = replace(spectrum(), healthy=spectrum().healthy[:2])
     assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
     assert "narrow range" not in page_text(diagnosis())
+
+
+def test_a_line_ends_on_neither_side_of_an_explained_word_with_punctuation() -> None:
+    kept = r'<span class="option">\(<button class="term"[^>]*>RMS</button>\),</span> of'
+    assert re.search(kept, Glossary().mark("level (RMS), of windows"))
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}")
+def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
+    api = pytest.importorskip("playwright.sync_api")
+    page = tmp_path / "page.html"
+    page.write_text(page_text(diagnosis(notes=("a note",) * 4), scored(0.7)), encoding="utf-8")
+    with api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        phone = browser.new_page(viewport={"width": 390, "height": 800})
+        phone.goto(page.as_uri())
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        browser.close()

@@ -86,7 +86,8 @@ NOISY = "spectral_noise"
 
 
 def _models(size: str) -> dict[str, Model]:
-    names = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
+    every = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
+    names = [name for name in every if name not in ON_FEATURES]
     return {
         **{name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in names},
         **{name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()},

@@ -160,7 +160,7 @@ def recess(size: str, recipe: str) -> Plan:
         plan,
         rig=DEEP_VERSION,
         scenario=replace(plan.scenario, faults={**plan.scenario.faults, "swash_plate": (PAPER_RECESS,)}),
-        models={**plan.models, "extra_trees": Model("extra_trees")},
+        models={**plan.models, "extra_trees": MODELS[size]["extra_trees"]},
     )
 
 

@@ -1,7 +1,6 @@
 """Names that other rooms import, and where each lives."""
 
 from .choice.candidates import CANDIDATES as CANDIDATES
-from .choice.candidates import Candidate as Candidate
 from .choice.choice import Choice as Choice
 from .choice.choice import Trial as Trial
 from .choice.choosing import BUDGET as BUDGET
@@ -22,12 +21,10 @@ from .evaluation.metrics import recalls as recalls
 from .evaluation.metrics import wilson_interval as wilson_interval
 from .evaluation.pooling import likeliest_class as likeliest_class
 from .evaluation.pooling import pooled_probabilities as pooled_probabilities
-from .evaluation.pooling import window_counts as window_counts
 from .evaluation.protocols import Classifier as Classifier
 from .evaluation.protocols import unseen_recordings as unseen_recordings
 from .evaluation.scores import Scores as Scores
 from .evaluation.scores import evaluate as evaluate
-from .features import FeatureTable as FeatureTable
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features
 from .features import feature_values as feature_values
@@ -59,14 +56,12 @@ from .onnx_graph import onnx_model as onnx_model
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
-from .training.confidence import ValidationPlan as ValidationPlan
 from .training.confidence import allowed_error_rate as allowed_error_rate
 from .training.confidence import least_validation as least_validation
 from .training.confidence import plan_validation as plan_validation
 from .training.confidence import require_enough as require_enough
 from .training.fitting import fit as fit
 from .training.normalization import Normalization as Normalization
-from .training.settings import NORMALIZATIONS as NORMALIZATIONS
 from .training.settings import PAPER_TRAINING as PAPER_TRAINING
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
@@ -85,7 +80,6 @@ from .windows.cutting import window_batches as window_batches
 from .windows.folding import Fold as Fold
 from .windows.folding import group_folds as group_folds
 from .windows.folding import without_overlap as without_overlap
-from .windows.grouping import window_groups as window_groups
 from .windows.operating_point import refuse_other_values as refuse_other_values
 from .windows.operating_point import require_shared_speed as require_shared_speed
 from .windows.saving import load_windows as load_windows

@@ -154,11 +154,6 @@ class HealthyLevels:
         """Number of recordings."""
         return len(self.levels)
 
-    @property
-    def least_error_rate(self) -> float:
-        """Least false-alarm rate that so many recordings can state: 1 / (n + 1)."""
-        return 1 / (self.n_recordings + 1)
-
     @cached_property
     def points(self) -> tuple[tuple[str | float, ...], ...]:
         """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point."""

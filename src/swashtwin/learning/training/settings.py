@@ -108,10 +108,6 @@ class TrainingSettings:
         if clash := self._clash(self.normalization):
             raise InputError(f"{clash}; take another normalization, such as 'set'.")
 
-    def fits_normalization(self, normalization: str) -> bool:
-        """Whether windows changed in training, as these settings change them, make sense under a normalization."""
-        return self._clash(normalization) is None
-
     def _clash(self, normalization: str) -> str | None:
         active = [name for name in ("noise_snr", "gain", "stretch") if getattr(self, name) != _TRANSFORMS[name]]
         if active and normalization == "recording":

@@ -167,7 +167,8 @@ def recess(size: str, recipe: str) -> Plan:
 def algorithms(size: str, recipe: str) -> Plan:
     """The networks that the paper compares, trained repeatedly on the same data; by our recipe every classifier there
     is, on fleets."""
-    names = [name for name in MODELS["quick"] if name not in (*ABLATED, NOISY) and not name.startswith("bitcn_")]
+    others = (name for name in MODELS["quick"] if name not in (*ABLATED, NOISY) and not name.startswith("bitcn_"))
+    names = dict.fromkeys((DEFAULT, *others))  # the first is the one that others are compared with
     plan = _calibrated(size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names)
     return plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
 

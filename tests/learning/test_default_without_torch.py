@@ -43,3 +43,10 @@ def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_no
     command = [sys.executable, "-c", CODE, str(tmp_path)]
     answer = subprocess.run(command, capture_output=True, text=True, check=False)
     assert answer.stdout.endswith("imported: []\n"), answer.stderr
+
+
+def test_a_network_of_torch_names_the_extra_that_installs_it() -> None:
+    code = "import sys; sys.modules['torch'] = None; import swashtwin.learning as l; l.build_network('bitcn', 1, 2)"
+    error = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr
+    expected = 'the network bitcn needs torch, which is not installed: pip install "swashtwin[networks]".'
+    assert error.splitlines()[-1].endswith(expected)

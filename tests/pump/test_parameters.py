@@ -202,7 +202,7 @@ def test_a_file_takes_what_it_lacks_from_the_pump_it_is_like(pump: Pump, tmp_pat
     assert replace(mine, name=pump.name, sensors=pump.sensors) == pump
     assert mine.sources["sensors[0].position"] == "s"
     assert mine.sources["masses.shell"] == pump.sources["masses.shell"]
-    with pytest.raises(DataError, match=r"like = 'other' is none of the pumps that come with swashtwin: 25scy14-1b,"):
+    with pytest.raises(DataError, match=r"like = 'other' is none of swashtwin's pumps: 25scy14-1b,"):
         load_pump(save(tmp_path, 'format = 1\nlike = "other"'))
 
 

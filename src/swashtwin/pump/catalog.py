@@ -96,9 +96,8 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
     sensors: list[Sensor] = []
     for i, table in enumerate(tables):
         path = f"sensors[{i}]"
-        for key in ("name", "position", "direction"):
-            if key not in table:
-                raise DataError(f"{path} lacks {key}.")
+        if missing := [key for key in ("name", "position", "direction") if key not in table]:
+            raise DataError(f"{path} lacks {missing[0]}.")
         position = _quantity(table["position"], "m", f"{path}.position", tuple, sources)
         direction = table["direction"]
         if not all(isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)):
@@ -108,10 +107,10 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
         norm = math.hypot(*direction)
         if not (math.isfinite(norm) and norm > 0):
             raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
-        direction = tuple(component / norm for component in direction)
         if any(table["name"] == other.name for other in sensors):
             raise DataError(f"{path}: another sensor is named {table['name']!r} already.")
-        sensors.append(Sensor(name=str(table["name"]), position=position, direction=direction))
+        x, y, z = (component / norm for component in direction)
+        sensors.append(Sensor(str(table["name"]), position, (x, y, z)))
     return tuple(sensors)
 
 
@@ -140,11 +139,8 @@ def _table_of(text: str) -> dict[str, Any]:
         raise DataError(f"format is {table.get('format')!r}; this version reads format = {FORMAT}.")
     if "like" not in table:
         return table
-    like = table.pop("like")
-    if like not in available_pumps():
-        raise DataError(
-            f"like = {like!r} is none of the pumps that come with swashtwin: {', '.join(available_pumps())}."
-        )
+    if (like := table.pop("like")) not in available_pumps():
+        raise DataError(f"like = {like!r} is none of swashtwin's pumps: {', '.join(available_pumps())}.")
     original = _table_of(_text_of(like)[0])
     del original["name"]
     return {**original, **table}

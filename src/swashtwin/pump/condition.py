@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, parse
 
 SPEED_TOLERANCE = 0.02
 """Relative difference up to which two speeds belong to the same operating point: the slip of a motor under load."""
@@ -77,15 +77,12 @@ class OperatingCondition:
         """Time of one revolution [s]."""
         return 1 / self.shaft_frequency
 
-    def matches(
-        self, other: "OperatingCondition", *, speed: float = SPEED_TOLERANCE, pressure: float = PRESSURE_TOLERANCE
-    ) -> bool:
-        """Whether two conditions are the same operating point: their speeds and discharge pressures agree.
+    def matches(self, other: "OperatingCondition", *, speed: float = SPEED_TOLERANCE) -> bool:
+        """Whether two conditions are the same operating point: their discharge pressures agree within 6 %.
 
         Parameters
         ----------
         speed : relative difference of the speeds up to which they agree.
-        pressure : relative difference of the discharge pressures up to which they agree.
 
         Examples
         --------
@@ -98,12 +95,40 @@ class OperatingCondition:
         """
         return bool(
             values_match(self.speed, other.speed, speed)
-            and values_match(self.discharge_pressure, other.discharge_pressure, pressure)
+            and values_match(self.discharge_pressure, other.discharge_pressure, PRESSURE_TOLERANCE)
         )
 
     def replaced(self, **changes: float) -> "OperatingCondition":
         """The same condition with some values changed."""
         return replace(self, **changes)
+
+
+def read_condition(
+    *, speed: str, discharge_pressure: str, oil_temperature: str | None = None, suction_pressure: str | None = None
+) -> OperatingCondition:
+    """Operating condition of quantities with units; what is not said stays at the default.
+
+    Raises
+    ------
+    UnitError
+        A number without a unit, or with one of another dimension; a speed in hertz.
+    InputError
+        No pump runs so.
+
+    Examples
+    --------
+    >>> round(read_condition(speed="860 rpm", discharge_pressure="15 MPa").shaft_frequency, 6)
+    14.333333
+    """
+    stated = {
+        "speed": (speed, "rad/s"),
+        "discharge_pressure": (discharge_pressure, "Pa"),
+        "oil_temperature": (oil_temperature, "K"),
+        "suction_pressure": (suction_pressure, "Pa"),
+    }
+    return OperatingCondition(
+        **{name: parse(text, unit, name=name) for name, (text, unit) in stated.items() if text is not None}
+    )
 
 
 def values_match(
@@ -142,9 +167,7 @@ def merge_close_values(values: Float[np.ndarray, " n"], tolerance: float) -> Flo
     return levels
 
 
-def group_by_condition(
-    conditions: Sequence[OperatingCondition], *, speed: float = SPEED_TOLERANCE, pressure: float = PRESSURE_TOLERANCE
-) -> list[list[int]]:
+def group_by_condition(conditions: Sequence[OperatingCondition], *, speed: float = SPEED_TOLERANCE) -> list[list[int]]:
     """Indices of the conditions of each operating point, by ascending discharge pressure, then speed.
 
     Conditions of one point match each other within the tolerances of `OperatingCondition.matches`.
@@ -156,7 +179,7 @@ def group_by_condition(
     >>> group_by_condition(conditions)
     [[1], [0, 2]]
     """
-    pressures = merge_close_values(np.array([c.discharge_pressure for c in conditions]), pressure)
+    pressures = merge_close_values(np.array([c.discharge_pressure for c in conditions]), PRESSURE_TOLERANCE)
     speeds = merge_close_values(np.array([c.speed for c in conditions]), speed)
     points: dict[tuple[float, float], list[int]] = {}
     for index, point in enumerate(zip(pressures.tolist(), speeds.tolist(), strict=True)):

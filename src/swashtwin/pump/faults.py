@@ -7,121 +7,15 @@ our own derivation, `docs/explanation/physics.md`, and the anchors cited there; 
 (DOI 10.1177/00202940261419020).
 """
 
-import difflib
 import math
-import re
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from swashtwin.foundation import InputError, deg, mm, plain_text, um
-
-CLASSES = ("normal", "swash_plate", "cylinder_block", "piston", "valve_plate")
-"""The paper's five classes, in its order."""
-
-_HEALTHY = (
-    "healthy", "ok", "okay", "good", "baseline", "intact", "undamaged", "faultless", "fault_free", "no_fault",
-    "no_defect", "gesund", "gut", "in_ordnung", "io", "i_o", "fehlerfrei", "unbeschädigt", "intakt", "sain", "bon",
-    "sans_défaut", "sano", "bueno", "sin_fallo", "正常", "健康", "完好",
-)  # fmt: skip
-"""What people call the class of a machine that nothing is wrong with."""
-ALIASES = {
-    **dict.fromkeys(_HEALTHY, CLASSES[0]),
-    "swashplate": "swash_plate",
-    "swash": "swash_plate",
-    "cylinder": "cylinder_block",
-    "block": "cylinder_block",
-    "rotor": "cylinder_block",
-    "plunger": "piston",
-    "valve": "valve_plate",
-    "port_plate": "valve_plate",
-    "slipper": "loose_slipper",
-}
-"""Other names in use for the classes; read, never written."""
-_PARTS = {
-    "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
-                       "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
-    "loose_slipper": ("slipper", "piston_shoe", "gleitschuh", "patin", "zapata", "滑靴"),
-    "swash_plate": ("swash", "schragscheibe", "schraegscheibe", "schwenkscheibe", "taumelscheibe", "plateau_incline",
-                    "plateau_oscillant", "plato_inclinado", "plato_oscilante", "斜盘"),
-    "valve_plate": ("valve_plate", "valveplate", "port_plate", "steuerplatte", "steuerscheibe", "steuerspiegel",
-                    "glace_de_distribution", "plaque_de_distribution", "placa_de_valvula", "placa_de_distribucion",
-                    "配流盘", "配油盘"),
-    "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
-}  # fmt: skip
-"""Words for a part in English, German, French, Spanish and Chinese, without accents; the first class that fits is
-meant, so that a ``Kolbentrommel`` is no piston."""
-
-
-def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
-    """Class name that `text` stands for.
-
-    Raises
-    ------
-    InputError
-        It stands for none; the nearest is offered.
-
-    Examples
-    --------
-    >>> canonical_label("Plunger fault")
-    'piston'
-    """
-    if is_healthy(text) and CLASSES[0] in classes:
-        return CLASSES[0]
-    word = _word(text).removesuffix("fault").removesuffix("_")
-    if word in classes:
-        return word
-    if ALIASES.get(word) in classes:
-        return ALIASES[word]
-    if (proposed := propose_class(text)) in classes:
-        return str(proposed)
-    names = [*classes, *(alias for alias, target in ALIASES.items() if target in classes)]
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.55)
-    hint = f" Did you mean {ALIASES.get(near[0], near[0])!r}?" if near else ""
-    raise InputError(f"unknown class {text!r}; the classes are {', '.join(classes)}.{hint}")
-
-
-def propose_class(label: str) -> str | None:
-    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None where they do not.
-
-    Examples
-    --------
-    >>> propose_class("Kolbenverschleiß"), propose_class("plateau incliné usé"), propose_class("配流盘磨损")
-    ('piston', 'swash_plate', 'valve_plate')
-    """
-    if is_healthy(label):
-        return CLASSES[0]
-    plain = "".join(char for char in unicodedata.normalize("NFKD", _word(label)) if not unicodedata.combining(char))
-    return next((name for name, words in _PARTS.items() if any(word in plain for word in words)), None)
-
-
-def is_healthy(label: str | None) -> bool:
-    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"``, ``"ok"``, ``"gut"`` and their like.
-
-    Examples
-    --------
-    >>> is_healthy("In Ordnung"), is_healthy("piston"), is_healthy(None)
-    (True, False, False)
-    """
-    word = "" if label is None else _word(label)
-    return ALIASES.get(word, word) == CLASSES[0]
-
-
-def _word(label: str) -> str:
-    """A label in small letters and one Unicode form, an underscore for each gap, point and hyphen."""
-    text = unicodedata.normalize("NFKC", label).casefold()
-    return re.sub(r"[\s._-]+", "_", text).strip("_")
-
-
-def is_same_class(first: str | None, second: str | None) -> bool:
-    """Whether two labels are equal, or both healthy."""
-    if first is None or second is None:
-        return first == second
-    return plain_text(first) == plain_text(second) or (is_healthy(first) and is_healthy(second))
-
+from swashtwin.foundation import InputError, deg, mm, parse, um
+from swashtwin.pump.labels import canonical_label
 
 _F = TypeVar("_F", bound="Fault")
 
@@ -405,10 +299,9 @@ def fault_type(name: str) -> type[Fault]:
     InputError
         None is registered by that name.
     """
-    kinds = _types_by_name()
-    if name not in kinds:
+    if name not in {type(fault).__name__ for fault in _faults.values()}:
         register_installed_faults()
-        kinds = _types_by_name()
+    kinds = {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
     if name not in kinds:
         raise InputError(
             f"no fault of the type {name} is registered; there are {', '.join(kinds)}. Register your own with "
@@ -417,8 +310,46 @@ def fault_type(name: str) -> type[Fault]:
     return kinds[name]
 
 
-def _types_by_name() -> dict[str, type[Fault]]:
-    return {type(fault).__name__: type(fault) for fault in _faults.values() if fault is not None}
+def read_fault(kind: str, **dimensions: str) -> Fault | None:
+    """Fault of that kind (`FAULT_KINDS`, or an alias) with some dimensions replaced; None is a healthy pump.
+
+    Raises
+    ------
+    InputError
+        No such kind (the nearest is offered), no such dimension, or an impossible number or word.
+    UnitError
+        A dimension without a unit, or with one of another dimension.
+
+    Examples
+    --------
+    >>> read_fault("plunger", clearance="60 um")
+    PistonWear(clearance=6e-05, piston=0)
+    >>> read_fault("swash_plate", contact="lift_off").contact
+    'lift_off'
+    """
+    if kind not in FAULT_KINDS:
+        register_installed_faults()
+    name = kind if kind in FAULT_KINDS else canonical_label(kind, tuple(FAULT_KINDS))
+    fault = FAULT_KINDS[name]
+    if fault is None:
+        if dimensions:
+            raise InputError(f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate.")
+        return None
+    types = {item.name: get_type_hints(type(fault))[item.name] for item in fields(fault)}
+    numbers = {item: kind for item, kind in types.items() if kind in (float, int)}
+    words = [item for item, kind in types.items() if get_origin(kind) is Literal]
+    values: dict[str, Any] = {}
+    for key, text in dimensions.items():
+        if key in words:
+            values[key] = text
+            continue
+        if key not in numbers:
+            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join([*numbers, *words])}.")
+        number = parse(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
+        if numbers[key] is int and number != int(number):
+            raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
+        values[key] = int(number) if numbers[key] is int else number
+    return replace(fault, **values)
 
 
 for _name, _typical in {

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from swashtwin.pump.parameters import Pump
 
@@ -35,34 +35,26 @@ def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
     return f"{value / factor:.{digits}g}{'' if name == '1' else f' {name}'}"
 
 
-class PumpNumber(NamedTuple):
-    """A number of a pump, or the numbers of a list."""
+def pump_numbers(pump: Pump) -> Iterator[tuple[str, Any, str]]:
+    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the order of its file.
 
-    path: str
-    """Sections and name, such as ``interfaces.block_valve.damping`` or ``sensors[0].position``."""
-    value: Any
-    """In SI units."""
-    unit: str
-    """SI unit."""
-
-
-def pump_numbers(pump: Pump) -> Iterator[PumpNumber]:
-    """Every number of a pump, in the order of its file."""
+    A path is of sections and name, such as ``interfaces.block_valve.damping`` or ``sensors[0].position``.
+    """
     for section in fields(pump):
         part = getattr(pump, section.name)
         if is_dataclass(part):
             yield from _numbers(part, section.name)
     for index, sensor in enumerate(pump.sensors):
-        yield PumpNumber(f"sensors[{index}].position", sensor.position, "m")
+        yield f"sensors[{index}].position", sensor.position, "m"
 
 
-def _numbers(part: Any, path: str) -> Iterator[PumpNumber]:
+def _numbers(part: Any, path: str) -> Iterator[tuple[str, Any, str]]:
     for item in fields(part):
         value = getattr(part, item.name)
         if is_dataclass(value):
             yield from _numbers(value, f"{path}.{item.name}")
         else:
-            yield PumpNumber(f"{path}.{item.name}", value, str(item.metadata["unit"]))
+            yield f"{path}.{item.name}", value, str(item.metadata["unit"])
 
 
 def with_number(pump: Pump, path: str, value: Any) -> Pump:

@@ -1,6 +1,6 @@
 """What a pump is made of: geometry, masses, films and sensors, each number with its unit and source.
 
-Pumps live in TOML files, which `pump_files` reads; ``pumps/25scy14-1b.toml`` is the paper's.
+Pumps live in TOML files, which `load_pump` reads; ``pumps/25scy14-1b.toml`` is the paper's.
 """
 
 import math
@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import pairwise
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -35,62 +36,32 @@ class InterfaceValue(IntEnum):
     PISTON_BORE_STIFFNESS = 5
 
 
-LETTERS = MappingProxyType(
-    {
-        "slipper_swash.damping": "C_sw",
-        "slipper_swash.stiffness": "K_sw",
-        "block_valve.damping": "C_v",
-        "block_valve.stiffness": "K_v",
-        "piston_bore.damping": "C_Hz",
-        "piston_bore.stiffness": "K_Hz",
-    }
-)
+LETTERS = MappingProxyType(dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"), strict=True)))
 """The paper's letters. Its names contradict each other (C_v is its "cylinder damping"): this map is ours."""
 
 
-def _unit(unit: str) -> Any:
-    return field(metadata={"unit": unit})
-
-
-def _require_rising(plate: "ValvePlate", *names: str) -> None:
-    for lower, upper in pairwise(names):
-        if getattr(plate, lower) >= getattr(plate, upper):
-            raise InputError(
-                f"valve_plate.{lower} ({getattr(plate, lower):.4g}) must be below "
-                f"{upper} ({getattr(plate, upper):.4g})."
-            )
+def _number(unit: str, meaning: str) -> Any:
+    """Field of a number of a pump file, with its SI unit and what it is."""
+    return field(metadata={"unit": unit, "meaning": meaning})
 
 
 @dataclass(frozen=True)
 class RotatingGroup:
     """Pistons, slippers and the swash plate's inclination."""
 
-    piston_count: int = _unit("1")
-    """Number n of pistons."""
-    piston_diameter: float = _unit("m")
-    """Diameter d of a piston [m]."""
-    pitch_radius: float = _unit("m")
-    """Radius R of the circle of bores [m]."""
-    swash_angle: float = _unit("rad")
-    """Inclination gamma of the swash plate [rad]."""
-    slipper_diameter: float = _unit("m")
-    """Outer diameter a of a slipper [m]."""
-    pocket_diameter: float = _unit("m")
-    """Diameter of a slipper's pressure pocket [m]."""
-    orifice_diameter: float = _unit("m")
-    """Diameter of the damping hole through piston and slipper [m]."""
-    orifice_length: float = _unit("m")
-    """Length of that hole [m]."""
-    piston_clearance: float = _unit("m")
-    """Radial clearance of a piston in its bore [m]."""
-    piston_eccentricity: float = _unit("1")
-    """Relative eccentricity of a piston in its bore [1]."""
-    piston_guide_length: float = _unit("m")
-    """Length of a piston in its bore at top dead center [m]."""
-    slipper_film: float = _unit("m")
-    """Film thickness under a healthy slipper [m]."""
-    dead_volume: float = _unit("m^3")
-    """Chamber volume V0 at top dead center [m^3]."""
+    piston_count: int = _number("1", "Number n of pistons")
+    piston_diameter: float = _number("m", "Diameter d of a piston")
+    pitch_radius: float = _number("m", "Radius R of the circle of bores")
+    swash_angle: float = _number("rad", "Inclination gamma of the swash plate")
+    slipper_diameter: float = _number("m", "Outer diameter a of a slipper")
+    pocket_diameter: float = _number("m", "Diameter of a slipper's pressure pocket")
+    orifice_diameter: float = _number("m", "Diameter of the damping hole through piston and slipper")
+    orifice_length: float = _number("m", "Length of that hole")
+    piston_clearance: float = _number("m", "Radial clearance of a piston in its bore")
+    piston_eccentricity: float = _number("1", "Relative eccentricity of a piston in its bore")
+    piston_guide_length: float = _number("m", "Length of a piston in its bore at top dead center")
+    slipper_film: float = _number("m", "Film thickness under a healthy slipper")
+    dead_volume: float = _number("m^3", "Chamber volume V0 at top dead center")
 
     def __post_init__(self) -> None:
         if not 3 <= self.piston_count <= 19:
@@ -130,68 +101,45 @@ class RotatingGroup:
 class ValvePlate:
     """Port timing from top dead center, relief grooves and sealing lands."""
 
-    suction_open: float = _unit("rad")
-    """Shaft angle at which a bore meets the suction kidney [rad]."""
-    suction_close: float = _unit("rad")
-    """Shaft angle at which it leaves it [rad]."""
-    discharge_open: float = _unit("rad")
-    """Shaft angle at which a bore meets the discharge kidney [rad]."""
-    discharge_close: float = _unit("rad")
-    """Shaft angle at which it leaves it [rad]."""
-    port_ramp: float = _unit("rad")
-    """Angle over which a kidney opens and closes linearly [rad]."""
-    port_area_ratio: float = _unit("1")
-    """Largest opening over the piston's area [1]."""
-    groove_angle: float = _unit("rad")
-    """Length of the relief groove ahead of a kidney [rad]."""
-    groove_slope: float = _unit("rad")
-    """Inclination of the groove's bottom [rad]."""
-    groove_flank: float = _unit("rad")
-    """Angle between the groove's flanks [rad]."""
-    film: float = _unit("m")
-    """Film thickness h_v at the valve plate [m]."""
-    outer_land_outer_radius: float = _unit("m")
-    """Outer radius of the outer sealing land [m]."""
-    outer_land_inner_radius: float = _unit("m")
-    """Inner radius of the outer sealing land [m]."""
-    inner_land_outer_radius: float = _unit("m")
-    """Outer radius of the inner sealing land [m]."""
-    inner_land_inner_radius: float = _unit("m")
-    """Inner radius of the inner sealing land [m]."""
-    film_radius: float = _unit("m")
-    """Mean radius r_v of the film [m]."""
-    balance_ratio: float = _unit("1")
-    """Kidney and film force over piston force, B [1]."""
+    suction_open: float = _number("rad", "Shaft angle at which a bore meets the suction kidney")
+    suction_close: float = _number("rad", "Shaft angle at which it leaves it")
+    discharge_open: float = _number("rad", "Shaft angle at which a bore meets the discharge kidney")
+    discharge_close: float = _number("rad", "Shaft angle at which it leaves it")
+    port_ramp: float = _number("rad", "Angle over which a kidney opens and closes linearly")
+    port_area_ratio: float = _number("1", "Largest opening over the piston's area")
+    groove_angle: float = _number("rad", "Length of the relief groove ahead of a kidney")
+    groove_slope: float = _number("rad", "Inclination of the groove's bottom")
+    groove_flank: float = _number("rad", "Angle between the groove's flanks")
+    film: float = _number("m", "Film thickness h_v at the valve plate")
+    outer_land_outer_radius: float = _number("m", "Outer radius of the outer sealing land")
+    outer_land_inner_radius: float = _number("m", "Inner radius of the outer sealing land")
+    inner_land_outer_radius: float = _number("m", "Outer radius of the inner sealing land")
+    inner_land_inner_radius: float = _number("m", "Inner radius of the inner sealing land")
+    film_radius: float = _number("m", "Mean radius r_v of the film")
+    balance_ratio: float = _number("1", "Kidney and film force over piston force, B")
 
     def __post_init__(self) -> None:
-        _require_rising(
-            self,
-            "inner_land_inner_radius",
-            "inner_land_outer_radius",
-            "outer_land_inner_radius",
-            "outer_land_outer_radius",
-        )
-        _require_rising(self, "suction_open", "suction_close", "discharge_open", "discharge_close")
+        radii = [f"{land}_land_{edge}_radius" for land in ("inner", "outer") for edge in ("inner", "outer")]
+        angles = ("suction_open", "suction_close", "discharge_open", "discharge_close")
+        for lower, upper in (*pairwise(radii), *pairwise(angles)):
+            if getattr(self, lower) >= getattr(self, upper):
+                raise InputError(
+                    f"valve_plate.{lower} ({getattr(self, lower):.4g}) must be below "
+                    f"{upper} ({getattr(self, upper):.4g})."
+                )
 
 
 @dataclass(frozen=True)
 class Oil:
     """The working fluid."""
 
-    density: float = _unit("kg/m^3")
-    """Density [kg/m^3]."""
-    viscosity: float = _unit("Pa*s")
-    """Dynamic viscosity at `reference_temperature` [Pa s]."""
-    reference_temperature: float = _unit("K")
-    """Temperature at which `viscosity` holds [K]."""
-    viscosity_slope: float = _unit("1/K")
-    """Relative fall of the viscosity per kelvin [1/K]."""
-    bulk_modulus: float = _unit("Pa")
-    """Effective bulk modulus without free air [Pa]."""
-    air_fraction: float = _unit("1")
-    """Volume fraction of free air at 100 kPa [1]."""
-    discharge_coefficient: float = _unit("1")
-    """Discharge coefficient of the ports [1]."""
+    density: float = _number("kg/m^3", "Density")
+    viscosity: float = _number("Pa*s", "Dynamic viscosity at `reference_temperature`")
+    reference_temperature: float = _number("K", "Temperature at which `viscosity` holds")
+    viscosity_slope: float = _number("1/K", "Relative fall of the viscosity per kelvin")
+    bulk_modulus: float = _number("Pa", "Effective bulk modulus without free air")
+    air_fraction: float = _number("1", "Volume fraction of free air at 100 kPa")
+    discharge_coefficient: float = _number("1", "Discharge coefficient of the ports")
 
     def viscosity_at(self, temperature: float) -> float:
         """Dynamic viscosity [Pa s] at `temperature` [K], falling exponentially."""
@@ -202,74 +150,52 @@ class Oil:
 class Line:
     """Outlet line with its relief valve."""
 
-    volume: float = _unit("m^3")
-    """Oil volume between pump and relief valve [m^3]."""
-    relief_override: float = _unit("Pa")
-    """Pressure rise of the relief valve from cracking to the pump's full flow [Pa]."""
+    volume: float = _number("m^3", "Oil volume between pump and relief valve")
+    relief_override: float = _number("Pa", "Pressure rise of the relief valve from cracking to the pump's full flow")
 
 
 @dataclass(frozen=True)
 class Masses:
     """Masses and transverse inertias of the three bodies."""
 
-    shell: float = _unit("kg")
-    """Housing, swash plate and valve plate [kg]."""
-    shell_inertia: float = _unit("kg*m^2")
-    """Their moment of inertia about x and y [kg m^2]."""
-    rotor: float = _unit("kg")
-    """Shaft, cylinder block, pistons and bearings [kg]."""
-    rotor_inertia: float = _unit("kg*m^2")
-    """Their moment of inertia about x and y [kg m^2]."""
-    retainer: float = _unit("kg")
-    """Retainer, spring and slippers [kg]."""
-    piston_slipper: float = _unit("kg")
-    """One piston with its slipper [kg]."""
-    rotor_eccentricity: float = _unit("m")
-    """Eccentricity of the rotor's center of gravity [m]."""
+    shell: float = _number("kg", "Housing, swash plate and valve plate")
+    shell_inertia: float = _number("kg*m^2", "Their moment of inertia about x and y")
+    rotor: float = _number("kg", "Shaft, cylinder block, pistons and bearings")
+    rotor_inertia: float = _number("kg*m^2", "Their moment of inertia about x and y")
+    retainer: float = _number("kg", "Retainer, spring and slippers")
+    piston_slipper: float = _number("kg", "One piston with its slipper")
+    rotor_eccentricity: float = _number("m", "Eccentricity of the rotor's center of gravity")
 
 
 @dataclass(frozen=True)
 class Positions:
     """Places along the shaft, from the slippers' plane toward the valve plate."""
 
-    shell: float = _unit("m")
-    """Center of gravity zeta_F of the shell [m]."""
-    rotor: float = _unit("m")
-    """Center of gravity zeta_C of the rotor [m]."""
-    valve_plate: float = _unit("m")
-    """Valve plate z_v [m]."""
-    mount: float = _unit("m")
-    """Mounting flange z_m [m]."""
+    shell: float = _number("m", "Center of gravity zeta_F of the shell")
+    rotor: float = _number("m", "Center of gravity zeta_C of the rotor")
+    valve_plate: float = _number("m", "Valve plate z_v")
+    mount: float = _number("m", "Mounting flange z_m")
 
 
 @dataclass(frozen=True)
 class Mount:
     """How the shell stands on the ground."""
 
-    stiffness_x: float = _unit("N/m")
-    """Transverse stiffness [N/m]."""
-    stiffness_y: float = _unit("N/m")
-    """Transverse stiffness in the swash plate's direction of rise [N/m]."""
-    stiffness_z: float = _unit("N/m")
-    """Axial stiffness [N/m]."""
-    stiffness_tilt: float = _unit("N*m/rad")
-    """Stiffness against tilting about x and y [N m/rad]."""
-    damping_ratio: float = _unit("1")
-    """Modal damping ratio [1]."""
+    stiffness_x: float = _number("N/m", "Transverse stiffness")
+    stiffness_y: float = _number("N/m", "Transverse stiffness in the swash plate's direction of rise")
+    stiffness_z: float = _number("N/m", "Axial stiffness")
+    stiffness_tilt: float = _number("N*m/rad", "Stiffness against tilting about x and y")
+    damping_ratio: float = _number("1", "Modal damping ratio")
 
 
 @dataclass(frozen=True)
 class Bearings:
     """The three bearings between rotor and shell."""
 
-    positions: tuple[float, ...] = _unit("m")
-    """Places along the shaft [m]."""
-    stiffnesses: tuple[float, ...] = _unit("N/m")
-    """Radial stiffnesses [N/m]."""
-    axial_stiffness: float = _unit("N/m")
-    """Axial stiffness of the last one [N/m]."""
-    damping_time: float = _unit("s")
-    """Damping over stiffness [s]."""
+    positions: tuple[float, ...] = _number("m", "Places along the shaft")
+    stiffnesses: tuple[float, ...] = _number("N/m", "Radial stiffnesses")
+    axial_stiffness: float = _number("N/m", "Axial stiffness of the last one")
+    damping_time: float = _number("s", "Damping over stiffness")
 
     def __post_init__(self) -> None:
         if len(self.positions) != len(self.stiffnesses) or not self.positions:
@@ -282,22 +208,17 @@ class Bearings:
 class Coupling:
     """What ties retainer and rotor besides the films."""
 
-    spring_stiffness: float = _unit("N/m")
-    """Central spring [N/m]."""
-    spring_preload: float = _unit("N")
-    """Force of the central spring, which presses the block on the valve plate [N]."""
-    lateral_ratio: float = _unit("1")
-    """Lateral over axial stiffness of a piston in its bore, kappa_r [1]."""
+    spring_stiffness: float = _number("N/m", "Central spring")
+    spring_preload: float = _number("N", "Force of the central spring, which presses the block on the valve plate")
+    lateral_ratio: float = _number("1", "Lateral over axial stiffness of a piston in its bore, kappa_r")
 
 
 @dataclass(frozen=True)
 class Interface:
     """One spring-damper between two bodies."""
 
-    damping: float = _unit("N*s/m")
-    """Damping C [N s/m]."""
-    stiffness: float = _unit("N/m")
-    """Stiffness K [N/m]."""
+    damping: float = _number("N*s/m", "Damping C")
+    stiffness: float = _number("N/m", "Stiffness K")
 
 
 @dataclass(frozen=True)
@@ -313,7 +234,7 @@ class Interfaces:
 
     def values(self) -> tuple[float, ...]:
         """The six values in the order of `PARAMETERS` [N s/m, N/m, ...]."""
-        return tuple(float(getattr(getattr(self, name.split(".")[0]), name.split(".")[1])) for name in PARAMETERS)
+        return tuple(float(attrgetter(name)(self)) for name in PARAMETERS)
 
     @classmethod
     def from_values(cls, values: Any) -> "Interfaces":
@@ -330,21 +251,15 @@ class Interfaces:
         for name, number in zip(PARAMETERS, numbers, strict=True):
             if not (math.isfinite(number) and number > 0):
                 raise InputError(f"{name} ({number:g}) must be a positive number.")
-        return cls(
-            slipper_swash=Interface(damping=numbers[0], stiffness=numbers[1]),
-            block_valve=Interface(damping=numbers[2], stiffness=numbers[3]),
-            piston_bore=Interface(damping=numbers[4], stiffness=numbers[5]),
-        )
+        return cls(*(Interface(*pair) for pair in zip(numbers[::2], numbers[1::2], strict=True)))
 
 
 @dataclass(frozen=True)
 class Rated:
     """Operating point that the pump is made for; port timing and interface values of its file hold there."""
 
-    speed: float = _unit("rad/s")
-    """Angular speed of the shaft [rad/s]."""
-    discharge_pressure: float = _unit("Pa")
-    """Discharge pressure [Pa]."""
+    speed: float = _number("rad/s", "Angular speed of the shaft")
+    discharge_pressure: float = _number("Pa", "Discharge pressure")
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
         )
     ratios = _ratios(original, original.rated, nameplate)
     weight = catalog_mass(nameplate.displacement) if nameplate.mass is None else nameplate.mass
-    ratios["M"] = weight / _mass(original)
+    ratios["M"] = weight / (original.masses.shell + original.masses.rotor + original.masses.retainer)
     stated = {
         "rotating_group.piston_count": nameplate.piston_count,
         "rotating_group.swash_angle": nameplate.swash_angle,
@@ -212,11 +212,6 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
     pump = _with_timing(Pump(name=name, sources=sources, **changes), original, original.rated, ratios, sources)
     require_sound_geometry(pump)
     return pump
-
-
-def _mass(pump: Pump) -> float:
-    """Mass of the whole pump [kg]."""
-    return pump.masses.shell + pump.masses.rotor + pump.masses.retainer
 
 
 def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, float]:

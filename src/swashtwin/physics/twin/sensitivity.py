@@ -39,12 +39,12 @@ def sensitivities(twin: Twin) -> tuple[Sensitivity, ...]:
     """
     before = _amplitudes(twin)
     effects = []
-    for number in pump_numbers(twin.pump):
-        if number.path == "rotating_group.piston_count" or number.path.startswith("rated."):
+    for path, value, unit in pump_numbers(twin.pump):
+        if path == "rotating_group.piston_count" or path.startswith("rated."):
             continue
-        pump, step = _changed(twin.pump, number.path, number.value, number.unit)
+        pump, step = _changed(twin.pump, path, value, unit)
         after = _amplitudes(Twin(pump, twin.condition, twin.fault, bandwidth=twin.bandwidth))
-        effects.append(Sensitivity(number.path, step, float(np.linalg.norm(after - before) / np.linalg.norm(before))))
+        effects.append(Sensitivity(path, step, float(np.linalg.norm(after - before) / np.linalg.norm(before))))
     return tuple(sorted(effects, key=lambda entry: -entry.effect))
 
 
@@ -63,13 +63,10 @@ def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
         steps = [(value + TEMPERATURE, f"+{TEMPERATURE:g} K")]
     else:
         steps = [(_times(value, 1 + sign * SHARE), f"{sign * SHARE:+.0%}") for sign in (1, -1)]
-    for changed, words in steps[:-1]:
-        try:
-            return with_number(pump, path, changed), words
-        except InputError:
-            continue
-    changed, words = steps[-1]
-    return with_number(pump, path, changed), words
+    try:
+        return with_number(pump, path, steps[0][0]), steps[0][1]
+    except InputError:
+        return with_number(pump, path, steps[-1][0]), steps[-1][1]
 
 
 def _times(value: Any, factor: float) -> Any:

@@ -11,7 +11,10 @@ import pytest
 
 from swashtwin.calibration import (
     Dimension,
+    GaussNewton,
+    Nuisances,
     SeveritySearch,
+    calibrate,
     estimate_severity,
     register_severity,
     twin_from_dict,
@@ -116,7 +119,9 @@ def test_a_twin_with_an_own_fault_is_saved_and_loaded(pump: Pump, at_15: Operati
 def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingCondition) -> None:
     healthy = Twin(pump, at_15, bandwidth=1000)
     recording = healthy.with_fault(CrackedPlate(2e-12)).simulate(2.0, 4000, recording_id="worn")
-    trend = estimate_severity(healthy, [recording], CrackedPlate(1e-12))
+    sound = healthy.simulate(2.0, 4000, recording_id="sound")
+    calibration = calibrate(healthy, [sound], method=GaussNewton(starts=1), nuisances=Nuisances(), band=(0, 1000))
+    trend = estimate_severity(calibration, [recording], CrackedPlate(1e-12))
     (estimate,) = trend.estimates
     assert isinstance(estimate.fault, CrackedPlate)
     assert estimate.fault.conductance == pytest.approx(2e-12, rel=0.1)

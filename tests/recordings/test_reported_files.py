@@ -271,6 +271,24 @@ READ += [
     ("fields", npz(record=RECORDS), {"unit": "g"}, NOISE),
     ("samples count", of_samples, {}, "counts samples, not time; say sample_rate"),
     ("samples count", of_samples, {"sample_rate": RATE}, NOISE),
+    *((f"stated as {line}", text("a.csv", line, "Unit: g", "x", *rows(",", NOISE)), {}, NOISE) for line in (
+        "Sample rate: 10 kS/s", "Samples per second: 10000", "ODR: 10000 Hz", '"Sampling Rate","10000","Hz"',
+        "fs = 10000 # Hz", "Acquisition rate: 10000 samples/second", "\u0394T: 1e-4 s")),
+    ("thousands", text("a.txt", "Sample rate: 10,000 Hz", "Unit: g", "", *rows(" ", NOISE, NOISE)), {},
+     "does not say its sample rate"),
+    ("numbered headings", text("a.csv", "t [s],Y[0],Y[1]", *rows(",", TIMES, NOISE, NOISE)),
+     {"unit": "g", "channels": ["Y[1]"]}, NOISE),
+    ("parentheses in a unit", text("a.csv", "t,x", "s,m/(s^2)", *rows(",", TIMES, NOISE)), {}, NOISE / G),
+    ("words for missing", text("a.csv", "t [s],x [g]", *rows(",", TIMES, np.where(FILL, "1.#QNAN", NOISE.astype(str)))),
+     {}, MISSING),
+    ("time in a matrix with a unit", mat(data=np.stack([TIME, NOISE], axis=1), fs=RATE, unit="g"), {}, NOISE),
+    ("names of cells", mat(data=np.array([NOISE, NOISE * 2, None], object)[:2], names=np.array(["x", "p"], object),
+                           units=np.array(["g", "bar"], object), fs=RATE), {}, NOISE),
+    ("layout of Testlab", mat(s={"x_values": {"increment": 1e-4}, "y_values": {
+        "values": NOISE, "quantity": {"label": "g"}}}), {}, NOISE),
+    ("another word for a scale", hdf5(COUNTS, Calibration_Factor=1e-4), {}, "calibration_factor = 0.0001, and not"),
+    ("lists beside a matrix", hdf5(np.stack([NOISE, NOISE]), names=["x", "tach"], units=["g", "V"]),
+     {"channels": ["x/x"]}, NOISE),
 ]  # fmt: skip
 
 

@@ -62,8 +62,6 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     raw = open_raw(path, entry.options)
     if not raw.facts:
         header = {key: text for key, text in facts_of_header(raw).items() if getattr(entry, key, "") is None}
-        if raw.sample_rate is not None or raw.rates:
-            header.pop("sample_rate", None)
         entry = replace(entry, **{key: text for key, text in header.items() if key not in bare_pressures(header)})
     view = _view(raw, entry, path)
     names = entry.names or view.names

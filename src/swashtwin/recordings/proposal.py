@@ -203,8 +203,6 @@ def _facts_of(
     values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
     values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
     header = {} if raw.facts else facts_of_header(raw)
-    if raw.sample_rate is not None or raw.rates:
-        header.pop("sample_rate", None)
     counts = "table's" if in_table else "header's"
     both = [key for key in header if key in values and header[key] != values[key]]
     notes.extend(

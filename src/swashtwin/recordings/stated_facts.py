@@ -40,7 +40,6 @@ _IN_HEADERS = {
     "speed": r"drehzahl|(?:shaft|rotational|motor|pump)[ _]?speed|^speed|rpm$|^rpm",
     "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
-    "sample_rate": r"abtast(?:rate|frequenz)|sampl\w*[ _-]?(?:rate|freq)",
 }
 _SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
 _CASES = {"mpa": "MPa", "kpa": "kPa", "hz": "Hz"}
@@ -154,7 +153,7 @@ def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dic
 
 
 def facts_of_header(raw: RawFile) -> dict[str, Any]:
-    """Speed, pressure, oil temperature and rate that the header lines or the single numbers of a file state."""
+    """Speed, pressure and oil temperature that the header lines or the single numbers of a file state."""
     pairs: list[tuple[str, str]] = header_pairs(raw.attributes.get("header", ""))
     pairs += [(name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"]
     texts: dict[str, str] = {}

@@ -28,6 +28,7 @@ _TIME_NAME = re.compile(
 _COUNTER_NAME = re.compile(
     r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|", re.IGNORECASE
 )
+_FIRST_OF_MATRIX = re.compile(r"\(:,1\)$|\(1,:\)$|/0$")
 _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
 """Least and, ten times that, greatest count of a unit since 1970 in this century."""
 _DAYS = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
@@ -156,14 +157,23 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
     called, rising = [], []
     for name in names:
         is_rated = raw.rates.get(name, raw.sample_rate) is not None
-        if named_as_time(name) and (
-            (raw.units.get(name) in (None, *TIME_UNITS) and not is_rated) or _is_clock(raw, name)
-        ):
+        if named_as_time(name) and ((_is_of_time(raw, name) and not is_rated) or _is_clock(raw, name)):
             called.append(name)
-        elif not is_rated and raw.units.get(name) in (None, *TIME_UNITS) and _is_clock(raw, name):
+        elif not is_rated and _is_of_time(raw, name) and _is_clock(raw, name):
             rising.append(name)
     chosen = ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else []) or called or rising
     return chosen if len(chosen) < len(names) else chosen[:1]
+
+
+def _own_unit(raw: RawFile, name: str) -> str | None:
+    """Unit of a column; none where it is that of a whole matrix, and not of the time in it."""
+    unit = raw.units.get(name)
+    of_all = unit not in TIME_UNITS and all(raw.units.get(each) == unit for each in raw.columns)
+    return None if of_all and (named_as_time(name) or _FIRST_OF_MATRIX.search(name)) else unit
+
+
+def _is_of_time(raw: RawFile, name: str) -> bool:
+    return _own_unit(raw, name) in (None, *TIME_UNITS)
 
 
 def _clock_of(raw: RawFile, name: str, column: Column, clocks: Mapping[str, Any]) -> str | None:
@@ -208,7 +218,7 @@ def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
 
     It has no unit of another quantity. One that is called as counters are may skip samples.
     """
-    if raw.units.get(name) not in (None, *TIME_UNITS) or len(column) < 3:
+    if not _is_of_time(raw, name) or len(column) < 3:
         return False
     head = np.asarray(column[0:_HEAD], dtype=np.float64)
     if not (head == np.round(head)).all():
@@ -246,9 +256,7 @@ def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
 def _unit(path: Path, raw: RawFile, name: str, options: Options) -> float | None:
     """Seconds of one unit of a clock: as stated, by its heading, its name or its size; None where nothing says it."""
     head = np.asarray(raw.columns[name][0:_HEAD], dtype=np.float64)
-    in_file, match = raw.units.get(name), named_as_time(name)
-    if in_file not in TIME_UNITS and all(raw.units.get(each) == in_file for each in raw.columns):
-        in_file = None  # it is that of all, and not of the time
+    in_file, match = _own_unit(raw, name), named_as_time(name)
     words = match and next(filter(None, match.groups()), None)
     unit = options.time_unit or in_file or words or _unit_by_size(head)
     if unit is None and re.search(r"[\[(].*[a-zA-Z].*[\])]$", name):

@@ -346,7 +346,7 @@ def _chunks(path: Path) -> Iterator[bytes]:
 
 
 def _with_line_feeds(data: bytes) -> bytes:
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+    data = data.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
     return data.replace("∞".encode(), b"inf") if b"\xe2\x88\x9e" in data else data
 
 

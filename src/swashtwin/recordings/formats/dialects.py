@@ -22,7 +22,8 @@ NUMBER = {
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity|∞)", re.IGNORECASE),
 }
 """A number with each decimal mark."""
-MISSING = ("", "N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "--", "---")
+MISSING = ("", "N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "---", "?",
+           "-nan(ind)", "nan(ind)", "-1.#IND", "1.#QNAN", "#NUM!", "#DIV/0!", "#VALUE!")  # fmt: skip
 """What programs write for a sample that is missing."""
 _GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}") for mark in ".,"}
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([. ']\d{3})+(,\d+)?|[+-]?\d{1,3}([, ']\d{3})+(\.\d+)?")
@@ -200,7 +201,7 @@ class _Layout:
         for number, heading in enumerate(header):
             name, unit = split_unit(heading)
             if below and below[number].strip("[]() "):
-                unit = below[number].strip("[]() ")
+                unit = below[number].strip("[]() ") if below[number][0] in "[(" else below[number]
             if name[:2] in ("'=", "'+", "'-", "'@"):
                 name = name[1:]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
             name = f"{name}_{number}" if name in names else name or f"column_{number}"
@@ -276,7 +277,12 @@ def _headings(fields: list[str], width: int, decimal: str, *, blank: int = 0) ->
     fields = fields[:-1] if len(fields) == width + 1 and not fields[-1] else fields
     numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
     wordy = any(character.isalpha() for field in fields for character in field)
-    if len(fields) != width or not wordy or (numbers and not _is_counted(numbers, len(numbers))):
+    if (
+        len(fields) != width
+        or not wordy
+        or fields[0].endswith(":")
+        or (numbers and not _is_counted(numbers, len(numbers)))
+    ):
         return None
     return fields
 

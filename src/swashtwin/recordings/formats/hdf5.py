@@ -25,7 +25,7 @@ from swashtwin.recordings.formats.raw import (
     known_unit,
     require_plausible_size,
 )
-from swashtwin.recordings.formats.tables import header_rate, obeyed, stated_sensitivities, unknown_scale
+from swashtwin.recordings.formats.tables import LISTS, header_rate, obeyed, stated_sensitivities, unknown_scale
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -184,6 +184,10 @@ def _text(value: Any) -> str | None:
     return value.decode() if isinstance(value, bytes) else value if isinstance(value, str) else None
 
 
+def _texts(value: Any) -> list[str]:
+    return [str(_text(each)) for each in value.ravel()] if isinstance(value, np.ndarray) else []
+
+
 def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
@@ -205,13 +209,19 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         stated = (each.get(key) for each in (facts[0], facts[-1]) for key in ("unit", "units"))
         unit = next((unit for text in stated if (unit := known_unit(text or ""))), None)
         rate = next((rate for each in facts if (rate := _rate(path, item.name, each)) is not None), None)
+        own = {key.lower(): value for key, value in item.attrs.items()}
         for field in (field for field in fields if kinds[field] in "fiu"):
             vectors = _vectors_in(item, field)
+            names, listed = (
+                next((texts for each in keys if len(texts := _texts(own.get(each))) == len(vectors) > 1), [])
+                for keys in LISTS
+            )
             for number, column in enumerate(vectors):
-                key = f"{name}{'/' if field else ''}{field}{f'/{number}' if len(vectors) > 1 else ''}"
-                columns[key] = obeyed(f"{path}: {item.name}", column, item.attrs, options, number)
+                part = (names[number] if names else str(number)) if len(vectors) > 1 else ""
+                key = "/".join(filter(None, (name, field, part)))
+                columns[key] = obeyed(f"{path}: {item.name}", column, own, options, number)
                 found = {
-                    "units": None if unknown_scale(item.attrs) else unit,
+                    "units": None if unknown_scale(own) else known_unit(listed[number]) if listed else unit,
                     "rates": rate,
                     "starts": next((each[of] for each in facts for of in _STARTS if of in each), None),
                     "sensitivities": next(iter(stated_sensitivities(facts[0].items())), None),
@@ -235,9 +245,7 @@ def _attributes(holder: h5py.Group | h5py.Dataset) -> dict[str, str]:
     """Attributes of a data set or a group as texts, by their names in small letters, with a group's single values."""
     pairs = dict(holder.attrs)
     if isinstance(holder, h5py.Group):
-        pairs |= {
-            name: item[()] for name, item in holder.items() if isinstance(item, h5py.Dataset) and item.shape == ()
-        }
+        pairs |= {name: item[()] for name, item in holder.items() if isinstance(item, h5py.Dataset) and item.size == 1}
     singles = {name.lower(): np.asarray(value) for name, value in pairs.items()}
     singles = {name: value.reshape(()) for name, value in singles.items() if value.size == 1}
     return {name: str(_text(value.item()) or value.item()) for name, value in singles.items()}

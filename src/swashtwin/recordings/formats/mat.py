@@ -1,6 +1,7 @@
 """MATLAB files, versions 4 to 7.3."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from math import prod
@@ -13,7 +14,7 @@ from swashtwin.foundation import DataError, UnitError, parse, require_memory
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
-from swashtwin.recordings.formats.tables import SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
+from swashtwin.recordings.formats.tables import LISTS, SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 
 _KINDS = ("double", "single", "logical", "char", "cell", "struct", "sparse", "unknown", *(
@@ -137,14 +138,12 @@ _RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate
 """What files call their sample rate [Hz], in any case of letters."""
 _STEP_NAMES = (
     "dt", "delta_t", "deltat", "ts", "sampling_interval", "sample_interval", "sampling_period", "sample_period",
-    "samplingperiod", "sampleperiod", "time_step", "timestep", "x_values.increment",
+    "samplingperiod", "sampleperiod", "time_step", "timestep", "wf_increment", "x_values.increment",
 )  # fmt: skip
 """What files call the time between two samples [s], the last as Testlab does."""
-_UNIT_NAMES = ("unit", "units")
 _SENSITIVITY_NAMES = ("sensitivity", "sensitivities")
-_LISTS = {"names": ("names", "channels", "channel_names", "channelnames", "labels", "titles"), "units": _UNIT_NAMES}
-"""What a list of texts is called that has one for each vector of a matrix."""
 _PARTS = re.compile(r"[./]")
+_CELL = re.compile(r"(.*)\((\d+)\)")
 _INDEX = re.compile(r"\(.*\)$")
 
 
@@ -170,7 +169,7 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: 
 
     in_file = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
     rates = stated(in_file, (*_RATE_NAMES, *_STEP_NAMES), "sample rates")
-    units = stated({name: unit for name, text in facts.items() if (unit := _unit(name, text))}, _UNIT_NAMES, "units")
+    units = stated({name: unit for name, text in facts.items() if (unit := _unit(name, text))}, LISTS[1], "units")
     sensed = {name: texts[0] for name in facts if (texts := _sensitivity(name, facts))}
     sensitivities = stated(sensed, _SENSITIVITY_NAMES, "sensitivities")
     for name, column in columns.items():
@@ -207,7 +206,7 @@ def _rate(name: str, text: str) -> float | None:
 
 
 def _unit(name: str, text: str) -> str | None:
-    return known_unit(text) if any(key in name.lower() for key in _UNIT_NAMES) else None
+    return known_unit(text) if any(key in name.lower() for key in LISTS[1]) else None
 
 
 def _sensitivity(name: str, facts: Mapping[str, str]) -> list[str]:
@@ -250,6 +249,7 @@ class _Variables:
         self.facts: dict[str, str] = {}
         self.left_out: list[str] = []
         variables = list(variables)
+        self._cells = Counter(cell[1] for name, _ in variables if (cell := _CELL.fullmatch(name)))
         self._lists = {name.lower(): texts for name, value in variables if (texts := _texts(value))}
         for name, value in variables:
             if isinstance(value, str):
@@ -274,23 +274,27 @@ class _Variables:
         elif array.ndim == 0 and kind in "fiubU":
             self.facts[name] = str(array.item()) if kind == "U" else f"{array.item():.12g}"
         elif array.ndim == 1 and array.size > 1 and kind in "fiub":
-            self.columns[name] = array.astype(np.float64)
+            cell = _CELL.fullmatch(name)
+            of = cell[1] if cell else name
+            self._add(of, name, int(cell[2]) - 1 if cell else 0, self._cells[of], array.astype(np.float64))
         elif array.ndim == 2 and array.size and kind in "fiub":
             self._sort_matrix(name, array.astype(np.float64))
 
     def _sort_matrix(self, name: str, matrix: np.ndarray) -> None:
-        """The vectors along the longer side of a matrix, named as a list beside it of as many texts says."""
+        """The vectors along the longer side of a matrix."""
         tall = matrix.shape[0] >= matrix.shape[1]
         vectors = matrix.T if tall else matrix
-        scope = name[: len(name) - len(_PARTS.split(name)[-1])]
-        listed = {
-            what: next((texts for key in keys if (texts := self._lists.get((scope + key).lower()))), [])
-            for what, keys in _LISTS.items()
-        }
-        names, units = listed["names"], listed["units"]
         for number, vector in enumerate(vectors):
             key = f"{name}(:,{number + 1})" if tall else f"{name}({number + 1},:)"
-            key = scope + names[number] if len(set(names)) == len(vectors) else key
-            if len(units) == len(vectors) and (unit := known_unit(units[number])):
-                self.units[key] = unit
-            self.columns[key] = vector
+            self._add(name, key, number, len(vectors), vector)
+
+    def _add(self, name: str, key: str, number: int, count: int, vector: np.ndarray) -> None:
+        """One of `count` vectors, with the name and the unit that lists beside them of as many texts say."""
+        scope = name[: len(name) - len(_PARTS.split(name)[-1])]
+        names, units = (
+            next((texts for each in keys if (texts := self._lists.get((scope + each).lower()))), []) for keys in LISTS
+        )
+        key = scope + names[number] if names and len(set(names)) == count else key
+        if units and len(units) == count and (unit := known_unit(units[number])):
+            self.units[key] = unit
+        self.columns[key] = vector

@@ -138,11 +138,13 @@ def acceleration_factor(unit: str) -> float | None:
 _SPELLINGS = {
     "g's": "g", "gs": "g", "g_n": "g", "gn": "g", "volts": "V", "volt": "V", "amps": "A", "amp": "A", "ms-2": "m/s^2",
     "m/s2": "m/s^2", "m/s/s": "m/s^2", "m/sec^2": "m/s^2", "m/sec2": "m/s^2", "m*s^-2": "m/s^2", "m s-2": "m/s^2",
-    "m.s-2": "m/s^2", "ms^-2": "m/s^2", "m/s**2": "m/s^2", "mm/s2": "mm/s^2", "deg c": "degC", "°c": "degC",
-    "celsius": "degC", "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm",
+    "m.s-2": "m/s^2", "m/(s^2)": "m/s^2", "ms^-2": "m/s^2", "m/s**2": "m/s^2", "mm/s2": "mm/s^2",
+    "deg c": "degC", "°c": "degC", "celsius": "degC",
+    "1/min": "rpm", "u/min": "rpm", "min-1": "rpm", "r/min": "rpm", "rev/min": "rpm", "upm": "rpm",
     "sec": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms",
     "usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "hours": "h",
-    "minutes": "min", "days": "d",
+    "minutes": "min", "days": "d", "s/s": "Hz", "sa/s": "Hz", "sps": "Hz", "samples/s": "Hz", "samples/second": "Hz",
+    "1/s": "Hz", "hertz": "Hz", "ks/s": "kHz", "ksa/s": "kHz", "ksps": "kHz", "ms/s": "MHz", "msa/s": "MHz",
 } | {unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz")}
 """Units as people write them, in small letters, and as they are known here."""
 # fmt: on

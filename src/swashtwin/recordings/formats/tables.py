@@ -22,7 +22,8 @@ TRADE_UNITS = frozenset((
 def split_unit(text: str) -> tuple[str, str | None]:
     """Name and unit of a column heading such as ``acceleration [g]`` or ``Zeit in s``."""
     match = _BRACKET.match(text)
-    if match and (plain_unit(match[2]) in TRADE_UNITS or (text.endswith("]") and known_unit(match[2]))):
+    is_index = match is not None and match[2].isdecimal() and " [" not in text  # Y[1] beside Y[0]
+    if match and not is_index and (plain_unit(match[2]) in TRADE_UNITS or (text[-1] == "]" and known_unit(match[2]))):
         return match[1].rstrip(" /"), plain_unit(match[2])
     match = _AFTER_WORD.match(text)
     if match and plain_unit(match[2]) in TRADE_UNITS:
@@ -30,14 +31,21 @@ def split_unit(text: str) -> tuple[str, str | None]:
     return text, None
 
 
-_RATE_NAME = re.compile(r"fs|(?:sampl\w*[ _-]?)?(?:rate|freq\w*)|abtast(?:rate|frequenz)", re.IGNORECASE)
+_RATE_NAME = re.compile(
+    r"fs|odr|(?:(?:sampl\w*|acquisition|data)[ _-]?)?(?:rate|freq\w*)|abtast(?:rate|frequenz)"
+    r"|samples[ _]?(?:per|/)[ _]?s(?:ec(?:ond)?)?",
+    re.IGNORECASE,
+)
 _STEP_NAME = re.compile(
-    r"delta[ _]?[tx]|dt|ts|(?:sampl\w*|time)[ _-]?(?:interval|period|step|increment|time)|increment|h[ _-]?resolution",
+    r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:sampl\w*|time)[ _-]?(?:interval|period|step|increment|time)|increment"
+    r"|h[ _-]?resolution",
     re.IGNORECASE,
 )
 _UNITS_NAME = re.compile(r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical[ _])?units?|einheit(?:en)?", re.I)
 _SENSITIVITY_NAME = re.compile(r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichkeit(?:en)?)(?:[ _.].*)?", re.IGNORECASE)
-_QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,]*(.*)")
+_QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?")
+_GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
+"""A number that may be one above a thousand, or one with three decimals."""
 _PER_VOLT = re.compile(r"([mu]?V)\s*/\s*\(?([^()]+?)\)?")
 
 
@@ -77,7 +85,7 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                 continue
             for part in filter(None, map(str.strip, re.split(r"[;\t]", text))):
                 match = _QUANTITY.fullmatch(part)
-                if match is None:
+                if match is None or (_GROUPED.fullmatch(match[1]) and plain_unit(match[2]) in ("", "Hz")):
                     continue
                 try:
                     value = parse(f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base)
@@ -125,19 +133,15 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
 
 
 _UNKNOWN_SCALES = {
-    "scale": 1.0,
-    "scaling": 1.0,
-    "slope": 1.0,
-    "gain": 1.0,
-    "conversion": 1.0,
-    "offset": 0.0,
-    "bias": 0.0,
+    **dict.fromkeys(("scale", "scaling", "slope", "gain", "multiplier", "factor", "conversion", "scalefactor"), 1.0),
+    **dict.fromkeys(("calibration", "calibration_factor"), 1.0),
+    **dict.fromkeys(("offset", "bias", "intercept"), 0.0),
 }
 """What files call a scale that may be applied already or not, and the value that makes no difference."""
 SCALES = (
     "scale_factor",
     "add_offset",
-    "_FillValue",
+    "_fillvalue",
     "fill_value",
     "missing_value",
     "valid_range",
@@ -145,6 +149,11 @@ SCALES = (
     "valid_max",
 )
 """What the CF conventions call scales, missing values, and bounds beyond which a value is missing."""
+LISTS = (
+    ("names", "channels", "channel_names", "channelnames", "labels", "titles"),
+    ("unit", "units", "unit_string", "quantity.label"),
+)
+"""What a list of names, and one of units, is called that has a text for each vector of a matrix."""
 SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
 
 
@@ -162,6 +171,7 @@ def obeyed(where: str, column: Column, facts: Mapping[str, Any], options: Option
 
     Parameters
     ----------
+    facts : by their names in small letters.
     number : which of several columns it is, where the facts state a scale for each.
 
     Raises
@@ -181,7 +191,7 @@ def obeyed(where: str, column: Column, facts: Mapping[str, Any], options: Option
         float(values[number if values.size > 1 else 0])
         for values in (numbers.get("scale_factor", np.ones(1)), numbers.get("add_offset", np.zeros(1)))
     )
-    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_FillValue", "fill_value", "missing_value")])
+    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_fillvalue", "fill_value", "missing_value")])
     low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
     low, high = max([low, *numbers.get("valid_min", [])]), min([high, *numbers.get("valid_max", [])])
     return _Obeyed(column, factor, offset, missing, (low, high))

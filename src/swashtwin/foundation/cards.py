@@ -71,7 +71,7 @@ def from_table(
     swashtwin.foundation.errors.InputError: card.json: [1]: expected `str`, got `int`.
     """
     try:
-        return msgspec.convert(table, form, dec_hook=to_array or _array_of_list)
+        return msgspec.convert(table, form, dec_hook=to_array or _array_of_list, str_keys=True)
     except msgspec.ValidationError as cause:
         raise InputError(
             f"{where}: {_misfit(str(cause), form)}." if where else f"{_misfit(str(cause), form)}."

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from small_machine import Machine
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, to_table
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.alarms.testing import ConformalTest
 
 MONITOR = PointMonitor("pump-1")
 
@@ -21,9 +20,8 @@ def course(
     point_judgments = []
     for number, rise in enumerate(rises, first):
         point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
-        state = PointState(
-            *(json.loads(json.dumps(part)) for part in (point_judgment.state.baseline, point_judgment.state.test))
-        )
+        tables = (to_table(point_judgment.state.baseline), point_judgment.state.rest())
+        state = PointState.read(*(json.loads(json.dumps(table)) for table in tables))
         point_judgments.append(point_judgment)
     return point_judgments
 
@@ -47,7 +45,7 @@ def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine
     """Else a machine that is loud now and then raises false alarms, however alike its recordings are."""
     rises = [20.0 if number in (6, 9, 14) else 0.0 for number in range(23)]
     point_judgment = course(machine, rises)[-1]
-    test = ConformalTest.from_dict(point_judgment.state.test["test"])
+    test = point_judgment.state.test
     assert point_judgment.learned == 20
     assert test.large_share == 4 / 24
 
@@ -96,7 +94,7 @@ def test_a_recording_far_from_the_others_is_not_learned_from_and_the_judgement_s
 def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     machine: Machine, watched: PointState
 ) -> None:
-    levels = baseline_levels(watched.baseline)
+    levels = baseline_levels(to_table(watched.baseline))
     point_judgment = course(machine, [0.0], watched, 40)[0]
     assert levels.keys() == point_judgment.levels.keys()
     far = [abs(point_judgment.levels[key] - median) / spread for key, (median, spread) in levels.items()]

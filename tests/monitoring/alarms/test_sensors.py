@@ -145,7 +145,7 @@ def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not
         state = point_judgment.state
         changes.append(point_judgment.sensor)
     assert changes == [None, "raised"]
-    assert {key: state.test[key] for key in ("test", "pump")} == {key: watched.test[key] for key in ("test", "pump")}
+    assert (state.test, state.pump) == (watched.test, watched.pump)
     assert state.baseline is watched.baseline
 
 

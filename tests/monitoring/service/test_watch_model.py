@@ -24,9 +24,11 @@ from hypothesis.stateful import (
 from watched_pumps import watch_config
 
 from swashtwin.foundation import InputError
+from swashtwin.learning import LevelLayout
 from swashtwin.monitoring import History, record_event
+from swashtwin.monitoring.alarms.baseline import PointBaseline
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.alarms.testing import Condition
+from swashtwin.monitoring.alarms.testing import Condition, ConformalTest
 from swashtwin.monitoring.service import judging
 from swashtwin.monitoring.sources.contents import Contents
 from swashtwin.monitoring.sources.delivery import Delivery
@@ -38,13 +40,12 @@ START = datetime.now(UTC) - timedelta(days=30)
 
 def judge(monitor: PointMonitor, recording: Recording, state: PointState | None, *, point: str) -> PointJudgment:
     """An alarm whose only evidence is the first sample: large or not."""
-    condition = Condition(**state.test) if state is not None else Condition()
+    condition = state.pump if state is not None else Condition()
     is_large = bool(recording.signal[0, 0] > 0)
     after, change = condition.after(is_large)
-    test = {"is_active": after.is_active, "recent": list(after.recent), "quiet": after.quiet}
-    return PointJudgment(
-        "watching", 1, PointState({}, test), is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0
-    )
+    baseline = PointBaseline.empty(LevelLayout(1.0, ("x",), "", 2, 0))
+    state = PointState(baseline, ConformalTest({}), after, Condition())
+    return PointJudgment("watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0)
 
 
 class WatchModel(RuleBasedStateMachine):

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, from_table
 from swashtwin.learning import Deviation, LevelLayout
 from swashtwin.recordings import Recording
 
@@ -43,7 +43,7 @@ class PointBaseline:
     shortest: int
     """Samples of the shortest recording that it learned from."""
     rows: Float64[np.ndarray, "recording level"] = field(repr=False)
-    """Levels [dB] of the recordings that it learned from."""
+    """Levels [dB, to a thousandth] of the recordings that it learned from."""
     is_complete: bool = False
     """Whether it has learned."""
     dropped: int = 0
@@ -109,7 +109,7 @@ class PointBaseline:
         n_samples : length of the recording.
         learning : recordings that a complete baseline has.
         """
-        rows, notes = np.vstack([self.rows, levels]), []
+        rows, notes = np.vstack([self.rows, levels.round(3)]), []
         is_new = np.arange(len(rows)) == len(rows) - 1
         while len(rows) >= _LEAST_COMPARED:
             change = np.array([row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)])
@@ -174,42 +174,28 @@ class PointBaseline:
         difference = levels.reshape(count, 1, -1) - self.median.reshape(count, -1)
         return np.asarray(np.sqrt(np.mean((difference / spread) ** 2, axis=-1)))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Values that JSON can hold; levels to a thousandth of a dB."""
-        return {
-            "layout": {**asdict(self.layout), "channels": list(self.layout.channels)},
-            "shortest": self.shortest,
-            "rows": self.rows.round(3).tolist(),
-            "is_complete": self.is_complete,
-            "dropped": self.dropped,
-        }
 
-    @classmethod
-    def from_dict(cls, state: Mapping[str, Any]) -> "PointBaseline":
-        """The baseline that `to_dict` described."""
-        layout = _layout(**{**state["layout"], "channels": tuple(state["layout"]["channels"])})
-        rows = np.array(state["rows"], dtype=np.float64).reshape(-1, len(layout.levels))
-        return cls(layout, int(state["shortest"]), rows, bool(state["is_complete"]), int(state["dropped"]))
-
-
-def baseline_levels(baseline: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
+def baseline_levels(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
     """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is learned.
 
     Parameters
     ----------
-    baseline : `PointState.baseline`, as the history has it.
+    table : a baseline as the history has it.
     """
-    point = PointBaseline.from_dict(baseline)
-    if not point.is_complete:
+    baseline = read_baseline(table)
+    if not baseline.is_complete:
         return {}
-    pairs = zip(point.median.tolist(), point.spread.tolist(), strict=True)
-    return dict(zip(level_names(point.layout), pairs, strict=True))
+    pairs = zip(baseline.median.tolist(), baseline.spread.tolist(), strict=True)
+    return dict(zip(level_names(baseline.layout), pairs, strict=True))
 
 
-@lru_cache(maxsize=256)
-def _layout(sample_rate: float, channels: tuple[str, ...], unit: str, length: int, n_orders: int) -> LevelLayout:
-    """The layout; machines alike share its levels, which take a millisecond to describe."""
-    return LevelLayout(sample_rate, channels, unit, length, n_orders)
+def read_baseline(table: Mapping[str, Any]) -> PointBaseline:
+    """The baseline that the history has as a table."""
+
+    def rows(_: type, values: Any) -> Float64[np.ndarray, "recording level"]:
+        return np.array(values, np.float64) if values else np.empty((0, 0))
+
+    return from_table(table, PointBaseline, to_array=rows)
 
 
 @lru_cache(maxsize=256)

@@ -1,15 +1,15 @@
 """`PointMonitor`: what one recording says about a machine at an operating point, given all before it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis import LevelChange, level_changes
-from swashtwin.foundation import DataError, InputError, plural, stream
-from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names
+from swashtwin.foundation import DataError, InputError, from_table, plural, stream, to_table
+from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names, read_baseline
 from swashtwin.monitoring.alarms.points import point_layout
 from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
 from swashtwin.monitoring.alarms.testing import Change, Condition, ConformalTest
@@ -23,12 +23,35 @@ _LEAST_SAMPLES = 64
 
 @dataclass(frozen=True)
 class PointState:
-    """What is known of a machine at one operating point; JSON can hold both parts."""
+    """What is known of a machine at one operating point."""
 
-    baseline: Mapping[str, Any]
+    baseline: PointBaseline
     """Levels of the healthy recordings; the same object where a recording did not change it."""
-    test: Mapping[str, Any]
-    """The sequential test, and the conditions of the pump's and the sensors' alarms."""
+    test: ConformalTest
+    """The sequential test."""
+    pump: Condition
+    """Condition of the pump's alarm."""
+    sensor: Condition
+    """Condition of the sensors' alarm."""
+
+    @classmethod
+    def start(cls, recording: Recording, sensor: Condition) -> "PointState":
+        """Nothing is known, and the first recording says which levels there are."""
+        return cls(PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor)
+
+    @classmethod
+    def read(cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]) -> "PointState":
+        """The state of two tables, which the history keeps apart: the large one changes rarely."""
+        return cls(
+            read_baseline(baseline),
+            from_table(rest["test"], ConformalTest),
+            from_table(rest["pump"], Condition),
+            from_table(rest["sensor"], Condition),
+        )
+
+    def rest(self) -> dict[str, Any]:
+        """All but the baseline, as a table."""
+        return {name: to_table(getattr(self, name)) for name in ("test", "pump", "sensor")}
 
 
 @dataclass(frozen=True)
@@ -68,41 +91,8 @@ class PointJudgment:
 
     def to_dict(self) -> dict[str, Any]:
         """The evidence, in numbers and words that JSON can hold."""
-        words = {name: value for name, value in vars(self).items() if name not in ("state", "levels", "pump", "sensor")}
-        moved = [change.to_dict() for change in self.moved]
-        return {**words, "moved": moved, "findings": [finding.to_dict() for finding in self.findings]}
-
-
-@dataclass(frozen=True)
-class _Memory:
-    """A `PointState` as objects."""
-
-    baseline: PointBaseline
-    test: ConformalTest
-    pump: Condition
-    sensor: Condition
-
-    @classmethod
-    def start(cls, recording: Recording) -> "_Memory":
-        """Nothing is known, and the first recording says which levels there are."""
-        baseline = PointBaseline.empty(point_layout(recording))
-        return cls(baseline, ConformalTest({}), Condition(), Condition())
-
-    @classmethod
-    def read(cls, state: PointState) -> "_Memory":
-        parts = state.test
-        return cls(
-            PointBaseline.from_dict(state.baseline),
-            ConformalTest.from_dict(parts["test"]),
-            Condition(**parts["pump"]),
-            Condition(**parts["sensor"]),
-        )
-
-    def state(self, before: PointState | None = None) -> PointState:
-        """The state to store; the baseline is described as `before`, if given."""
-        description = self.baseline.to_dict() if before is None else before.baseline
-        parts = {"test": self.test.to_dict(), "pump": asdict(self.pump), "sensor": asdict(self.sensor)}
-        return PointState(description, parts)
+        hidden = ("state", "levels", "pump", "sensor")
+        return {name: to_table(value) for name, value in vars(self).items() if name not in hidden}
 
 
 @dataclass(frozen=True)
@@ -128,7 +118,7 @@ class PointMonitor:
         Parameters
         ----------
         recording : the next recording of the machine at the operating point, in order of time.
-        state : of the point_judgment before, or None where a baseline starts.
+        state : of the judgment before, or None where a baseline starts.
         point : name of the operating point.
 
         Raises
@@ -141,51 +131,44 @@ class PointMonitor:
             raise DataError(
                 f"{recording.recording_id} has {samples}; record {_LEAST_SAMPLES} at least, better a second."
             )
-        memory = _Memory.start(recording) if state is None else _Memory.read(state)
-        if not len(memory.baseline.rows):
-            state, memory = None, replace(_Memory.start(recording), sensor=memory.sensor)
+        if state is None or not len(state.baseline.rows):
+            state = PointState.start(recording, Condition() if state is None else state.sensor)
         findings = sensor_findings(recording)
         if any(finding.kind == "flat" for finding in findings):
-            return _at_fault(memory, state, findings, {})
-        levels = memory.baseline.measure(recording)
-        named = dict(zip(level_names(memory.baseline.layout), levels.tolist(), strict=True))
-        if not findings and memory.baseline.is_complete:
-            findings = baseline_findings(memory.baseline, levels)
+            return _at_fault(state, findings, {})
+        levels = state.baseline.measure(recording)
+        named = dict(zip(level_names(state.baseline.layout), levels.tolist(), strict=True))
+        if not findings and state.baseline.is_complete:
+            findings = baseline_findings(state.baseline, levels)
         if findings:
-            return _at_fault(memory, state, findings, named)
-        sensor, sensor_change = memory.sensor.after(False)
-        memory = replace(memory, sensor=sensor)
-        if state is not None and memory.baseline.is_complete:
-            point_judgment = self._watched(memory, state, levels, recording, point)
+            return _at_fault(state, findings, named)
+        sensor, sensor_change = state.sensor.after(False)
+        state = replace(state, sensor=sensor)
+        if state.baseline.is_complete:
+            judgment = self._watched(state, levels, recording, point)
         else:
-            point_judgment = self._learned(memory, levels, recording)
-        return replace(point_judgment, levels=named, sensor=sensor_change)
+            judgment = self._learned(state, levels, recording)
+        return replace(judgment, levels=named, sensor=sensor_change)
 
-    def _learned(self, memory: _Memory, levels: Float64[np.ndarray, " level"], recording: Recording) -> PointJudgment:
-        """PointJudgment on a recording that the baseline learns from."""
-        baseline, notes = memory.baseline.learned_from(levels, recording.n_samples, self.learning)
-        test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else memory.test
-        state = replace(memory, baseline=baseline, test=test).state()
+    def _learned(self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording) -> PointJudgment:
+        """What a recording says that the baseline learns from."""
+        baseline, notes = state.baseline.learned_from(levels, recording.n_samples, self.learning)
+        test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
+        state = replace(state, baseline=baseline, test=test)
         return PointJudgment("learning", len(baseline.rows), state, notes=notes)
 
     def _watched(
-        self,
-        memory: _Memory,
-        state: PointState,
-        levels: Float64[np.ndarray, " level"],
-        recording: Recording,
-        point: str,
+        self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording, point: str
     ) -> PointJudgment:
-        """PointJudgment on a recording that is compared with the baseline."""
-        baseline, test = memory.baseline, memory.test
+        """What a recording says that is compared with the baseline."""
+        baseline, test = state.baseline, state.test
         score, is_large = baseline.score(levels), baseline.is_large(levels)
         tie = stream(0, "alarm", self.machine, point, test.n_scores).random()
         p_value = test.p_value(score, is_large, tie)
-        if not memory.pump.is_active:
+        if not state.pump.is_active:
             test = test.after(score, is_large, p_value if is_large else 1.0)
         capital = test.capital
-        is_proven = capital * self.false_alarm_rate >= 1
-        pump, change = memory.pump.after(is_large, is_proven=is_proven)
+        pump, change = state.pump.after(is_large, is_proven=capital * self.false_alarm_rate >= 1)
         if change == "cleared":
             test = test.restarted()
         shifts, moved = level_changes(
@@ -194,7 +177,7 @@ class PointMonitor:
         return PointJudgment(
             "watching",
             len(baseline.rows),
-            replace(memory, test=test, pump=pump).state(state),
+            replace(state, test=test, pump=pump),
             score=score,
             p_value=p_value,
             capital=capital,
@@ -207,19 +190,16 @@ class PointMonitor:
 
 
 def _at_fault(
-    memory: _Memory,
-    state: PointState | None,
-    findings: tuple[SensorFinding, ...],
-    levels: Mapping[tuple[str, str], float],
+    state: PointState, findings: tuple[SensorFinding, ...], levels: Mapping[tuple[str, str], float]
 ) -> PointJudgment:
-    """PointJudgment on a recording with a sensor at fault: nothing is learned, nothing is bet."""
-    sensor, change = memory.sensor.after(True)
+    """What a recording says with a sensor at fault: nothing is learned, nothing is bet."""
+    sensor, change = state.sensor.after(True)
     return PointJudgment(
         "sensor",
-        len(memory.baseline.rows),
-        replace(memory, sensor=sensor).state(state),
+        len(state.baseline.rows),
+        replace(state, sensor=sensor),
         levels=levels,
-        is_alarm=memory.pump.is_active,
+        is_alarm=state.pump.is_active,
         reasons=tuple(finding.sentence for finding in findings),
         findings=findings,
         sensor=change,

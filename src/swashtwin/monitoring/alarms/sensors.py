@@ -1,7 +1,7 @@
 """Sensors that fail, and pumps that do not run: what such a recording shows says nothing of the pump's health."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -50,10 +50,6 @@ class SensorFinding:
     """Channel; of several all, with commas."""
     sentence: str
     """The finding in words, with the number that led to it."""
-
-    def to_dict(self) -> dict[str, str]:
-        """Words that JSON can hold."""
-        return asdict(self)
 
 
 def sensor_findings(recording: Recording) -> tuple[SensorFinding, ...]:

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
@@ -104,17 +104,6 @@ class ConformalTest:
         """A test that has made no bet, with the same scores."""
         return ConformalTest(self.scores)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers that JSON can hold."""
-        scores = {str(step): count for step, count in sorted(self.scores.items())}
-        return {"scores": scores, "bets": list(self.bets), "steps": self.steps}
-
-    @classmethod
-    def from_dict(cls, state: Mapping[str, Any]) -> "ConformalTest":
-        """The test that `to_dict` described."""
-        scores = Counter({int(step): int(count) for step, count in state["scores"].items()})
-        return cls(scores, tuple(map(float, state["bets"])), int(state["steps"]))
-
 
 def rank_step(score: float, is_large: bool) -> int:
     """Rank of a recording: the step of a logarithmic grid, 2 % wide, that its score lies on; large ones are above.
@@ -159,7 +148,7 @@ class Condition:
 
     is_active: bool = False
     """Whether it holds."""
-    recent: Sequence[bool] = ()
+    recent: tuple[bool, ...] = ()
     """Whether each of the last recordings spoke for it, the newest last, `RECENT` at most."""
     quiet: int = 0
     """Recordings in a row that did not speak for it, `QUIET` at most."""

@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, sha256_of
+from swashtwin.foundation import DataError, InputError, sha256_of, to_table
 from swashtwin.monitoring.alarms.channels import AlarmMessage
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
@@ -121,7 +121,7 @@ class Pipeline:
             )
         point = _bounded_point(recording, transaction)
         stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
-        state = PointState(baseline, stored.test) if stored and stored.test and baseline is not None else None
+        state = PointState.read(baseline, stored.test) if stored and stored.test and baseline is not None else None
         settings = self._config.alarms
         monitor = PointMonitor(transaction.name, false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
         try:
@@ -151,8 +151,8 @@ class Pipeline:
             reasons={
                 "sentences": list(found.reasons),
                 "notes": [*contents.notes, *found.notes],
-                "findings": [finding.to_dict() for finding in found.findings],
-                "moved": [change.to_dict() for change in found.moved],
+                "findings": to_table(found.findings),
+                "moved": to_table(found.moved),
                 "score": found.score,
                 "learned": found.learned,
                 "learning": settings.learning,
@@ -170,8 +170,8 @@ class Pipeline:
             point.name,
             speed=point.speed,
             pressure=point.pressure,
-            baseline=None if is_unchanged else found.state.baseline,
-            test=found.state.test,
+            baseline=None if is_unchanged else to_table(found.state.baseline),
+            test=found.state.rest(),
         )
         for kind, change in (("pump", found.pump), ("sensor", found.sensor)):
             if change is not None:

@@ -17,7 +17,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
     The last one that it has comes again, as it does where a watch was killed before it removed the delivery.
     """
     history = History.open(url, folder, RETENTION)
-    point = history.read.point(machine, "a")
+    point = next(iter(history.read.points(machine)), None)
     filed = (point.test if point and point.test else {}).get("filed", 0)
     for number in range(max(0, filed - 1), count):
         facts = judgment(number)

@@ -125,7 +125,7 @@ def test_a_rejection_of_the_same_content_is_counted(history: History) -> None:
     last, first = history.read.rejections()
     assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
     assert (first.times, first.machine, first.copy) == (1, "", "b.wav")
-    assert history.read.counts().rejections == {"double": 3, "broken": 1}
+    assert history.read.rejections_by_reason() == {"double": 3, "broken": 1}
 
 
 def test_rejections_are_bounded(history: History, monkeypatch: pytest.MonkeyPatch) -> None:

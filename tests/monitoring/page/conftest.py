@@ -106,7 +106,7 @@ def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plant.add("pump-3", 4)
     plant.add("presse-4", 16, flat_from=13)
     with history.machine("pump-2") as machine:
-        machine.add_event("note", "Ada", "Oil changed <b>twice</b>", NOW - timedelta(days=3))
+        machine.add_event("note", "Ada", "Oil changed <b>twice</b>")
     detail = "no machine is called pump-9"
     history.reject(
         rejection("x<script>.csv", "0" * 64, received=NOW, machine="pump-9", reason="machine", detail=detail)

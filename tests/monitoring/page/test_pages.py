@@ -177,7 +177,7 @@ def test_a_history_that_cannot_be_reached_is_answered_by_a_page(client: TestClie
     def fail(*_: object, **__: object) -> None:
         raise HistoryError("postgresql://user:secret@host is gone")
 
-    for name in ("machines", "sequence", "counts"):
+    for name in ("machines", "sequence", "recordings_by_state"):
         monkeypatch.setattr(type(plant.history.read), name, fail)
     answer = client.get("/")
     assert answer.status_code == 503

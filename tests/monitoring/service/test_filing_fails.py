@@ -84,7 +84,7 @@ def file_all(folder: Path, content: bytes, number: int, kind: str, monkeypatch: 
     assert len(contents) == 1
     assert all((history.waveforms.folder / str(name)).is_file() for name in names)
     assert history.read.machines()[0].recordings == 1
-    assert history.read.counts().recordings == {("pump-1", "learning"): 1}
+    assert history.read.recordings_by_state() == {("pump-1", "learning"): 1}
     assert {item.reason for item in history.read.rejections()} <= {"double"}
     assert not list((config.folder / "spool").iterdir())
     history.close()

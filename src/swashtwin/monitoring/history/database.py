@@ -34,23 +34,7 @@ class Database:
     """The tables in SQLite or PostgreSQL, used from any thread."""
 
     def __init__(self, url: str, folder: Path, *, is_new: bool = True) -> None:
-        """Open the database at `url`, or the SQLite file in `folder` where the URL is empty.
-
-        Parameters
-        ----------
-        is_new : whether the tables may be made.
-
-        Raises
-        ------
-        MissingFileError, DataError
-            The database or its tables are not there though they must be, or are of another version or program.
-        InputError
-            The URL is none of SQLite or PostgreSQL. The message does not show it: it may hold a password.
-        MissingExtraError
-            The driver of PostgreSQL is not installed.
-        HistoryError
-            The database cannot be used now.
-        """
+        """Open the database at `url`, or the SQLite file in `folder` where it is empty, and raise as `History.open`."""
         self._engine = _open_engine(url, folder, is_new=is_new)
         self._writer = self._engine.execution_options(is_write=True)
         try:
@@ -58,11 +42,6 @@ class Database:
         except BaseException:
             self.close()
             raise
-
-    @property
-    def kind(self) -> str:
-        """``sqlite`` or ``postgresql``."""
-        return self._engine.dialect.name
 
     def close(self) -> None:
         """Close all connections."""
@@ -96,7 +75,7 @@ class Database:
         """Make the tables where they may be new; refuse those of another version or program."""
         with self.writing() as session:
             connection = session.connection()
-            if self.kind == "postgresql":
+            if self._engine.dialect.name == "postgresql":
                 session.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
             present = set(inspect(connection).get_table_names())
             if Version.__tablename__ in present:

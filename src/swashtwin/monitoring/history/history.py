@@ -17,10 +17,10 @@ from swashtwin.monitoring.history.waveforms import Waveforms
 
 _REJECTIONS = 10_000
 """Rejections that are kept."""
-
-
-_LONGEST = 3600.0
-"""Seconds after which a message is tried again at the latest."""
+_LEASE = timedelta(seconds=60)
+"""Time that sending some messages may take; a sender that says nothing within it is taken for dead."""
+_LONGEST = timedelta(hours=1)
+"""More than any wait of a message: a due time further ahead was set before the clock was set back."""
 _SENT = 10_000
 """Numbers of messages for which sent ones are kept."""
 
@@ -31,17 +31,8 @@ class Outbox:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def claim(self, channels: Sequence[str], limit: int = 20, lease: float = 60.0) -> Sequence[Message]:
-        """The oldest messages for some channels that are due, none of which another sender has.
-
-        A sender that says neither `sent` nor `failed` within the lease is taken for dead, and its messages are due
-        again.
-
-        Parameters
-        ----------
-        channels : names of the channels that the sender knows.
-        limit : most messages.
-        lease : time that sending may take [s].
+    def claim(self, channels: Sequence[str], limit: int = 20) -> Sequence[Message]:
+        """The oldest messages for some channels that are due, none of which another sender has had for a minute.
 
         Raises
         ------
@@ -51,13 +42,12 @@ class Outbox:
         if not self.waiting(channels):
             return ()  # without the lock that a write takes
         now = datetime.now(UTC)
-        # A due time that lies further ahead than any wait was set before the clock was set back.
-        is_due = or_(Message.due <= now, Message.due > now + timedelta(seconds=2 * _LONGEST))
+        is_due = or_(Message.due <= now, Message.due > now + _LONGEST)
         query = select(Message).where(Message.sent.is_(None), Message.channel.in_(channels), is_due)
         with self._database.writing() as session:
             messages = session.scalars(query.order_by(Message.id).limit(limit).with_for_update(skip_locked=True)).all()
             for message in messages:
-                message.due = now + timedelta(seconds=min(lease, _LONGEST))
+                message.due = now + _LEASE
                 message.attempts += 1
         return messages
 
@@ -68,8 +58,8 @@ class Outbox:
             session.execute(delete(Message).where(Message.sent.is_not(None), Message.id <= message - _SENT))
 
     def failed(self, message: int, error: str, again_in: float) -> None:
-        """Note why a message was not sent, and when it is tried again [s], at the latest in an hour."""
-        due = datetime.now(UTC) + timedelta(seconds=min(again_in, _LONGEST))
+        """Note why a message was not sent, and in how many seconds it is tried again."""
+        due = datetime.now(UTC) + timedelta(seconds=again_in)
         with self._database.writing() as session:
             session.execute(update(Message).where(Message.id == message).values(due=due, error=error))
 
@@ -111,9 +101,6 @@ class History:
         """
         return cls(Database(url, Path(folder), is_new=is_new), Path(folder), retention or Retention())
 
-    def __repr__(self) -> str:
-        return f"History({self._database.kind}, {self.waveforms.folder.parent})"
-
     def close(self) -> None:
         """Close all connections."""
         self._database.close()
@@ -146,11 +133,7 @@ class History:
         HistoryError
             The database cannot be written.
         """
-        key = (
-            Rejection.content == rejection.content,
-            Rejection.machine == rejection.machine,
-            Rejection.reason == rejection.reason,
-        )
+        key = [getattr(Rejection, name) == getattr(rejection, name) for name in ("content", "machine", "reason")]
         with self._database.writing() as session:
             lock_machine(session, "")  # so that the page's number grows
             stored = session.scalars(select(Rejection).where(*key)).first()

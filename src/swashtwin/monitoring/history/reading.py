@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 from sqlalchemy import ColumnElement, Select, func, select
-from sqlalchemy.orm import Session
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.history.database import Database
@@ -21,7 +20,6 @@ from swashtwin.monitoring.history.tables import (
     Judgment,
     Layout,
     Machine,
-    Message,
     Point,
     Rejection,
     Silence,
@@ -67,20 +65,6 @@ class Trend:
     """The indicator; NaN where a recording has none."""
 
 
-@dataclass(frozen=True)
-class Counts:
-    """Totals, for measuring programs; they cost the same however long the history is."""
-
-    recordings: dict[tuple[str, str], int]
-    """By machine and state."""
-    alarms: dict[tuple[str, str], int]
-    """Not closed, by machine and kind."""
-    rejections: dict[str, int]
-    """Deliveries among the newest rejections, by reason."""
-    waiting: int
-    """Messages that wait."""
-
-
 class Reads:
     """Reads of the history, each in a transaction of its own.
 
@@ -108,9 +92,9 @@ class Reads:
         silences = select(Silence.machine, func.max(Silence.until)).where(Silence.since <= now, Silence.until > now)
         events = select(Event.machine, func.max(Event.time)).where(Event.kind == "maintenance")
         with self._database.reading() as session:
-            counts = _pairs(session, tallies)
-            silenced = _pairs(session, silences.group_by(Silence.machine))
-            maintained = _pairs(session, events.group_by(Event.machine))
+            counts = dict(session.execute(tallies).all())
+            silenced = dict(session.execute(silences.group_by(Silence.machine)).all())
+            maintained = dict(session.execute(events.group_by(Event.machine)).all())
             alarms: dict[str, list[Alarm]] = defaultdict(list)
             for alarm in session.scalars(open_alarms):
                 alarms[alarm.machine].append(alarm)
@@ -222,11 +206,6 @@ class Reads:
         """Operating points of a machine by name, without what was learned there, which is large."""
         return self._all(select(Point).where(Point.machine == machine).order_by(Point.name))
 
-    def point(self, machine: str, name: str) -> Point | None:
-        """Operating point of a machine, or None."""
-        with self._database.reading() as session:
-            return session.get(Point, (machine, name))
-
     def baseline(self, machine: str, point: str) -> dict[str, Any] | None:
         """What the alarm learned at an operating point, or None."""
         query = select(Baseline.baseline).where(Baseline.machine == machine, Baseline.point == point)
@@ -252,24 +231,15 @@ class Reads:
         """Deliveries that became no recording, latest first."""
         return self._all(select(Rejection).order_by(Rejection.received.desc(), Rejection.id.desc()).limit(limit))
 
-    def counts(self) -> Counts:
-        """Totals, for measuring programs."""
-        alarms = select(Alarm.machine, Alarm.kind, func.count()).where(Alarm.closed.is_(None))
-        rejections = select(Rejection.reason, func.sum(Rejection.times)).group_by(Rejection.reason)
+    def recordings_by_state(self) -> dict[tuple[str, str], int]:
+        """How many recordings there are by machine and state; it costs the same however long the history is."""
+        return {(tally.machine, tally.state): tally.recordings for tally in self._all(select(Tally))}
+
+    def rejections_by_reason(self) -> dict[str, int]:
+        """Deliveries among the newest rejections by reason."""
+        query = select(Rejection.reason, func.sum(Rejection.times)).group_by(Rejection.reason)
         with self._database.reading() as session:
-            return Counts(
-                {(tally.machine, tally.state): tally.recordings for tally in session.scalars(select(Tally))},
-                {
-                    (machine, kind): count
-                    for machine, kind, count in session.execute(alarms.group_by(Alarm.machine, Alarm.kind))
-                },
-                {reason: int(count) for reason, count in session.execute(rejections)},
-                session.scalars(select(func.count()).where(Message.sent.is_(None))).one(),
-            )
-
-
-def _pairs(session: Session, query: Any) -> dict[str, Any]:
-    return {row[0]: row[1] for row in session.execute(query)}
+            return {reason: int(count) for reason, count in session.execute(query)}
 
 
 def unpack(packed: bytes) -> Float[np.ndarray, " indicator"]:

@@ -103,14 +103,7 @@ class MachineTransaction:
         ----------
         values : indicators by channel and name; kept with the seven digits of a float32.
         waveform : path that `Waveforms.write` gave; retention decides how long the file stays.
-
-        Raises
-        ------
-        InputError
-            The machine has a recording of this content already.
         """
-        if self.recording_of(judgment.content) is not None:
-            raise InputError(f"{self.name} has a recording of content {judgment.content} already.")
         judgment.waveform = waveform
         judgment.retention = self._retention_of(judgment) if waveform else None
         newest = self.newest()
@@ -199,7 +192,7 @@ class MachineTransaction:
         if stored.state == "acknowledged":
             stored.state, stored.closed = "closed", time
 
-    def acknowledge(self, alarm: int, who: str, note: str = "", time: datetime | None = None) -> None:
+    def acknowledge(self, alarm: int, who: str, note: str = "") -> None:
         """Note who acknowledged an alarm; one whose cause is gone is closed.
 
         Raises
@@ -210,7 +203,7 @@ class MachineTransaction:
         stored = self._alarm(alarm)
         if stored.state != "open":
             raise InputError(f"alarm {alarm} of {self.name} is {stored.state} already.")
-        time = time or datetime.now(UTC)
+        time = datetime.now(UTC)
         stored.who, stored.note, stored.acknowledged, stored.state = who, note, time, "acknowledged"
         if stored.cleared is not None:
             stored.state, stored.closed = "closed", time
@@ -225,9 +218,9 @@ class MachineTransaction:
         """Number of a new silence: no messages are sent until then; the record goes on."""
         return self._add(Silence(since=datetime.now(UTC), until=until, who=who, note=note))
 
-    def end_silence(self, time: datetime | None = None) -> None:
+    def end_silence(self) -> None:
         """End every silence of the machine."""
-        time = time or datetime.now(UTC)
+        time = datetime.now(UTC)
         end = update(Silence).where(Silence.machine == self.name, Silence.until > time).values(until=time)
         self._session.execute(end, execution_options=_AS_IT_IS)
 
@@ -236,9 +229,9 @@ class MachineTransaction:
         holds = (Silence.machine == self.name, Silence.since <= time, Silence.until > time)
         return self._session.scalars(select(Silence.id).where(*holds).limit(1)).first() is not None
 
-    def add_event(self, kind: str, who: str, note: str = "", time: datetime | None = None) -> int:
+    def add_event(self, kind: str, who: str, note: str = "") -> int:
         """Number of a new event, such as ``maintenance``."""
-        return self._add(Event(kind=kind, who=who, note=note, time=time or datetime.now(UTC)))
+        return self._add(Event(kind=kind, who=who, note=note, time=datetime.now(UTC)))
 
     def post(self, channel: str, message: Mapping[str, Any], alarm: int | None = None) -> int:
         """Number of a message that `Outbox` hands to a sender once this transaction is committed."""

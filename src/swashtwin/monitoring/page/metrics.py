@@ -60,9 +60,11 @@ class WatchCollector(Collector):
         alarms = Counter((alarm.machine, alarm.kind, alarm.state) for machine in machines for alarm in machine.alarms)
         yield _gauge("alarms", "Alarms that are not closed.", ("machine", "kind", "state"), alarms.items())
         yield _gauge("alarm_threshold", "Evidence at which an alarm is raised.", (), [((), self._site.alarm_capital)])
-        counts = self._site.history.read.counts()
-        yield _counter("recordings", "Recordings judged, by state.", ("machine", "state"), counts.recordings.items())
-        rejections = [((reason,), count) for reason, count in counts.rejections.items()]
+        read = self._site.history.read
+        yield _counter(
+            "recordings", "Recordings judged, by state.", ("machine", "state"), read.recordings_by_state().items()
+        )
+        rejections = [((reason,), count) for reason, count in read.rejections_by_reason().items()]
         yield _counter("rejections", "Recordings that were not judged, by reason.", ("reason",), rejections)
 
 

@@ -9,7 +9,6 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.access import COOKIE
-from swashtwin.monitoring.page.records import find_alarm, find_machine
 from swashtwin.monitoring.page.site import Site, local_path, visitor_name
 from swashtwin.monitoring.service.judging import record_event
 
@@ -41,7 +40,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
     ) -> Response:
         """Acknowledge an alarm; 409 where it is not open."""
         try:
-            with site.history.machine(find_alarm(site, identity).machine) as machine:
+            with site.history.machine(site.alarm(identity).machine) as machine:
                 machine.acknowledge(identity, visitor_name(request, who), note)
         except InputError as error:
             raise HTTPException(409, str(error)) from None
@@ -57,7 +56,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         target: Address = "/",
     ) -> Response:
         """Send no messages for some hours; alarms are raised and kept all the same."""
-        find_machine(site, name)
+        site.machine(name)
         with site.history.machine(name) as machine:
             machine.silence(site.clock() + timedelta(hours=hours), visitor_name(request, who), note)
         return done(target)
@@ -65,7 +64,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
     @routes.post("/machines/{name}/silence/end", tags=["machines"], status_code=204)
     def end_silence(name: str, target: Address = "/") -> Response:
         """Send messages again."""
-        find_machine(site, name)
+        site.machine(name)
         with site.history.machine(name) as machine:
             machine.end_silence()
         return done(target)
@@ -80,7 +79,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         target: Address = "/",
     ) -> Response:
         """Add an event; after `maintenance` the healthy baseline is learned anew, and alarms are closed."""
-        find_machine(site, name)
+        site.machine(name)
         by = visitor_name(request, who)
         try:
             record_event(site.config, site.history, name, who=by, note=note, maintenance=kind == "maintenance")

@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from swashtwin.monitoring.history.reading import FACTS, MachineOverview
 from swashtwin.monitoring.history.tables import Alarm, Event, Judgment, Rejection
-from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.page.wording import state_of
 
@@ -84,17 +83,17 @@ def machine_answers(site: Site) -> APIRouter:
     @routes.get("/machines", tags=["machines"], response_model=list[MachineAnswer])
     def machines() -> Any:
         """All machines with their state, their newest recording and their alarms."""
-        return [_machine(machine) for machine in all_machines(site)]
+        return [_machine(machine) for machine in site.machines()]
 
     @routes.get("/machines/{name}", tags=["machines"], response_model=MachineAnswer)
     def machine(name: str) -> Any:
         """One machine."""
-        return _machine(find_machine(site, name))
+        return _machine(site.machine(name))
 
     @routes.get("/machines/{name}/levels", tags=["machines"])
     def levels(name: str) -> list[LevelAnswer]:
         """Channels and names of the indicators that a machine has."""
-        find_machine(site, name)
+        site.machine(name)
         return [LevelAnswer(channel=channel, name=level) for channel, level in read.indicator_names(name)]
 
     @routes.get("/machines/{name}/trend", tags=["machines"])
@@ -108,7 +107,7 @@ def machine_answers(site: Site) -> APIRouter:
         limit: Limit = 1000,
     ) -> TrendAnswer:
         """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`, `probability`."""
-        find_machine(site, name)
+        site.machine(name)
         if not channel and level not in FACTS:
             raise HTTPException(422, f"Without a channel the level is one of {', '.join(FACTS)}.")
         values = read.trend(
@@ -123,7 +122,7 @@ def machine_answers(site: Site) -> APIRouter:
     @routes.get("/machines/{name}/events", tags=["machines"], response_model=_many(_EVENT))
     def events(name: str, limit: Limit = 100) -> Any:
         """What happened to a machine, newest first."""
-        find_machine(site, name)
+        site.machine(name)
         return read.events(name, limit=limit)
 
     return routes
@@ -149,7 +148,7 @@ def record_answers(site: Site) -> APIRouter:
     @routes.get("/recordings/{identity}", tags=["recordings"], response_model=_RECORDING)
     def recording(identity: int) -> Any:
         """One recording."""
-        return find_recording(site, identity)
+        return site.recording(identity)
 
     @routes.get("/alarms", tags=["alarms"], response_model=_many(_ALARM))
     def alarms(
@@ -163,7 +162,7 @@ def record_answers(site: Site) -> APIRouter:
     @routes.get("/alarms/{identity}", tags=["alarms"], response_model=_ALARM)
     def alarm(identity: int) -> Any:
         """One alarm."""
-        return find_alarm(site, identity)
+        return site.alarm(identity)
 
     @routes.get("/rejections", tags=["recordings"], response_model=_many(_REJECTION))
     def rejections(limit: Limit = 100) -> Any:

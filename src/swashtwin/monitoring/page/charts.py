@@ -56,8 +56,10 @@ class Axis(NamedTuple):
         margin = 0.05 * (high - low) or (_DAY if kind == "time" else 0.5)
         return cls(low - margin, high + margin, kind)
 
-    def share(self, values: Float[np.ndarray, " point"] | float) -> Float[np.ndarray, " point"]:
-        """How far from the low to the high end values lie; NaN where a logarithm has none."""
+    def share(self, values: Float[np.ndarray, "*point"] | float) -> Float[np.ndarray, "*point"]:
+        """How far from the low to the high end values lie, of a number one without a dimension; NaN where a logarithm
+        has none.
+        """
         numbers = np.asarray(values, np.float64)
         if self.kind == "log":
             numbers = np.log10(np.where(numbers > 0, numbers, np.nan))

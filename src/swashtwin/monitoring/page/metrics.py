@@ -11,7 +11,6 @@ from prometheus_client.registry import Collector
 from starlette.responses import JSONResponse, Response
 
 from swashtwin.foundation import VERSION, SwashTwinError
-from swashtwin.monitoring.page.records import all_machines
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.page.wording import STATES, state_of
 
@@ -40,7 +39,7 @@ class WatchCollector(Collector):
             yield from _status_metrics(self._site.status())
 
     def _history_metrics(self) -> Iterator[Metric]:
-        machines = all_machines(self._site)
+        machines = self._site.machines()
         newest = [(machine.name, machine.last) for machine in machines if machine.last is not None]
         for name, text, field in (
             ("alarm_capital", "Evidence against luck of the newest recording.", "capital"),

@@ -13,15 +13,13 @@ from starlette.responses import HTMLResponse
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
-from swashtwin.monitoring.history.tables import Alarm, Judgment
+from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend, sparkline
-from swashtwin.monitoring.page.records import all_machines, find_alarm, find_machine, find_recording
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.page.spectra import draw_spectrum, healthy_recordings
 from swashtwin.monitoring.page.wording import (
     STATES,
     VERDICT_NAMES,
-    alarm_state,
     by_urgency,
     grouped_levels,
     moment_text,
@@ -61,7 +59,7 @@ class Pages:
     ) -> HTMLResponse:
         """All machines, the most urgent first."""
         site = self._site
-        machines = sorted(all_machines(site), key=by_urgency)
+        machines = sorted(site.machines(), key=by_urgency)
         counts = Counter(state_of(machine) for machine in machines)
         fitting = [
             machine
@@ -107,7 +105,7 @@ class Pages:
     ) -> HTMLResponse:
         """One machine: its alarms, trends, recordings and events."""
         site = self._site
-        overview = find_machine(site, name)
+        overview = site.machine(name)
         rows = self._read.recordings(name, before=before, limit=ROWS)
         setting = site.config.machine(name)
         return site.render(
@@ -117,7 +115,7 @@ class Pages:
             state=state_of(overview),
             pump=None if setting is None else setting.pump,
             is_silenced=self._is_silenced(overview),
-            alarms=_with_states(overview.alarms),
+            alarms=overview.alarms,
             past_alarms=self._read.alarms(name, state="closed", limit=10),
             rate=site.config.alarms.false_alarm_rate,
             limit=site.alarm_capital,
@@ -184,18 +182,14 @@ class Pages:
 
     def recording(self, request: Request, identity: int) -> HTMLResponse:
         """One recording: verdict, evidence, spectrum, facts."""
-        judgment = find_recording(self._site, identity)
-        reasons = judgment.reasons
-        moved = reasons.get("moved") or []
-        findings = [finding["sentence"] for finding in reasons.get("findings") or []]
+        judgment = self._site.recording(identity)
         before = self._read.recordings(judgment.machine, before=judgment.id, limit=1)
         past_alarms = self._read.alarms(judgment.machine, state="closed", limit=ROWS)
         alarms = [
             alarm
-            for alarm in (*find_machine(self._site, judgment.machine).alarms, *past_alarms)
+            for alarm in (*self._site.machine(judgment.machine).alarms, *past_alarms)
             if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
-        probabilities: dict[str, float] = reasons.get("probabilities") or {}
         healthy = healthy_recordings(self._site, judgment)
         key = (judgment.id, judgment.waveform is not None, *healthy)
         if key not in self._spectra:
@@ -206,16 +200,9 @@ class Pages:
             request,
             "recording.html.jinja",
             judgment=judgment,
-            reasons=reasons,
-            alarms=_with_states(alarms),
-            probabilities=sorted(probabilities.items(), key=lambda item: -item[1]),
-            no_verdict=reasons.get("no_verdict"),
-            is_unknown=bool(reasons.get("is_unknown")),
+            reasons=judgment.reasons,
+            alarms=alarms,
             checks=_checks(judgment),
-            moved=moved,
-            sentences=findings or ([] if moved else reasons.get("sentences") or []),
-            notes=reasons.get("notes") or [],
-            learning=self._site.config.alarms.learning,
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
             spectra=self._spectra[key],
@@ -232,12 +219,11 @@ class Pages:
         else:
             waiting = (alarm for machine in self._read.machines() for alarm in machine.alarms)
             shown = sorted((alarm for alarm in waiting if chosen in ("", alarm.state)), key=lambda alarm: -alarm.id)
-        return self._site.render(request, "alarms.html.jinja", alarms=_with_states(shown), chosen=chosen)
+        return self._site.render(request, "alarms.html.jinja", alarms=shown, chosen=chosen)
 
     def alarm(self, request: Request, identity: int) -> HTMLResponse:
         """One alarm."""
-        stored = find_alarm(self._site, identity)
-        return self._site.render(request, "alarm.html.jinja", alarm=stored, state=alarm_state(stored))
+        return self._site.render(request, "alarm.html.jinja", alarm=self._site.alarm(identity))
 
     def log(self, request: Request) -> HTMLResponse:
         """How the watch is doing, what was not judged, and events."""
@@ -266,14 +252,10 @@ def page_routes(site: Site) -> APIRouter:
     return routes
 
 
-def _with_states(alarms: Sequence[Alarm]) -> list[tuple[Alarm, Any]]:
-    return [(alarm, alarm_state(alarm)) for alarm in alarms]
-
-
 def _checks(judgment: Judgment) -> Sequence[Check]:
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
-    return next_checks(judgment.label, unknown=bool(judgment.reasons.get("is_unknown")))
+    return next_checks(judgment.label, unknown=judgment.reasons["is_unknown"])
 
 
 def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:

@@ -1,14 +1,15 @@
 """What all addresses of the page share: configuration, history, who may ask, and how a template becomes an answer."""
 
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 from urllib.parse import quote, urlencode
 
+from fastapi import HTTPException
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
@@ -16,10 +17,13 @@ from starlette.responses import HTMLResponse
 from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
+from swashtwin.monitoring.history.reading import MachineOverview
+from swashtwin.monitoring.history.tables import Alarm, Judgment
 from swashtwin.monitoring.page import wording
 from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service.running import WatchStatus
 
+Found = TypeVar("Found")
 Upload: TypeAlias = Callable[[Path, str, str | None, Mapping[str, str]], str]
 """Takes a file, its name, its machine and its facts; returns its id once it cannot be lost (`Watch.upload`)."""
 
@@ -61,13 +65,39 @@ class Site:
             self.access.set_cookie(answer, visit)
         return answer
 
+    def machines(self) -> Sequence[MachineOverview]:
+        """Machines of the history, and those of the configuration that sent nothing yet."""
+        stored = self.history.read.machines()
+        new = {machine.name for machine in self.config.machines} - {machine.name for machine in stored}
+        return [*stored, *(MachineOverview(name) for name in sorted(new))]
+
+    def machine(self, name: str) -> MachineOverview:
+        """A machine by its name; 404 where there is none."""
+        machines = {machine.name: machine for machine in self.machines()}
+        return _found(machines.get(name), f"machine {name[:100]}")
+
+    def recording(self, number: int) -> Judgment:
+        """A stored recording by its number; 404 where there is none."""
+        stored = self.history.read.recording(number) if 0 < number < 2**31 else None
+        return _found(stored, f"recording {number}")
+
+    def alarm(self, number: int) -> Alarm:
+        """An alarm by its number; 404 where there is none."""
+        return _found(self.history.read.alarm(number) if 0 < number < 2**31 else None, f"alarm {number}")
+
     @property
     def alarm_capital(self) -> float:
         """Evidence at which an alarm is raised."""
         return 1 / self.config.alarms.false_alarm_rate
 
 
-_WORDS = ("ago", "label_words", "moment_text", "number", "percent", "signed", "stored_name")
+def _found(thing: Found | None, name: str) -> Found:
+    if thing is None:
+        raise HTTPException(404, f"There is no {name}.")
+    return thing
+
+
+_WORDS = ("ago", "alarm_state", "label_words", "moment_text", "number", "percent", "signed", "stored_name")
 """Functions that write values in templates."""
 
 

@@ -78,6 +78,36 @@ def test_an_altered_copy_is_known_by_the_recording_it_is_of(manifest: dict[str, 
     assert seen_recordings(manifest, manifest_of([copy])) == {"new": "normal 3"}
 
 
+def beating(draw: np.random.Generator) -> np.ndarray:
+    """Lines close together, whose levels rise and fall alike in every recording."""
+    time, phase = np.arange(20000) / RATE, draw.uniform(0, 6)
+    lines = [np.sin(2 * np.pi * f * time + k * phase) for f in 95.0 * np.arange(1, 20) for k in range(3)]
+    return np.sum(lines, axis=0) * (1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)) + draw.normal(size=time.size)
+
+
+def impacts(draw: np.random.Generator) -> np.ndarray:
+    """An inner ring's damage: a burst at nearly equal times."""
+    train = np.zeros(20000)
+    times = np.arange(draw.uniform(0, 0.01), 2.4, 1 / 107.3)
+    train[(times * RATE + 0.5 * draw.normal(size=times.size)).astype(int).clip(0)] = 10
+    ring = np.exp(-np.arange(200) / 30) * np.sin(1.1 * np.arange(200))
+    return np.convolve(train, ring)[:20000] + 0.05 * draw.normal(size=20000)
+
+
+def tones(draw: np.random.Generator) -> np.ndarray:
+    """Tones in each band without noise between them, which would tell one recording from another."""
+    time = np.arange(20000) / RATE
+    return np.sum([np.sin(2 * np.pi * f * time + draw.uniform(0, 6)) for f in (100, 163.3, 340, 1150, 1480)], axis=0)
+
+
+@pytest.mark.parametrize("kind", [beating, impacts, tones])
+def test_steady_recordings_of_one_machine_are_no_copies(kind: Callable[[np.random.Generator], np.ndarray]) -> None:
+    made = [
+        Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",)) for number in range(12)
+    ]
+    assert not seen_recordings(manifest_of(made[:6]), manifest_of(made[6:]))
+
+
 def test_other_recordings_of_the_machine_are_no_copies(manifest: dict[str, tuple[str, ...]]) -> None:
     assert not seen_recordings(manifest, manifest_of(recording(number) for number in range(100, 130)))
 

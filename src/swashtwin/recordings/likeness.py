@@ -1,73 +1,81 @@
 """Fingerprints by which a copy of a recording is known after it was cut, filtered, scaled, resampled or reversed.
 
-A fingerprint says of each octave, every 10 ms, whether its level rises or falls: one bit. Gain, offset, drift, the
-rate and a filter change few of these bits, and reversing the time turns them over. Flow noise makes them differ between
-two recordings of one machine (in the manner of Haitsma and Kalker 2002, audio fingerprints).
+A fingerprint holds the signs of the flow noise in four narrow bands, which no other recording of the machine shares.
+Lines of the shaft, which all of them share, are limited to the median of the noise beside them first (in the manner of
+phase transforms, Knapp and Carter 1976, doi 10.1109/TASSP.1976.1162830). Gain, offset, drift, rate and a filter leave
+the signs, and reversing the time conjugates them.
 """
 
 import base64
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Complex64, Float
+from scipy import fft
+from scipy.ndimage import median_filter
+from scipy.signal.windows import tukey
 
 from swashtwin.recordings.recording import Recording
 
 MARK = "~"
 """First character of a fingerprint, which tells it from a hash."""
-ALIKE = 0.65
-"""Agreement from which two recordings are copies: 1 where all bits are the same, 0 where half of them are. Among 11,175
-pairs of different recordings of one machine of the virtual rig (2 s, five states, one operating point) the greatest was
-0.52, of each of three channels; copies with 1 % of noise had 0.97 and more, pieces of one second 0.84 and more."""
-_EDGES = 62.5 * 2.0 ** np.arange(9)
-"""Edges of the octaves [Hz]."""
-_HOP, _SMOOTH, _STEP = 0.005, 20, 8
-"""Time between short spectra [s] (each four times as long), how many are smoothed together, and how many pairs of these
-lie between two levels that are compared."""
-_LEAST, _LONGEST = 75, 20.0
-"""Bits in a row that must agree (each stands for 10 ms), and seconds of a recording that are looked at."""
-_SMALLEST = 1e-3
-"""Change of a level that is none: that of a pure tone."""
+ALIKE = 0.4
+"""Correlation of the signs from which two recordings are copies; how it was chosen is in docs/how-to/leakage.md."""
+_PAIRS = ((60, 280), (1100, 1400))
+"""Lower edges of the bands [Hz], in pairs that are compared together: a filter may leave one pair only."""
+_WIDTH, _RATE = 120, 180
+"""Width of a band [Hz], and complex values of it per second."""
+_TAPER, _NEAR = 0.25, 8.0
+"""Rise of the taper [s], and width over which the median is taken [Hz]."""
+_SHORTEST, _LONGEST = 1.0, 20.0
+"""Seconds in a row that must agree, and that are looked at."""
+_SMALLEST = 2e-5
+"""Noise in a band over the greatest line from which there is any; what is less may be a tone's, by the taper."""
 
 
 def fingerprints(recording: Recording) -> tuple[str, ...]:
-    """Fingerprint of each channel that has one: a second long at least, and sampled at 500 Hz or more."""
+    """Fingerprint of each channel that has one: a second long at least, sampled at 900 Hz or more, with noise."""
     rate = float(recording.sample_rate)
-    if recording.duration < 1.0 or rate / 2 < _EDGES[2]:
+    if recording.duration < _SHORTEST:
         return ()
     signal = recording.slice(0, min(recording.n_samples, int(_LONGEST * rate))).signal
     return tuple(text for channel in signal if (text := _fingerprint(channel, rate)))
 
 
 def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
-    length = round(4 * _HOP * rate)
-    starts = np.round(np.arange(int((channel.size - length) / (_HOP * rate)) + 1) * (_HOP * rate)).astype(np.int64)
-    frames = np.lib.stride_tricks.sliding_window_view((channel - channel.mean()).astype(np.float32), length)
-    taper = np.hanning(length).astype(np.float32)
-    n_bands = int(np.count_nonzero(_EDGES[1:] <= rate / 2 * 1.001))
-    first = np.searchsorted(np.fft.rfftfreq(length, 1 / rate), _EDGES[: n_bands + 1])
-    powers = []
-    for part in np.array_split(starts, -(-starts.size // 512)):
-        lines = np.abs(np.fft.rfft(frames[part] * taper, axis=1)[:, : first[-1]]) ** 2
-        powers.append(np.add.reduceat(lines, first[:-1], axis=1))
-    power = np.concatenate(powers)
-    weights = np.hanning(_SMOOTH)[1:-1]
-    level = [np.log(np.convolve(row, weights, "valid")[::2] + 1e-30) for row in power.T]
-    change = np.stack([row[_STEP:] - row[:-_STEP] for row in level])
-    used = np.abs(change).mean(axis=1) > _SMALLEST
-    if not np.isfinite(change).all() or used.sum() < 2 or change.shape[1] < _LEAST:
+    """Such as ``"~01.360.9Qb..."``: which pairs of bands it has, the number of values of each band, and their signs."""
+    duration = channel.size / rate
+    seconds = int(np.ceil(duration))
+    taper = tukey(channel.size, min(2 * _TAPER / duration, 1.0))
+    spectrum = fft.rfft((channel - channel.mean()) * taper, round(seconds * rate))
+    size, near = np.abs(spectrum), int(_NEAR * seconds) | 1
+    used, signs = "", []
+    for pair in _PAIRS:
+        found = []
+        for low in pair if pair[1] + _WIDTH <= 0.475 * rate else ():
+            band = slice(low * seconds, (low + _WIDTH) * seconds)
+            noise = median_filter(size[band], near, mode="nearest")
+            if np.median(noise) > _SMALLEST * size.max():
+                flat = spectrum[band] / np.maximum(size[band], np.maximum(noise, 1e-300))
+                values = fft.ifft(flat, _RATE * seconds)[: int(duration * _RATE)]
+                found.append([values.real > 0, values.imag > 0])
+        used += str(int(len(found) == 2))
+        signs += found if len(found) == 2 else []
+    if not signs:
         return ""
-    bits = base64.b64encode(np.packbits(change[used] > 0).tobytes()).decode()
-    return f"{MARK}{''.join(str(int(flag)) for flag in used)}.{change.shape[1]}.{bits}"
+    bits = np.packbits(np.array(signs)).tobytes()
+    return f"{MARK}{used}.{int(duration * _RATE)}.{base64.b64encode(bits).decode()}"
 
 
-def _signs(text: str) -> Float32[np.ndarray, "octave time"]:
-    """+1 where a level rises, -1 where it falls, 0 in an octave that is not used."""
-    flags, length, bits = text[len(MARK) :].split(".")
-    used = np.array([flag == "1" for flag in flags])
-    values = np.unpackbits(np.frombuffer(base64.b64decode(bits), np.uint8), count=int(length) * int(used.sum()))
-    signs = np.zeros((_EDGES.size - 1, int(length)), np.float32)
-    signs[: used.size][used] = 2.0 * values.reshape(-1, int(length)) - 1
+def _signs(text: str) -> Complex64[np.ndarray, "band time"]:
+    """The values of a fingerprint, of size 1; zeros in bands that it does not have."""
+    pairs, length, bits = text[len(MARK) :].split(".")
+    used = np.repeat([flag == "1" for flag in pairs], 2)
+    count = 2 * int(length) * int(used.sum())
+    flags = np.unpackbits(np.frombuffer(base64.b64decode(bits), np.uint8), count=count)
+    values = 2.0 * flags.reshape(-1, 2, int(length)) - 1
+    signs = np.zeros((used.size, int(length)), np.complex64)
+    signs[used] = (values[:, 0] + 1j * values[:, 1]) / np.sqrt(2)
     return signs
 
 
@@ -101,21 +109,20 @@ def near_copies(listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Se
 
 
 def _agreement(
-    listed: Float32[np.ndarray, "channel octave time"], signs: Float32[np.ndarray, "octave part"]
+    listed: Complex64[np.ndarray, "channel band time"], signs: Complex64[np.ndarray, "band part"]
 ) -> Float[np.ndarray, " channel"]:
-    """Greatest agreement of each with `signs` over all shifts, forward and backward, in the lower or upper octaves."""
+    """Greatest correlation of each with `signs` over all shifts, forward and backward, in one pair of bands."""
     sizes = listed.shape[-1], signs.shape[-1]
-    size = 1 << (sum(sizes) - 1).bit_length()
-    ones = [np.fft.rfft(np.ones(count), size) for count in sizes]
-    count = np.round(np.fft.irfft(ones[0] * np.conj(ones[1]), size))
-    valid = count >= _LEAST
-    spectra = np.fft.rfft(listed, size)
+    size = fft.next_fast_len(sum(sizes))
+    ones = [fft.rfft(np.ones(count), size) for count in sizes]
+    count = np.round(fft.irfft(ones[0] * np.conj(ones[1]), size))
+    valid = count > 0.9 * _SHORTEST * _RATE
     best = np.zeros(len(listed))
-    for other in (signs, -signs[:, ::-1]):
-        products = spectra * np.conj(np.fft.rfft(other, size))
-        common = (listed != 0).any(axis=-1) & (other != 0).any(axis=-1)
-        for half in (slice(0, 4), slice(4, 8)):
-            number = common[:, half].sum(axis=1)
-            total = np.fft.irfft(products[:, half].sum(axis=1), size)[:, valid] / count[valid]
-            best = np.maximum(best, np.where(number > 1, total.max(axis=1) / np.maximum(number, 1), 0.0))
+    for pair in (slice(0, 2), slice(2, 4)):
+        if not (listed[:, pair].any() and signs[pair].any()):
+            continue
+        spectra = fft.fft(listed[:, pair], size)
+        for other in (signs[pair], np.conj(signs[pair, ::-1])):
+            correlation = np.abs(fft.ifft(spectra * np.conj(fft.fft(other, size)))).mean(axis=1)
+            best = np.maximum(best, (correlation[:, valid] / count[valid]).max(axis=1))
     return best

@@ -84,7 +84,6 @@ def test_missing_samples_are_errors(value: float) -> None:
 def test_a_recording_without_one_reading_is_reported_not_raised() -> None:
     empty = replace(good(), signal=np.full((1, 6400), np.nan))
     assert "nan" in kinds(inspect_recording(empty))
-    assert json.dumps(inspect_recordings([empty]).to_dict(), allow_nan=False)
 
 
 def test_a_constant_channel_is_an_error() -> None:

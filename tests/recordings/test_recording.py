@@ -69,6 +69,9 @@ def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], messa
         Recording(**{"signal": np.zeros((1, 4)), "sample_rate": 10.0, "recording_id": "a", **facts})
     with pytest.raises(InputError, match="is no recording"):
         Recordings(["a.csv"])
+    for stop in ("5", 2.5):
+        with pytest.raises(InputError, match="samples are counted by whole numbers, and not from 0 to"):
+            make().slice(0, stop)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from swashtwin.cli.console import note
 from swashtwin.cli.options import READING
 from swashtwin.foundation import SwashTwinError
 
@@ -73,6 +74,9 @@ def _with_folders(
         else:
             with single_file_options():
                 recordings = load_recordings(path, **facts)
+            contradicted = recordings[0].attributes.get("contradicted")
+            if contradicted and unreadable is None:  # an inspection says it itself
+                note(f"{path}: {contradicted}.")
         pairs += [(recording, folder.parts[1:]) for recording in recordings]
     return pairs
 

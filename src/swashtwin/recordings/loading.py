@@ -1,24 +1,24 @@
 """A recording from a file and from what its entry of an index says."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import partial
 from math import pi
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from swashtwin.foundation import DataError, InputError, parse, sha256_of
+from swashtwin.foundation import DataError, InputError, parse, plural, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.resampling import resampled, resampling_of
+from swashtwin.recordings.resampling import resampled
 from swashtwin.recordings.samples import Columns, Samples
 from swashtwin.recordings.scaling import scale, vibration_columns
-from swashtwin.recordings.stated_facts import bare_pressures, facts_of_header
+from swashtwin.recordings.stated_facts import bare_pressures, contradictions, facts_of_header
 
 _PUMP_KEYS = {
     "speed": "speed",
@@ -60,61 +60,52 @@ def recording_of(path: Path, entry: Entry) -> Recording:
     if entry.sha256 and entry.sha256.lower() != (digest := sha256_of(path)):
         raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
     raw = open_raw(path, entry.options)
-    if not raw.facts:
-        header = {key: text for key, text in facts_of_header(raw).items() if getattr(entry, key, "") is None}
-        entry = replace(entry, **{key: text for key, text in header.items() if key not in bare_pressures(header)})
-    view = _view(raw, entry, path)
-    names = entry.names or view.names
-    if len(names) != len(view.names):
+    header = facts_of_header(raw)
+    header = {key: text for key, text in header.items() if key not in bare_pressures(header)}
+    contradicted = contradictions(entry, header)
+    entry = replace(entry, **{key: text for key, text in header.items() if getattr(entry, key) is None})
+    chosen = choose_columns(raw, entry, str(path))
+    rate = stated_rate(raw, tuple(chosen), entry, str(path))
+    columns, unit = _columns(raw, entry, chosen, path)
+    names = entry.names or tuple(chosen)
+    if len(names) != len(chosen):
         raise DataError(
-            f"{path}: {len(names)} name{'s' * (len(names) != 1)} for {len(view.names)} channels "
-            f"({', '.join(view.names)}); on the command line --names stands once for each, in order."
+            f"{path}: {plural(len(names), 'name')} for {len(chosen)} channels ({', '.join(chosen)}); on the command "
+            "line --names stands once for each, in order."
         )
     stated = raw.facts
-    attributes = dict(raw.attributes) | dict(entry.attributes)
-    if entry.channels is None and (others := [name for name in raw.columns if name not in view.names]):
+    attributes = {**raw.attributes, **entry.attributes, **({"contradicted": contradicted} if contradicted else {})}
+    if entry.channels is None and (others := [name for name in raw.columns if name not in chosen]):
         attributes["other_columns"] = ", ".join(others)
-    condition = _condition(entry, raw.condition, str(path), attributes)
     name = entry.id or stated.get("recording_id") or stem_of(path)
-    samples = Samples.from_columns(name, view.columns, partial(_reopen, path.absolute(), stamp, entry))
-    resampling = resampling_of(entry, view.rate, str(path))
-    if resampling is not None:
-        samples = resampled(samples, resampling, name)
-        attributes["resampled"] = resampling.words
+    samples = Samples.from_columns(name, columns, partial(_reopen, path.absolute(), stamp, entry))
+    if entry.resample is not None:
+        samples, rate, words = resampled(samples, rate, entry.resample, str(path))
+        attributes |= {"resampled": words} if words else {}
     return Recording(
         samples=samples,
-        sample_rate=view.rate if resampling is None else resampling.rate,
+        sample_rate=rate,
         recording_id=name,
         channels=names,
-        unit=view.unit,
+        unit=unit,
         label=entry.label or stated.get("label"),
-        condition=condition,
+        condition=_condition(entry, raw.condition, str(path), attributes),
         specimen=entry.specimen or stated.get("specimen"),
         synthetic=entry.synthetic or bool(stated.get("synthetic")),
         attributes=attributes | {"file": entry.file} | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
     )
 
 
-class _View(NamedTuple):
-    """What an entry takes from a file."""
-
-    names: tuple[str, ...]
-    columns: Columns
-    rate: float
-    unit: str
-
-
-def _view(raw: RawFile, entry: Entry, path: Path) -> _View:
-    columns = choose_columns(raw, entry, str(path))
-    names = tuple(columns)
-    rate = stated_rate(raw, names, entry, str(path))
-    factors, unit = scale(raw, entry, names, str(path))
-    return _View(names, Columns(tuple(columns.values()), tuple(factors), raw.speeds), rate, unit)
+def _columns(raw: RawFile, entry: Entry, chosen: Mapping[str, Column], path: Path) -> tuple[Columns, str]:
+    """The chosen columns with the factor of each, and the unit that comes out."""
+    factors, unit = scale(raw, entry, tuple(chosen), str(path))
+    return Columns(tuple(chosen.values()), tuple(factors), raw.speeds), unit
 
 
 def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
     require_unchanged(path, stamp)
-    return _view(open_raw(path, entry.options), entry, path).columns
+    raw = open_raw(path, entry.options)
+    return _columns(raw, entry, choose_columns(raw, entry, str(path)), path)[0]
 
 
 def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:

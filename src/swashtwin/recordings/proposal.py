@@ -2,11 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
 from swashtwin.recordings.entry import QUANTITIES, Entry
@@ -86,158 +86,182 @@ def propose_index(
         raise MissingFileError(f"{folder} is not a folder.")
     defaults = {key: list(value) if isinstance(value, tuple) else value for key, value in facts.items()}
     defaults = {key: value for key, value in defaults.items() if value is not None}
-    _require_defaults(defaults)
-    if pressure_unit is not None:
-        parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
+    _require_understood(defaults, pressure_unit)
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
+    found = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    readable = [path.relative_to(folder).as_posix() for path in found if suffix_of(path) in suffixes()]
     files = [
         name
-        for name in (_files(folder) if stated is None else stated)
-        if not include or any(fnmatchcase(name, path) for path in include)
+        for name in (readable if stated is None else stated)
+        if not include or any(fnmatchcase(name, pattern) for pattern in include)
     ]
     if include and not files:
         raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
-    is_asked = False
+    asked: set[str] = set()
     while True:
-        survey = _survey(folder, files, stated, defaults, label_pattern, pressure_unit)
-        questions = {
-            key: f"{len(names)} files (as {names[0]}) do not say their {key}" for key, names in survey.missing.items()
-        }
-        if not is_asked and label_pattern is None and stated is None and (only := only_label(survey.entries)):
-            questions["label"], is_asked = f"All files are of the class {only!r}, as their names say", True
-        answers = _ask(questions, ask)
+        survey = _Survey(folder, stated, defaults, label_pattern, pressure_unit)
+        survey.read(files)
+        questions = {key: text for key, text in survey.questions().items() if key not in asked}
+        answers = {key: answer for key, text in questions.items() if ask is not None and (answer := ask(key, text))}
         if not answers:
             break
+        asked |= questions.keys()
         label_pattern = answers.pop("label_pattern", label_pattern)
         pressure_unit = answers.pop("pressure_unit", pressure_unit)
         defaults |= answers
-    if survey.missing:
-        listed = "; ".join(
-            f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}"
-            for key, names in survey.missing.items()
-        )
-        raise DataError(f"{folder}: neither the files nor the options state {listed}.")
-    if not survey.entries:
-        reason = survey.skipped[0] if survey.skipped else f"supported are {', '.join(suffixes())}."
-        raise DataError(f"{folder} holds no file to index: {reason}")
-    machines = [] if label_pattern or stated is not None else machines_in_labels(survey.entries)
-    for facts_of_file, entry in zip(survey.facts, survey.entries, strict=True) if machines else ():
-        facts_of_file |= {key: (entry[key], "its name") for key in ("label", "specimen") if key in entry}
-    index = _index_of(survey.entries, defaults, folder, index_folder)
-    hints = [*machines, *label_hints(entry["label"] for entry in survey.entries if "label" in entry)]
-    return IndexProposal(
-        index, tuple(survey.skipped), _sentences(survey.facts), tuple(dict.fromkeys([*survey.notes, *hints]))
-    )
+    survey.require_complete()
+    hints = [] if label_pattern or stated is not None else machines_in_labels(survey.entries)
+    for origins, entry in zip(survey.facts, survey.entries, strict=True) if hints else ():
+        origins |= {key: (entry[key], "its name") for key in ("label", "specimen") if key in entry}
+    index: dict[str, Any] = {"format": 1}
+    if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
+        index["root"] = path_from(Path(index_folder).resolve(), folder.resolve())
+    index |= _content(survey.entries, defaults)
+    hints += label_hints(entry["label"] for entry in survey.entries if "label" in entry)
+    notes = tuple(dict.fromkeys([*survey.notes, *hints]))
+    return IndexProposal(index, tuple(survey.skipped), _sentences(survey.facts), notes)
 
 
-def _files(folder: Path) -> list[str]:
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
-    readable = suffixes()
-    return [path.relative_to(folder).as_posix() for path in paths if suffix_of(path) in readable]
+def _require_understood(defaults: Mapping[str, Any], pressure_unit: str | None) -> None:
+    """Refuse a fact that no reader of the index would understand, before anything is written."""
+    Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
+    for name in QUANTITIES.keys() & defaults.keys():
+        parse(defaults[name], QUANTITIES[name], name=name)
+    if "unit" in defaults:
+        require_sample_unit(defaults["unit"])
+    if pressure_unit is not None:
+        parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
 
 
-class _Survey(NamedTuple):
-    """Result of reading every file."""
+@dataclass
+class _Survey:
+    """What the files of a folder state, and what nobody does."""
 
-    entries: list[dict[str, Any]]
-    skipped: list[str]
-    missing: dict[str, list[str]]
-    facts: list[Facts]
-    notes: list[str]
+    folder: Path
+    stated: Mapping[str, dict[str, Any]] | None
+    """Facts of each file from a table; None where they are in the names."""
+    defaults: Mapping[str, Any]
+    pattern: str | None
+    pressure_unit: str | None
+    entries: list[dict[str, Any]] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+    missing: dict[str, list[str]] = field(default_factory=dict)
+    """Files in which nobody states a fact."""
+    facts: list[Facts] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
-
-def _survey(
-    folder: Path,
-    names: Sequence[str],
-    stated: Mapping[str, dict[str, Any]] | None,
-    defaults: Mapping[str, Any],
-    pattern: str | None,
-    pressure_unit: str | None,
-) -> _Survey:
-    """Entries of the files that can be read, why others cannot, and which facts are missing in which files.
-
-    Parameters
-    ----------
-    stated : facts of each file from a table; None where they are in the names.
-    """
-    survey = _Survey([], [], {}, [], [])
-    for name in names:
-        path = folder / name
-        try:
-            raw = open_raw(path, Entry.from_mapping({"file": name, **defaults}, str(path)).options)
-        except MissingFileError:
-            raise
-        except DataError as cause:
-            if stated is not None and path.stat().st_size:
+    def read(self, names: Sequence[str]) -> None:
+        """Take up the files that can be read, or why they cannot."""
+        for name in names:
+            path = self.folder / name
+            try:
+                raw = open_raw(path, self._entry({"file": name}).options)
+            except MissingFileError:
                 raise
-            survey.skipped.append(str(cause))
-            continue
-        if stated is None and "text_columns" in raw.attributes and (other := _named_within(path, names)):
-            survey.skipped.append(f"{path} names {other}: a table of facts, for --table.")
-            continue
-        fact = facts_of_name(name, pattern) if stated is None else stated[name]
-        values, in_file = _facts_of(name, raw, fact, stated is not None, survey.notes)
+            except DataError as cause:
+                if self.stated is not None and path.stat().st_size:
+                    raise
+                self.skipped.append(str(cause))
+                continue
+            if self.stated is None and "text_columns" in raw.attributes and (other := _named_within(path, names)):
+                self.skipped.append(f"{path} names {other}: a table of facts, for --table.")
+                continue
+            self._add(name, raw)
+
+    def _entry(self, values: Mapping[str, Any]) -> Entry:
+        return Entry.from_mapping({**self.defaults, **values}, str(self.folder / values["file"]))
+
+    def _add(self, name: str, raw: RawFile) -> None:
+        """Take up a file: what it states itself counts for more than its name, and for less than a table."""
+        fact = facts_of_name(name, self.pattern) if self.stated is None else self.stated[name]
+        values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
+        values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
+        header, counts = facts_of_header(raw), "header's" if self.stated is None else "table's"
+        both = [key for key in header if key in values and header[key] != values[key]]
+        self.notes.extend(
+            f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts." for key in both[:1]
+        )
+        in_file = {key: text for key, text in header.items() if self.stated is None or key not in values}
+        values |= in_file
         bare = bare_pressures(values)
-        if bare and pressure_unit is None:
-            survey.missing.setdefault("pressure_unit", []).append(name)
-        values |= {key: f"{values[key]} {pressure_unit}" for key in bare if pressure_unit is not None}
-        for entry in _entries_within(raw, {"file": name, **values}, defaults, str(path)):
-            whole = Entry.from_mapping({**defaults, **entry}, str(path))
-            columns = choose_columns(raw, whole, str(path))
-            missing = _missing_facts(raw, list(columns), whole, defaults.keys(), str(path))
-            for key in missing:
-                survey.missing.setdefault(key, []).append(name)
-            origins = _origins(
-                name, raw, columns, values, defaults, pattern=pattern, table=stated is not None, in_file=in_file
-            )
-            survey.facts.append(origins)
-            survey.entries.append(entry)
-            survey.notes.extend(_remarks(raw, columns, whole))
-    return survey
+        if bare and self.pressure_unit is None:
+            self.missing.setdefault("pressure_unit", []).append(name)
+        values |= {key: f"{values[key]} {self.pressure_unit}" for key in bare if self.pressure_unit is not None}
+        for part in self._entries_within(raw, {"file": name, **values}):
+            entry = self._entry(part)
+            columns = list(choose_columns(raw, entry, str(self.folder / name)))
+            for key in _missing_facts(raw, columns, entry, self.defaults.keys(), str(self.folder / name)):
+                self.missing.setdefault(key, []).append(name)
+            self.facts.append(self._origins(raw, columns, part, in_file))
+            self.entries.append(part)
+            self.notes.extend(_remarks(raw, columns, entry))
+
+    def _entries_within(self, raw: RawFile, values: dict[str, Any]) -> list[dict[str, Any]]:
+        """Entries of a file: one for each start of its channels, where they start apart and are not named."""
+        entry = self._entry(values)
+        starts: dict[str, list[str]] = {}
+        for name in vibration_columns(raw, entry) if entry.channels is None else ():
+            starts.setdefault(raw.starts.get(name, ""), []).append(name)
+        if len(starts) < 2:
+            return [values]
+        stem = stem_of(Path(values["file"]))
+        return [{**values, "id": f"{stem}_{n}", "channels": names} for n, names in enumerate(starts.values(), 1)]
+
+    def _origins(self, raw: RawFile, columns: Sequence[str], entry: Mapping[str, Any], in_file: Iterable[str]) -> Facts:
+        """Value and origin of each fact that the entry of a file will have."""
+        origin = "the table" if self.stated is not None else "the pattern" if self.pattern else "its name"
+        told = {key: value for key, value in entry.items() if key not in ("file", "attributes", "id", "sha256")}
+        told |= {f"attribute {key}": value for key, value in entry.get("attributes", {}).items()}
+        facts: Facts = {key: (_words(value), "the option") for key, value in self.defaults.items()}
+        facts |= {key: (_words(value), "the file" if key in in_file else origin) for key, value in told.items()}
+        folder = Path(entry["file"]).parent.name
+        if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
+            facts["label"] = (str(entry["label"]), "the folder's name")
+        rates = {raw.rates.get(column, raw.sample_rate) for column in columns} - {None}
+        if len(rates) == 1:
+            facts["sample_rate"] = (f"{rates.pop():.10g} Hz", "the file")
+        units = {raw.units[column] for column in columns if column in raw.units}
+        if len(units) == 1 and "unit" not in self.defaults:
+            facts["unit"] = (units.pop(), "the file")
+        if raw.facts.get("label"):
+            facts["label"] = (raw.facts["label"], "the file")
+        facts.setdefault("channels", (", ".join(columns), "the file"))
+        return facts
+
+    def questions(self) -> dict[str, str]:
+        """A question for each fact that is missing, and for a class that all files have."""
+        questions = {
+            key: f"{len(names)} files (as {names[0]}) do not say their {key}. {_QUESTIONS[key][1]}?"
+            for key, names in self.missing.items()
+        }
+        if "label" in questions:
+            questions["label_pattern"] = questions.pop("label")
+        elif self.pattern is None and self.stated is None and (only := only_label(self.entries)):
+            reason = f"All files are of the class {only!r}, as their names say"
+            questions["label_pattern"] = f"{reason}. {_QUESTIONS['label'][1]}?"
+        return questions
+
+    def require_complete(self) -> None:
+        """Refuse files that lack a fact, or a folder without any."""
+        listed = "; ".join(
+            f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}" for key, names in self.missing.items()
+        )
+        if listed:
+            raise DataError(f"{self.folder}: neither the files nor the options state {listed}.")
+        if not self.entries:
+            reason = self.skipped[0] if self.skipped else f"supported are {', '.join(suffixes())}."
+            raise DataError(f"{self.folder} holds no file to index: {reason}")
 
 
-def _facts_of(
-    name: str, raw: RawFile, fact: Mapping[str, Any], in_table: bool, notes: list[str]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Facts of a file, and those among them that it states itself: they count more than a name, less than a table."""
-    values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
-    values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
-    header = {} if raw.facts else facts_of_header(raw)
-    counts = "table's" if in_table else "header's"
-    both = [key for key in header if key in values and header[key] != values[key]]
-    notes.extend(
-        f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts." for key in both[:1]
-    )
-    in_file = {key: value for key, value in header.items() if not (in_table and key in values)}
-    return values | in_file, in_file
-
-
-def _remarks(raw: RawFile, columns: Iterable[str], entry: Entry) -> list[str]:
+def _remarks(raw: RawFile, columns: Iterable[str], entry: Entry) -> Iterator[str]:
     """What to know of a file that is proposed."""
-    remarks = []
     if entry.channels is None and (others := [name for name in raw.columns if name not in columns]):
-        remarks.append(f"columns that are no vibration are left out: {', '.join(others)}.")
+        yield f"columns that are no vibration are left out: {', '.join(others)}."
     if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
-        remarks.append(
+        yield (
             'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft '
             "orders need it."
         )
-    return remarks
-
-
-def _entries_within(
-    raw: RawFile, entry: dict[str, Any], defaults: Mapping[str, Any], where: str
-) -> list[dict[str, Any]]:
-    """Entries of a file: one for each start of its channels, where they start apart and are not named."""
-    chosen = Entry.from_mapping({**defaults, **entry}, where)
-    starts: dict[str, list[str]] = {}
-    if chosen.channels is None:
-        for name in vibration_columns(raw, chosen):
-            starts.setdefault(raw.starts.get(name, ""), []).append(name)
-    if len(starts) < 2:
-        return [entry]
-    stem = stem_of(Path(entry["file"]))
-    return [{**entry, "id": f"{stem}_{n}", "channels": names} for n, names in enumerate(starts.values(), 1)]
 
 
 def _named_within(path: Path, names: Sequence[str]) -> str | None:
@@ -255,28 +279,6 @@ _QUESTIONS = {
 }
 
 
-def _require_defaults(defaults: Mapping[str, Any]) -> None:
-    """Refuse a fact that no reader of the index would understand, before anything is written."""
-    Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
-    for name, unit in QUANTITIES.items():
-        if name in defaults:
-            parse(defaults[name], unit, name=name)
-    if "unit" in defaults:
-        require_sample_unit(defaults["unit"])
-
-
-def _ask(questions: Mapping[str, str], ask: Callable[[str, str], str | None] | None) -> dict[str, str]:
-    """Answers to the questions about facts."""
-    answers: dict[str, str] = {}
-    if ask is None:
-        return answers
-    for key, reason in questions.items():
-        fact = "label_pattern" if key == "label" else key
-        if answer := ask(fact, f"{reason}. {_QUESTIONS[key][1]}?"):
-            answers[fact] = answer
-    return answers
-
-
 def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, given: Set[str], where: str) -> list[str]:
     """Facts that nobody states; one of those `given` for all files that the file contradicts is refused."""
     has_units = all(name in raw.units for name in columns) or bool(raw.sensitivities)
@@ -292,70 +294,29 @@ def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, given: Set[st
     return missing if entry.label or raw.facts.get("label") else [*missing, "label"]
 
 
-def _index_of(
-    entries: list[dict[str, Any]], defaults: dict[str, Any], folder: Path, index_folder: str | Path | None
-) -> dict[str, Any]:
-    """The index: unique ids, the occurring classes, common facts as defaults."""
+def _content(entries: list[dict[str, Any]], defaults: dict[str, Any]) -> dict[str, Any]:
+    """What an index holds: unique ids, the occurring classes, common facts as defaults."""
     stems = [stem_of(Path(entry["file"])) for entry in entries]
     for entry, stem in zip(entries, stems, strict=True):
         if stems.count(stem) > 1 and "id" not in entry:
             entry["id"] = entry["file"].replace("/", "_")
-    index: dict[str, Any] = {"format": 1}
-    if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
-        index["root"] = path_from(Path(index_folder).resolve(), folder.resolve())
-    labels = list(dict.fromkeys(entry["label"] for entry in entries if "label" in entry))
-    if labels and len([entry for entry in entries if "label" in entry]) == len(entries):
-        index["classes"] = labels
-    shared = {key for key in entries[0] if key not in ("file", "id", "label", "attributes", "sha256")}
-    for key in sorted(shared):
+    labels = list(dict.fromkeys(entry.get("label") for entry in entries))
+    for key in sorted(entries[0].keys() - {"file", "id", "label", "attributes", "sha256"}):
         if len(entries) > 1 and all(entry.get(key) == entries[0][key] for entry in entries):
             defaults = {**defaults, key: entries[0][key]}
-            for entry in entries[1:]:
+            for entry in entries:
                 del entry[key]
-            del entries[0][key]
-    if defaults:
-        index["defaults"] = defaults
-    index["recording"] = entries
-    return index
+    return {
+        **({} if None in labels else {"classes": labels}),
+        **({"defaults": defaults} if defaults else {}),
+        "recording": entries,
+    }
 
 
 _FACTS_FIRST = ("label", "specimen", "speed", "pressure", "sample_rate", "unit", "channels")
 """Facts that are listed before the others."""
 _MOST = 6
 """Values that a sentence lists."""
-
-
-def _origins(
-    name: str,
-    raw: RawFile,
-    columns: Iterable[str],
-    entry: Mapping[str, Any],
-    defaults: Mapping[str, Any],
-    *,
-    pattern: str | None,
-    table: bool,
-    in_file: Iterable[str],
-) -> Facts:
-    """Value and origin of each fact that the entry of a file will have."""
-    origin = "the table" if table else "the pattern" if pattern else "its name"
-    facts: Facts = {key: (_words(value), "the option") for key, value in defaults.items()}
-    facts |= {key: (_words(value), origin) for key, value in entry.items() if key not in ("attributes", "id", "sha256")}
-    facts |= {f"attribute {key}": (str(value), origin) for key, value in entry.get("attributes", {}).items()}
-    facts |= {key: (facts[key][0], "the file") for key in in_file}
-    folder = Path(name).parent.name
-    if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
-        facts["label"] = (str(entry["label"]), "the folder's name")
-    columns = list(columns)
-    rates = {raw.rates.get(column, raw.sample_rate) for column in columns} - {None}
-    if len(rates) == 1:
-        facts["sample_rate"] = (f"{rates.pop():.10g} Hz", "the file")
-    units = {raw.units[column] for column in columns if column in raw.units}
-    if len(units) == 1 and "unit" not in defaults:
-        facts["unit"] = (units.pop(), "the file")
-    if raw.facts.get("label"):
-        facts["label"] = (raw.facts["label"], "the file")
-    facts.setdefault("channels", (", ".join(columns), "the file"))
-    return facts
 
 
 def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
@@ -365,7 +326,7 @@ def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
         for key, (value, origin) in facts.items():
             counts.setdefault(key, {}).setdefault(origin, Counter())[value] += 1
     sentences = []
-    for key in [key for key in _FACTS_FIRST if key in counts] + sorted(set(counts) - set(_FACTS_FIRST)):
+    for key in sorted(counts, key=lambda key: (_FACTS_FIRST.index(key) if key in _FACTS_FIRST else 9, key)):
         parts = []
         for origin, values in counts[key].items():
             listed = ", ".join(f"{value} ({count})" for value, count in list(values.items())[:_MOST])

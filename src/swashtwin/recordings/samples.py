@@ -235,6 +235,8 @@ class Samples:
             raise DataError(f"{self.name}: {failure} ({type(cause).__name__}: {reason}).") from cause
 
     def _span(self, start: int, stop: int) -> tuple[int, int]:
+        if not (isinstance(start, (int, np.integer)) and isinstance(stop, (int, np.integer))):
+            raise InputError(f"{self.name}: samples are counted by whole numbers, and not from {start!r} to {stop!r}.")
         if not 0 <= start < min(stop, self.shape[1]):
             raise InputError(f"{self.name} has no samples {start} to {stop}; it has {self.shape[1]}.")
         return start, min(stop, self.shape[1])

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -13,7 +14,7 @@ import regex
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
-from swashtwin.recordings.formats.raw import RawFile
+from swashtwin.recordings.formats.raw import RawFile, plain_unit
 from swashtwin.recordings.formats.registry import stem_of
 from swashtwin.recordings.formats.tables import header_pairs, split_unit
 
@@ -41,8 +42,6 @@ _IN_HEADERS = {
     "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
 }
-_SPELLINGS = {"r_min": "rpm", "u_min": "rpm", "1_min": "rpm", "min-1": "rpm", "upm": "rpm"}
-_CASES = {"mpa": "MPa", "kpa": "kPa", "hz": "Hz"}
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
 _LEAST_PRESSURE = 2e5
 """What a header calls a pressure is that of the air below this [Pa]."""
@@ -94,17 +93,14 @@ def _matched(name: str, pattern: str) -> dict[str, Any]:
         ) from cause
     if match is None:
         raise DataError(f"{name} does not match label_pattern {pattern!r}; correct it, or narrow include.")
-    texts: dict[str, str] = {}
+    texts = {_GROUPS.get(group, group): text for group, text in match.groupdict().items()}
     beside: dict[str, str] = {}
-    for group, text in match.groupdict().items():
-        key = _GROUPS.get(group, group)
-        if text:
-            texts[key] = text
-            if units := _UNITS_OF.get(key):
-                after = regex.match(rf"[ _-]?({units})(?![A-Za-z])", name[match.end(group) :], regex.IGNORECASE)
-                before = regex.search(rf"(?<![A-Za-z])({units})[ _-]?$", name[: match.start(group)], regex.IGNORECASE)
-                if unit := after or before:
-                    beside[key] = unit[1]
+    for group in match.groupdict():
+        if units := _UNITS_OF.get(key := _GROUPS.get(group, group)):
+            after = regex.match(rf"[ _-]?({units})(?![A-Za-z])", name[match.end(group) :], regex.IGNORECASE)
+            before = regex.search(rf"(?<![A-Za-z])({units})[ _-]?$", name[: match.start(group)], regex.IGNORECASE)
+            if unit := after or before:
+                beside[key] = unit[1]
     return facts_of_texts(texts, beside)
 
 
@@ -153,7 +149,9 @@ def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dic
 
 
 def facts_of_header(raw: RawFile) -> dict[str, Any]:
-    """Speed, pressure and oil temperature that the header lines or the single numbers of a file state."""
+    """Speed, pressure and oil temperature that header lines or single numbers state, where the file has no facts."""
+    if raw.facts:
+        return {}
     pairs: list[tuple[str, str]] = header_pairs(raw.attributes.get("header", ""))
     pairs += [(name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"]
     texts: dict[str, str] = {}
@@ -166,8 +164,7 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
             if re.search(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", heading, re.IGNORECASE):
                 continue
             suffix = re.search(r"(rpm|hz|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
-            bare = _CASES.get(suffix[1].lower(), suffix[1].lower()) if suffix else ""
-            texts[key] = f"{quantity[1]} {quantity[2] or unit or bare}".strip()
+            texts[key] = f"{quantity[1]} {quantity[2] or unit or (suffix[1] if suffix else '')}".strip()
     facts = facts_of_texts(texts)
     return {
         key: text
@@ -175,6 +172,17 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
         if (key in PRESSURES and re.fullmatch(_NUMBER, text))
         or (is_quantity(text, key) and not (key == "pressure" and parse(text, "Pa") < _LEAST_PRESSURE))
     }
+
+
+def contradictions(entry: Entry, header: Mapping[str, str]) -> str:
+    """In what an entry differs by more than 3 % from the header of its file, in words; empty where in nothing."""
+    stated = {key: getattr(entry, key) for key in header}
+    return "; ".join(
+        f"{key} = {stated[key]} is stated and counts, and the file says {text}"
+        for key, text in header.items()
+        if is_quantity(stated[key], key)
+        and not math.isclose(*(parse(each, QUANTITIES[key]) for each in (stated[key], text)), rel_tol=0.03)
+    )
 
 
 def is_quantity(text: object, key: str) -> bool:
@@ -199,9 +207,9 @@ def facts_of_texts(texts: Mapping[str, str], beside: Mapping[str, str] | None = 
             facts[key] = [part.strip() for part in text.split(";" if ";" in text else None)]
         elif key in QUANTITIES and (match := re.fullmatch(rf"({_NUMBER})\s*(.*)", text)):
             unit = match[2] or (beside or {}).get(key) or _BARE_UNITS.get(key, "")
-            facts[key] = f"{match[1].replace(',', '.')} {_SPELLINGS.get(unit.lower(), unit)}".strip()
+            facts[key] = f"{match[1].replace(',', '.')} {plain_unit(unit.replace('_', '/'))}".strip()
         elif key in _ENTRY_KEYS:
-            facts[key] = text
+            facts[key] = text.strip("_-. ") if key == "label" else text
         else:
             attributes[key] = text
     return facts | ({"attributes": attributes} if attributes else {})
@@ -236,19 +244,13 @@ def only_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
 
 
 def label_hints(labels: Iterable[str]) -> list[str]:
-    """What looks odd about the labels: marks at their ends, and a first word that may be a machine."""
+    """What looks odd about the labels: one for all files, and a first word that may be a machine."""
     every = [{"label": label} for label in labels]
     labels = sorted({entry["label"] for entry in every})
-    hints = [
-        f"every file is of the class {label!r}: is that a class? --label-pattern says how paths state it."
-        for label in filter(None, [only_label(every)])
-    ]
-    hints += [
-        f"the class {label!r} begins or ends with a mark; let the pattern take it outside of (?P<label>...)."
-        for label in labels
-        if label != label.strip("_-. ")
-    ]
-    pairs = [label.strip("_-. ").partition("_") for label in labels]
+    hints = []
+    if only := only_label(every):
+        hints.append(f"every file is of the class {only!r}: is that a class? --label-pattern says how paths state it.")
+    pairs = [label.partition("_") for label in labels]
     firsts = sorted({first for first, _, _ in pairs})
     whole = len(labels) > 1 and all(rest for _, _, rest in pairs)
     if whole and (len(firsts) == 1 or any(is_healthy(rest) for _, _, rest in pairs)):

@@ -15,7 +15,7 @@ from swashtwin.recordings.checks.channels import (
     implausible_rate,
     unfit,
 )
-from swashtwin.recordings.checks.findings import ChannelReport, Finding, InspectionReport, RecordingReport
+from swashtwin.recordings.checks.findings import ChannelReport, Finding, InspectionReport, RecordingReport, listed
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import hash_channels
@@ -46,18 +46,18 @@ def inspect_recordings(
     """
     recordings = list(recordings)
     reports, statistics = [], []
-    for number, stored in enumerate(recordings):
-        if progress:
-            progress(number, len(recordings))
+    for number, stored in enumerate(recordings, 1):
         report, channels = _report(stored.unloaded())
         reports.append(report)
         statistics.append(channels)
-    if progress:
-        progress(len(recordings), len(recordings))
+        if progress:
+            progress(number, len(recordings))
+    lengths = sorted(recording.duration for recording in recordings) or [0.0]
+    message = f"lengths differ from {lengths[0]:.4g} s to {lengths[-1]:.4g} s; long ones will outweigh the others."
     findings = [
         *layout_findings(recordings),
         *window_findings(recordings, window),
-        *_unequal_lengths(recordings),
+        *([Finding("length", "warning", None, message)] if lengths[-1] > 3 * lengths[0] else []),
         *_duplicates(recordings, statistics),
         *_odd_levels(recordings, statistics),
         *several_healthy(recording.label for recording in recordings),
@@ -72,25 +72,20 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
     statistics = channel_statistics(recording)
     findings: list[Finding] = [*unfit(recording, statistics), *channel_findings(recording, statistics)]
     findings += [*contradicted_speed(recording, statistics), *implausible_rate(recording)]
-    for key, reason in (
-        ("text_columns", "hold text or dates"), ("blank_columns", "are blank"), ("other_columns", "are no vibration"),
-    ):  # fmt: skip
-        if names := recording.attributes.get(key):
-            findings.append(Finding("left_out", "note", None, f"columns that {reason} were left out: {names}."))
+    for key, kind, words in (
+        ("text_columns", "left_out", "columns that hold text or dates were left out: "),
+        ("blank_columns", "left_out", "columns that are blank were left out: "),
+        ("other_columns", "left_out", "columns that are no vibration were left out: "),
+        ("contradicted", "contradicted", ""),
+    ):
+        if text := recording.attributes.get(key):
+            findings.append(Finding(kind, "note", None, f"{words}{text}."))
     reports = [
         ChannelReport(name, *channel.extent, channel.rms, channel.std)
         for name, channel in zip(recording.channels, statistics, strict=True)
     ]
-    report = RecordingReport(
-        recording.recording_id,
-        recording.sample_rate,
-        recording.duration,
-        recording.unit,
-        recording.label,
-        tuple(reports),
-        tuple(findings),
-    )
-    return report, statistics
+    facts = recording.recording_id, recording.sample_rate, recording.duration, recording.unit, recording.label
+    return RecordingReport(*facts, tuple(reports), tuple(findings)), statistics
 
 
 def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
@@ -105,11 +100,11 @@ def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
     ):  # fmt: skip
         groups = _by_value((words(recording), recording) for recording in recordings)
         if len(groups) > 1:
-            listed = "; ".join(
-                f"{value}: {_listed([recording.recording_id for recording in group])} ({_labels(group)})"
+            parts = "; ".join(
+                f"{value}: {listed([recording.recording_id for recording in group])} ({_labels(group)})"
                 for value, group in groups.items()
             )
-            yield Finding(kind, "error", None, f"{noun} differ ({listed}): {advice}.")
+            yield Finding(kind, "error", None, f"{noun} differ ({parts}): {advice}.")
 
 
 def window_findings(
@@ -123,8 +118,7 @@ def window_findings(
             f"window of {length}{_more(short)}; shorten the window or leave the recording out."
         )
         yield Finding("short_window", "warning", None, message)
-    turns = [(_turn(recording), recording) for recording in recordings if recording.condition is not None]
-    partial = [recording for samples, recording in turns if samples > length]
+    partial = [recording for recording in recordings if recording.condition and _turn(recording) > length]
     if partial and not allow_partial_revolution:
         slowest = max(partial, key=_turn)
         message = (
@@ -181,16 +175,19 @@ def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recordin
 
 def _duplicates(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
     """Channels that hold the same samples; only those of equal figures are compared by their content."""
-    rows = {}
-    for number, channels in enumerate(statistics):
-        for channel, figures_of in enumerate(channels):
-            if not figures_of.is_constant:
-                rows[number, channel] = figures_of.key
-    counts = Counter(rows.values())
-    alike = [where for where, key in rows.items() if counts[key] > 1]
-    groups = _by_value((_hash(recordings[number], channel), recordings[number])
-                       for number, channel in alike)  # fmt: skip
-    groups.pop("", None)
+    rows = [
+        (channel.key, recording, number)
+        for recording, channels in zip(recordings, statistics, strict=True)
+        for number, channel in enumerate(channels)
+        if not channel.is_constant
+    ]
+    counts = Counter(key for key, *_ in rows)
+    groups = _by_value(
+        (hash_channels(block.signal[[number]] for block in recording.unloaded().blocks())[0], recording)
+        for key, recording, number in rows
+        if counts[key] > 1
+    )
+    groups.pop("", None)  # ramps, such as counters
     reported = set()
     for group in groups.values():
         ids = tuple(recording.recording_id for recording in group)
@@ -212,35 +209,15 @@ def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[Chann
                 levels.setdefault(key, []).append((channel.std, recording))
     for (label, unit, name), members in levels.items():
         usual = figures.median_low([level for level, _ in members])
-        odd = [(level, recording) for level, recording in members
-               if abs(math.log(level / usual)) > math.log(_LEVEL_RATIO)]  # fmt: skip
+        odd = [member for member in members if abs(math.log(member[0] / usual)) > math.log(_LEVEL_RATIO)]
         if odd:
             level, recording = odd[0]
-            names = _listed([recording.recording_id for _, recording in odd])
+            names = listed([recording.recording_id for _, recording in odd])
             message = (
                 f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
                 f"{label or 'no class'}: another unit, range or sensitivity?"
             )
             yield Finding("level", "warning", name, message)
-
-
-def _hash(recording: Recording, channel: int) -> str:
-    """Hash of a channel's samples; empty where they are a ramp, such as a counter."""
-    return hash_channels(block.signal[[channel]] for block in recording.unloaded().blocks())[0]
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-
-
-def _unequal_lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """A warning where the lengths differ much."""
-    lengths = [recording.duration for recording in recordings]
-    if lengths and max(lengths) > 3 * min(lengths):
-        message = (
-            f"lengths differ from {min(lengths):.4g} s to {max(lengths):.4g} s; long ones will outweigh the others."
-        )
-        yield Finding("length", "warning", None, message)
 
 
 def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:

@@ -1,6 +1,6 @@
 """Findings about recordings, and the ranges of their channels."""
 
-import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -21,6 +21,11 @@ class Finding:
     """Channel it was found in, or None where it concerns all."""
     message: str
     """The finding in words, with the numbers."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first three names, and how many more."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 @dataclass(frozen=True)
@@ -95,30 +100,15 @@ class InspectionReport:
             name, finding = members[0]
             names = list(dict.fromkeys(other for other, _ in members))
             equal = all(other.message == finding.message for _, other in members)
-            channels = ", ".join(dict.fromkeys(other.channel for _, other in members if other.channel))
-            if len(names) > 1 and equal:
-                listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-                where = f"in {len(names)} recordings ({listed}){', ' + channels if channels else ''}"
-            else:
-                where = f"{name}{', ' + (channels if equal else finding.channel or '') if channels else ''}"
-            more = "" if equal else f" ({finding.kind} in {len(names) - 1} more recordings: --json)"
-            sentences.append((finding.severity, f"{where}: {finding.message}{more if len(names) > 1 else ''}"))
+            named = dict.fromkeys(other.channel for _, other in members if other.channel)
+            channels = ", ".join(named) if equal else finding.channel
+            more = "" if equal or len(names) < 2 else f" ({finding.kind} in {len(names) - 1} more recordings: --json)"
+            where = f"in {len(names)} recordings ({listed(names)})" if len(names) > 1 and equal else name
+            where += f", {channels}" if channels else ""
+            sentences.append((finding.severity, f"{where}: {finding.message}{more}"))
         sentences += [(finding.severity, finding.message) for finding in self.findings]
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as JSON can hold it; numbers that are not finite become None."""
-        return _finite(
-            {
-                "recordings": [asdict(report) for report in self.recordings],
-                "findings": [asdict(finding) for finding in self.findings],
-            }
-        )
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        """The report as nested dicts and tuples; the range of a channel without a finite sample is NaN."""
+        return asdict(self)

@@ -145,7 +145,9 @@ _SPELLINGS = {
     "usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns", "hours": "h",
     "minutes": "min", "days": "d", "s/s": "Hz", "sa/s": "Hz", "sps": "Hz", "samples/s": "Hz", "samples/second": "Hz",
     "1/s": "Hz", "hertz": "Hz", "ks/s": "kHz", "ksa/s": "kHz", "ksps": "kHz", "ms/s": "MHz", "msa/s": "MHz",
-} | {unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz")}
+} | {
+    unit.lower(): unit for unit in ("g", "s", "ms", "us", "ns", "m/s^2", "mm/s^2", "V", "mV", "bar", "Hz", "kHz", "rpm")
+}
 """Units as people write them, in small letters, and as they are known here."""
 # fmt: on
 

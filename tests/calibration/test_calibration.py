@@ -155,15 +155,6 @@ def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp
     assert tomllib.loads(saved.read_text())["interfaces"].keys() == {"slipper_swash", "block_valve", "piston_bore"}
 
 
-def test_samples_that_look_like_g_are_noted_even_where_the_unit_says_otherwise(
-    twin: Twin,
-) -> None:
-    recording = recording_of(twin, np.ones(6))
-    weak = replace(recording, signal=recording.signal / 9.80665)
-    notes = calibrate(twin, [weak], method=GaussNewton(starts=1, most_iterations=2), **SIX_VALUES).notes
-    assert any("samples in g" in note for note in notes)
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -31,9 +31,8 @@ from swashtwin.signals.levels import (
     power_sums,
     shape_statistics,
     time_statistics,
-    velocity_rms,
 )
-from swashtwin.signals.synchronous import synchronous_lines
+from swashtwin.signals.shaft_angle import synchronous_lines
 
 
 def kurtogram(signal: np.ndarray, **options: float) -> Kurtogram:
@@ -57,7 +56,9 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
 ) -> None:
     signal = amplitude * (offset + np.sin(2 * np.pi * frequency * TIME + phase))
     wanted = amplitude / (2 * np.pi * frequency) / math.sqrt(2)
-    assert velocity_rms(signal[None], RATE)[0] == pytest.approx(wanted, rel=0.02 if frequency < 13 else 0.004)
+    assert band_rms(signal[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(
+        wanted, rel=0.02 if frequency < 13 else 0.004
+    )
 
 
 def test_velocity_in_the_frequency_domain_is_that_of_an_integral_in_time() -> None:
@@ -66,7 +67,7 @@ def test_velocity_in_the_frequency_domain_is_that_of_an_integral_in_time() -> No
     limited = scipy.signal.sosfiltfilt(sos, noise)
     velocity = scipy.integrate.cumulative_trapezoid(limited, dx=1 / RATE, initial=0)
     velocity = scipy.signal.detrend(velocity)
-    assert velocity_rms(limited[None], RATE)[0] == pytest.approx(velocity.std(), rel=0.03)
+    assert band_rms(limited[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(velocity.std(), rel=0.03)
 
 
 def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:

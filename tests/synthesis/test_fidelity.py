@@ -8,12 +8,10 @@ import pytest
 from swashtwin.foundation import DataError, InputError, MPa, stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
-    copied_share,
     discriminative_score,
     measure_fidelity,
     spectral_distance,
 )
-from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
 
 CLASSES = ("normal", "piston")
 
@@ -71,15 +69,6 @@ def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
     assert discriminative_score(measured, synthetic, seed=0) < 0.75
 
 
-def test_copies_are_found_shifted_and_noisy_ones_too_and_new_windows_are_a_half() -> None:
-    train = windows(0, tone=0.1)
-    cell = {"label": "piston", "pressure": MPa(10), "count": 30, "seed": 0}
-    assert copied_share(train, Duplicate()(train, **cell)) == 1.0
-    assert copied_share(train, NoisyDuplicate(snr_db=20.0)(train, **cell)) == 1.0
-    assert 0.3 < copied_share(train, synthetic_windows(1, tone=0.1)) < 0.7
-    assert copied_share(train, synthetic_windows(1, tone=0.3)) < 0.1
-
-
 def test_what_cannot_be_compared_is_refused() -> None:
     measured = windows(0)
     with pytest.raises(DataError, match="one recording"):
@@ -88,8 +77,6 @@ def test_what_cannot_be_compared_is_refused() -> None:
         spectral_distance(measured, synthetic_windows(1).subset(np.zeros(60, dtype=bool)))
     with pytest.raises(InputError, match="channels a, b against"):
         spectral_distance(replace(measured, channels=("a", "b")), synthetic_windows(1))
-    with pytest.raises(DataError, match="no neighbor"):
-        copied_share(measured.subset(np.array([0])), synthetic_windows(1))
 
 
 def test_the_report_names_the_features_that_give_windows_away() -> None:

@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-import torch
 
 from swashtwin.calibration.methods.search import Search
 from swashtwin.calibration.methods.widening import WIDENED
-from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import CONSTANTS
 from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses, words_of_constant
@@ -25,7 +23,7 @@ def notes_of(
 ) -> tuple[str, ...]:
     """Notes of a search and what came of it; with `explain_misfit` also mistakes that would explain its misfit."""
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
-    doubts = [*_units(objective), *_bounds(objective, search, estimates)]
+    doubts = [*_bounds(objective, search, estimates)]
     doubts += _misfit(objective, search, explain_misfit, is_strained=bool(doubts))
     if doubts:
         notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
@@ -38,15 +36,6 @@ def notes_of(
 def is_warning(note: str) -> bool:
     """Whether a note says that something may be wrong, not only that values are unknown or bounds were widened."""
     return not note.endswith((_UNLEARNT, WIDENED))
-
-
-def _units(objective: Objective) -> Iterator[str]:
-    with torch.no_grad():
-        nominal = objective.amplitude(objective.start)
-    measured = np.concatenate([comparison.measurement.amplitude.reshape(-1) for comparison in objective.comparisons])
-    ratio = float(nominal.square().mean().sqrt() / np.sqrt(np.mean(measured**2)))
-    if abs(ratio / GRAVITY - 1) <= 0.2:
-        yield f"the nominal twin's lines are {ratio:.3g} times the measured ones: are the samples in g?"
 
 
 def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...]) -> Iterator[str]:

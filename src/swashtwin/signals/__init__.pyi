@@ -1,11 +1,11 @@
 """Names that other rooms import, and where each lives."""
 
-from .bearings import defect_orders as defect_orders
 from .comparison import aligned as aligned
 from .comparison import peak_error as peak_error
 from .comparison import spectral_correlation as spectral_correlation
 from .comparison import spectrum_value_error as spectrum_value_error
 from .comparison import waveform_rmse as waveform_rmse
+from .envelope import defect_orders as defect_orders
 from .filtering import NoiseKind as NoiseKind
 from .filtering import add_noise as add_noise
 from .filtering import band_limited as band_limited

@@ -1,8 +1,12 @@
-"""Envelope spectra, which rhythm a band of high frequencies is struck in, and the kurtogram, which band that is."""
+"""Envelope spectra, which rhythm a band of high frequencies is struck in, and the kurtogram, which band that is.
+
+A flaw in a rolling bearing rings the housing at multiples of its `defect_orders`, which the envelope's spectrum shows.
+"""
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -181,3 +185,47 @@ def envelope_spectrum(
     chosen = [gram.band for gram in kurtograms(signal, sample_rate)] if band is None else [band] * len(signal)
     bands = np.array(chosen, dtype=float)
     return *amplitude_spectrum(envelopes(signal, sample_rate, bands), sample_rate), bands
+
+
+class DefectOrders(NamedTuple):
+    """Events per turn of the shaft, the outer race standing still."""
+
+    inner_race: float
+    """A rolling body meets a flaw on the inner race (BPFI)."""
+    outer_race: float
+    """A rolling body meets a flaw on the outer race (BPFO)."""
+    ball: float
+    """A flaw on a rolling body meets a race: twice in each of its own turns (2 BSF)."""
+    cage: float
+    """Turns of the cage (FTF)."""
+
+
+def defect_orders(bodies: int, diameter_ratio: float, contact_angle: float = 0.0) -> DefectOrders:
+    """Events per turn of the shaft without sliding.
+
+    With g = (d / D) cos a: cage (1 - g) / 2, outer race Z (1 - g) / 2, inner race Z (1 + g) / 2, ball (1 - g²) D / d
+    (a flaw on a body meets both races in each of its turns; Randall and Antoni 2011, doi:10.1016/j.ymssp.2010.07.017).
+
+    Parameters
+    ----------
+    bodies : number Z of rolling bodies in a row.
+    diameter_ratio : diameter d of a body over the pitch diameter D, both in one unit.
+    contact_angle : a [rad].
+
+    Examples
+    --------
+    >>> print(f"{defect_orders(9, 0.3126 / 1.537).inner_race:.4f}")
+    5.4152
+    """
+    ratio = diameter_ratio * math.cos(contact_angle)
+    if bodies < 3 or not 0 < ratio < 1:
+        raise InputError(
+            f"a bearing of {bodies} bodies with d / D = {diameter_ratio:g} is none; it takes 3 or more, and a ratio of "
+            "diameters between 0 and 1."
+        )
+    return DefectOrders(
+        inner_race=bodies * (1 + ratio) / 2,
+        outer_race=bodies * (1 - ratio) / 2,
+        ball=(1 - ratio**2) / diameter_ratio,
+        cage=(1 - ratio) / 2,
+    )

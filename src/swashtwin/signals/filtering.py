@@ -116,6 +116,5 @@ def band_limited(
 @lru_cache(maxsize=256)
 def _butterworth(low: float, high: float | None) -> Float[np.ndarray, "section 6"]:
     """Sections of order 4 between shares of half the sample rate; None has no upper edge."""
-    if high is None:
-        return scipy.signal.butter(4, low, "highpass", output="sos")
-    return scipy.signal.butter(4, [low, high], "bandpass", output="sos")
+    edges, kind = (low, "highpass") if high is None else ([low, high], "bandpass")
+    return scipy.signal.butter(4, edges, kind, output="sos")

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -13,10 +13,9 @@ from jaxtyping import Float
 from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals.envelope import envelopes, kurtograms
-from swashtwin.signals.levels import Spectrum, band_rms, power_sums, segment_length, shape_statistics, velocity_rms
-from swashtwin.signals.shaft_angle import ShaftAngle
+from swashtwin.signals.levels import Spectrum, band_rms, power_sums, segment_length, shape_statistics
+from swashtwin.signals.shaft_angle import ShaftAngle, synchronous_lines
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
-from swashtwin.signals.synchronous import synchronous_lines
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
@@ -104,7 +103,6 @@ class Measured:
         return power_density(self.recording.signal, rate, segment_length(self.recording.n_samples, rate))
 
 
-Compute = Callable[[np.ndarray, float], np.ndarray]
 Values = Iterator[tuple[Indicator, Float[np.ndarray, " channel"]]]
 
 _STATISTICS = {
@@ -124,35 +122,30 @@ def _statistics(measured: Measured) -> Values:
         yield Indicator(name, unit, meaning), values[name]
 
 
-def _or_nan(
-    measured: Measured, compute: Compute, signal: Float[np.ndarray, "channel time"] | None = None
-) -> Float[np.ndarray, " channel"]:
-    """What `compute` gives, or NaN where the recording is too short or too slow for it."""
+def _level(measured: Measured, low: float, high: float, *, of_velocity: bool = False) -> Float[np.ndarray, " channel"]:
+    """Level in a band, or NaN where the recording is too short or too slow for it."""
+    signal, rate = measured.recording.signal, measured.recording.sample_rate
     try:
-        return compute(measured.recording.signal if signal is None else signal, measured.recording.sample_rate)
+        return band_rms(signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.level_spectrum)
     except InputError:
-        return np.full(measured.recording.n_channels, math.nan)
+        return np.full(len(signal), math.nan)
 
 
-def _order_amplitudes(shaft: float) -> Callable[[int], Compute]:
-    """What computes the amplitude of an order, all orders from one power density of the signal."""
-    densities: list[tuple[np.ndarray, np.ndarray]] = []
-
-    def of_order(order: int) -> Compute:
-        def compute(signal: np.ndarray, rate: float) -> np.ndarray:
-            if not densities:
-                densities.append(segment_densities(signal, rate))
-            return order_spectrum(signal, rate, shaft, np.array([order]), densities=densities[0]).amplitude[:, 0]
-
-        return compute
-
-    return of_order
+def _order_amplitudes(measured: Measured, shaft: float, signal: np.ndarray) -> Iterator[np.ndarray]:
+    """Amplitude of each order wanted, from one power density of the signal; NaN where it has none."""
+    rate = measured.recording.sample_rate
+    densities = segment_densities(signal, rate)
+    for order in measured.orders:
+        try:
+            yield order_spectrum(signal, rate, shaft, np.array([order]), densities=densities).amplitude[:, 0]
+        except InputError:
+            yield np.full(len(signal), math.nan)
 
 
 def _velocity(measured: Measured) -> Values:
     if measured.recording.unit == "m/s^2":
         indicator = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
-        yield indicator, _or_nan(measured, partial(velocity_rms, spectrum=measured.level_spectrum))
+        yield indicator, _level(measured, 10.0, 1000.0, of_velocity=True)
 
 
 def _levels(measured: Measured) -> Values:
@@ -160,11 +153,9 @@ def _levels(measured: Measured) -> Values:
         factor = measured.shaft if band.in_orders else 1.0
         if factor is None:
             continue
-        level = partial(band_rms, low=band.low * factor, high=band.high * factor, spectrum=measured.level_spectrum)
-        indicator = Indicator(
-            f"band_rms {band.name}", measured.recording.unit, "rms in the band; its square is the energy"
-        )
-        yield indicator, _or_nan(measured, level)
+        meaning = "rms in the band; its square is the energy"
+        indicator = Indicator(f"band_rms {band.name}", measured.recording.unit, meaning)
+        yield indicator, _level(measured, band.low * factor, band.high * factor)
 
 
 def _lines(measured: Measured) -> Values:
@@ -173,12 +164,12 @@ def _lines(measured: Measured) -> Values:
     shaft, angle, unit = measured.shaft, measured.angle, measured.recording.unit
     gathered = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
     turning = "peak amplitude of the line that turns with the shaft's angle"
-    amplitude_of = _order_amplitudes(shaft)
+    if angle is None:
+        amplitudes = _order_amplitudes(measured, shaft, measured.recording.signal)
+        for order, amplitude in zip(measured.orders, amplitudes, strict=True):
+            yield Indicator(f"order_amplitude {order}x", unit, gathered), amplitude
+        return
     for order in measured.orders:
-        if angle is None:
-            indicator = Indicator(f"order_amplitude {order}x", unit, gathered)
-            yield indicator, _or_nan(measured, amplitude_of(order))
-            continue
         try:
             lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
             amplitude, phase = (values[:, 0] for values in lines)
@@ -207,13 +198,10 @@ def _envelope(measured: Measured) -> Values:
     yield Indicator("envelope_band_high", "Hz", f"upper {meaning}"), bands[:, 1]
     if measured.shaft is None:
         return
-    envelope = envelopes(signal, rate, bands)
-    amplitude_of = _order_amplitudes(measured.shaft)
-    for order in measured.orders:
-        indicator = Indicator(
-            f"envelope_amplitude {order}x", measured.recording.unit, "peak amplitude of the envelope's line"
-        )
-        yield indicator, _or_nan(measured, amplitude_of(order), envelope)
+    amplitudes = _order_amplitudes(measured, measured.shaft, envelopes(signal, rate, bands))
+    for order, amplitude in zip(measured.orders, amplitudes, strict=True):
+        meaning = "peak amplitude of the envelope's line"
+        yield Indicator(f"envelope_amplitude {order}x", measured.recording.unit, meaning), amplitude
 
 
 FAMILIES: Mapping[str, Callable[[Measured], Values]] = MappingProxyType(

@@ -100,18 +100,25 @@ def band_rms(
     low: float,
     high: float,
     *,
+    of_velocity: bool = False,
     spectrum: Spectrum | None = None,
 ) -> Float[np.ndarray, " channel"]:
     """Root mean square between `low` and `high` [Hz], in the signal's unit; its square is the band's energy.
 
+    No zone of ISO 20816 applies to piston pumps; compare with the machine's own baseline (`signals.trend_of`).
+
     Parameters
     ----------
+    of_velocity : of the velocity [m/s] where the signal is an acceleration [m/s^2]: the power density is divided by the
+        angular frequency squared, which needs no start value and lets no offset drift. Vibration severity of machines
+        is commonly stated from 10 to 1000 Hz.
     spectrum : `power_density` of the signal in segments of `segment_length`, where it is at hand.
 
     Raises
     ------
     InputError
-        No band, one that reaches above half the sample rate, or one narrower than a spectral line.
+        No band, one that reaches above half the sample rate or is narrower than a spectral line, or, of a velocity, one
+        below which the recording holds no full period.
 
     Examples
     --------
@@ -119,51 +126,20 @@ def band_rms(
     >>> print(band_rms(np.sin(2 * np.pi * 50 * time)[None], 1000.0, 10, 100).round(4))
     [0.7071]
     """
-    return _level(signal, sample_rate, low, high, integrated=False, spectrum=spectrum)
-
-
-def velocity_rms(
-    acceleration: Float[np.ndarray, "channel time"],
-    sample_rate: float,
-    low: float = 10.0,
-    high: float = 1000.0,
-    *,
-    spectrum: Spectrum | None = None,
-) -> Float[np.ndarray, " channel"]:
-    """Root mean square [m/s] of the velocity between `low` and `high` [Hz], of an acceleration [m/s^2].
-
-    The power density is divided by the angular frequency squared, which needs no start value and lets no offset drift.
-    10 to 1000 Hz is the band in which vibration severity of machines is commonly stated. No zone of ISO 20816 applies
-    to piston pumps; compare with the machine's own baseline (`indicators.trend`).
-
-    Raises
-    ------
-    InputError
-        No band, one that reaches above half the sample rate, or one below which the recording holds no full period.
-    """
-    return _level(acceleration, sample_rate, low, high, integrated=True, spectrum=spectrum)
-
-
-def _level(
-    signal: Float[np.ndarray, "channel time"],
-    rate: float,
-    low: float,
-    high: float,
-    *,
-    integrated: bool,
-    spectrum: Spectrum | None = None,
-) -> Float[np.ndarray, " channel"]:
     n_samples = signal.shape[-1]
-    if not 0 <= low < high <= rate / 2:
-        raise InputError(f"a band of {low:g} to {high:g} Hz is none at {rate:g} Hz; it lies in 0 to {rate / 2:g} Hz.")
-    length = segment_length(n_samples, rate)
-    width = rate / length
-    if high - low < width or (integrated and low < 2 * width):
+    if not 0 <= low < high <= sample_rate / 2:
         raise InputError(
-            f"{n_samples / rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record longer."
+            f"a band of {low:g} to {high:g} Hz is none at {sample_rate:g} Hz; it lies in 0 to {sample_rate / 2:g} Hz."
         )
-    frequency, density = power_density(signal, rate, length) if spectrum is None else spectrum
+    length = segment_length(n_samples, sample_rate)
+    width = sample_rate / length
+    if high - low < width or (of_velocity and low < 2 * width):
+        raise InputError(
+            f"{n_samples / sample_rate:.3g} s resolve {width:.3g} Hz, too little for {low:g} to {high:g} Hz; record "
+            "longer."
+        )
+    frequency, density = power_density(signal, sample_rate, length) if spectrum is None else spectrum
     share = np.clip(np.minimum(frequency + width / 2, high) - np.maximum(frequency - width / 2, low), 0, None)
-    if integrated:
+    if of_velocity:
         share[1:] /= (2 * np.pi * frequency[1:]) ** 2  # the first line is below the band
     return np.sqrt(density @ share)

@@ -8,9 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.foundation import InputError
-
-JITTER = 0.006
-"""Half-width of the speed's variation [relative] over which the power of a line is summed."""
+from swashtwin.signals.spectra import JITTER
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,10 @@ def amplitude_spectrum(
     return frequency, np.sqrt(2 * power)
 
 
+JITTER = 0.006
+"""Half-width of the speed's variation [relative] over which the power of a line is summed."""
+SEGMENTS = 4
+"""The scatter of the amplitudes between so many parts of a signal gives their deviation."""
 _FLOOR_BINS = 8
 """The noise under a line is judged from at least so many samples of the spectrum that no line asked for reaches."""
 
@@ -157,11 +161,11 @@ class OrderSpectrum:
 
 
 def segment_densities(
-    signal: Float[np.ndarray, "channel time"], sample_rate: float, segments: int = 4
+    signal: Float[np.ndarray, "channel time"], sample_rate: float
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]]:
-    """`power_density` of each of several equal parts of the signal; a rest at the end is left out."""
-    length = signal.shape[-1] // segments
-    return power_density(signal[:, : segments * length].reshape(signal.shape[0], segments, length), sample_rate)
+    """`power_density` of each of `SEGMENTS` equal parts of the signal; a rest at the end is left out."""
+    length = signal.shape[-1] // SEGMENTS
+    return power_density(signal[:, : SEGMENTS * length].reshape(signal.shape[0], SEGMENTS, length), sample_rate)
 
 
 def order_spectrum(
@@ -170,21 +174,17 @@ def order_spectrum(
     shaft_frequency: float,
     orders: Int[np.ndarray, " order"],
     *,
-    jitter: float = 0.006,
-    segments: int = 4,
     densities: tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]] | None = None,
 ) -> OrderSpectrum:
     """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
 
-    The power within the band, less the noise floor beside it, is that of one sine. A smear of `jitter` (relative) is
+    The power within the band, less the noise floor beside it, is that of one sine. A smear of `JITTER` (relative) is
     expected; the band never reaches half way to the next order asked for, and the floor is read off between the bands.
     Lines that are in the signal but not asked for count as noise where they fall there.
 
     Parameters
     ----------
-    signal : at least `segments` x 4 revolutions.
-    jitter : half-width of the speed's variation, relative.
-    segments : the scatter of the amplitudes between so many parts of the signal gives `deviation`.
+    signal : at least `SEGMENTS` x 4 revolutions.
     densities : `segment_densities` of the signal, where they are at hand.
 
     Raises
@@ -192,28 +192,28 @@ def order_spectrum(
     InputError
         The signal is too short, or an order lies below 1 or above half the sample rate.
     """
-    length = signal.shape[-1] // segments
+    length = signal.shape[-1] // SEGMENTS
     if length / sample_rate * shaft_frequency < 4:
         raise InputError(
             f"the signal covers {signal.shape[-1] / sample_rate * shaft_frequency:.1f} revolutions; its orders need at "
-            f"least {4 * segments}."
+            f"least {4 * SEGMENTS}."
         )
     if orders.min() < 1:
         raise InputError(f"order {orders.min()} has no amplitude: lines begin at order 1.")
-    if orders.max() * shaft_frequency * (1 + jitter) > sample_rate / 2:
+    if orders.max() * shaft_frequency * (1 + JITTER) > sample_rate / 2:
         raise InputError(
             f"order {orders.max()} lies at {orders.max() * shaft_frequency:.0f} Hz, above half the sample rate "
             f"({sample_rate / 2:.0f} Hz)."
         )
-    frequency, density = segment_densities(signal, sample_rate, segments) if densities is None else densities
+    frequency, density = segment_densities(signal, sample_rate) if densities is None else densities
     line_width = frequency[1]
     centers = orders * shaft_frequency
     spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
-    halves = np.minimum(2.5 * line_width + jitter * centers, 0.45 * spacing)
+    halves = np.minimum(2.5 * line_width + JITTER * centers, 0.45 * spacing)
     free = np.arange(len(frequency)) > 1  # the mean that was taken away leaves a hole in the first two
     for center, half in zip(centers, halves, strict=True):
         free &= np.abs(frequency - center) > half
-    power = np.empty((signal.shape[0], segments, len(orders)))
+    power = np.empty((signal.shape[0], SEGMENTS, len(orders)))
     floor = np.empty_like(power)
     for i, (center, half) in enumerate(zip(centers, halves, strict=True)):
         distance = np.abs(frequency - center)
@@ -227,8 +227,8 @@ def order_spectrum(
     mean_power = power.mean(axis=1)
     amplitude = np.sqrt(2 * np.clip(mean_power, 0, None))
     noise = floor.mean(axis=1)
-    spread = power.std(axis=1, ddof=1) / math.sqrt(segments)
-    power_deviation = np.sqrt(spread**2 + (noise**2) / (4 * segments))
+    spread = power.std(axis=1, ddof=1) / math.sqrt(SEGMENTS)
+    power_deviation = np.sqrt(spread**2 + (noise**2) / (4 * SEGMENTS))
     deviation = power_deviation / np.maximum(amplitude, np.sqrt(np.maximum(power_deviation, 1e-300)))
     return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
 

@@ -70,27 +70,13 @@ class Trend:
 
     def to_dict(self) -> dict[str, Any]:
         """The trend as JSON can hold it."""
+        names = {"median": "baseline_median", "spread": "baseline_spread", "count": "baseline_count"}
         points = [
-            {
-                **point.row.facts,
-                "value": point.value,
-                "healthy": point.healthy,
-                "baseline_median": point.median,
-                "baseline_spread": point.spread,
-                "baseline_count": point.count,
-                "status": point.status,
-            }
+            point.row.facts | {names.get(name, name): value for name, value in vars(point).items() if name != "row"}
             for point in self.points
         ]
-        return {
-            "indicator": self.indicator.name,
-            "unit": self.indicator.unit,
-            "channel": self.channel,
-            "k": self.k,
-            "by": self.by,
-            "points": points,
-            "flagged": [point.row.recording_id for point in self.flagged],
-        }
+        table = {"indicator": self.indicator.name, "unit": self.indicator.unit, "channel": self.channel, "k": self.k}
+        return {**table, "by": self.by, "points": points, "flagged": [point.row.recording_id for point in self.flagged]}
 
 
 def trend_of(
@@ -162,7 +148,12 @@ def _point(
     others = [
         other
         for number, (candidate, other) in enumerate(picked)
-        if number != index and good[number] and math.isfinite(other) and _same_point(candidate, row)
+        if number != index
+        and good[number]
+        and math.isfinite(other)
+        and candidate.specimen == row.specimen
+        and values_match(candidate.speed, row.speed, SPEED_TOLERANCE)
+        and values_match(candidate.pressure, row.pressure, PRESSURE_TOLERANCE)
     ]
     if len(others) < LEAST_HEALTHY or not math.isfinite(value):
         return TrendPoint(row, value, good[index], math.nan, math.nan, len(others), "no baseline")
@@ -178,11 +169,3 @@ def _point(
     if abs(value - median) > k * spread:
         status = "above" if value > median else "below"
     return TrendPoint(row, value, good[index], median, spread, len(others), status)
-
-
-def _same_point(a: Row, b: Row) -> bool:
-    return (
-        a.specimen == b.specimen
-        and bool(values_match(a.speed, b.speed, SPEED_TOLERANCE))
-        and bool(values_match(a.pressure, b.pressure, PRESSURE_TOLERANCE))
-    )

@@ -1,9 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
-from .background import Background as Background
 from .fidelity import Fidelity as Fidelity
 from .fidelity import TellingFeature as TellingFeature
-from .fidelity import copied_share as copied_share
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance
@@ -20,6 +18,7 @@ from .pump_prior import OrderChanges as OrderChanges
 from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import plausible_fault as plausible_fault
 from .pump_prior import simulate_changes as simulate_changes
+from .twin_windows import Background as Background
 from .twin_windows import SyntheticWindows as SyntheticWindows
 from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize

@@ -1,4 +1,4 @@
-"""Fidelity of synthetic windows to measured ones, and the share of mere copies.
+"""Fidelity of synthetic windows to measured ones.
 
 The docstring of each metric names the measured windows it needs: held-out windows, which no filler saw, or the training
 windows that the filler drew from.
@@ -14,8 +14,6 @@ from scipy.stats import rankdata
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
-from sklearn.neighbors import NearestNeighbors
-from sklearn.preprocessing import normalize
 
 from swashtwin.foundation import DataError, InputError, derive_seed
 from swashtwin.learning import WindowSet, extract_features
@@ -153,32 +151,6 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
     split = StratifiedGroupKFold(folds, shuffle=True, random_state=tree_seed)
     probability = cross_val_predict(trees, values, is_synthetic, groups=groups, cv=split, method="predict_proba")
     return float(roc_auc_score(is_synthetic, probability[:, 1]))
-
-
-def copied_share(train: WindowSet, synthetic: WindowSet) -> float:
-    """Share of synthetic windows that lie nearer to a training window than half of the training windows to each other.
-
-    Nearness is that of the amplitude spectra (Hann taper) over their norm, which neither a shift in time nor a gain
-    changes, among the windows of the same classes. New windows of the recordings that were trained on give about
-    a half, copies 1, and windows unlike all that was measured 0.
-
-    Parameters
-    ----------
-    train : the training windows that the filler drew from, never held-out ones; synthetic ones are ignored.
-    synthetic : windows of the same layout.
-    """
-    measured = train.subset(~train.synthetic & np.isin(train.label, synthetic.label))
-    _require_both(measured, synthetic)
-    if len(measured) < 2:
-        raise DataError("one training window has no neighbor; give two or more.")
-    points = _shape(measured)
-    near = NearestNeighbors(n_neighbors=2).fit(points)
-    usual = np.median(near.kneighbors(points)[0][:, 1])
-    return float(np.mean(near.kneighbors(_shape(synthetic), n_neighbors=1)[0] < usual))
-
-
-def _shape(windows: WindowSet) -> Float64[np.ndarray, "window value"]:
-    return normalize(np.sqrt(_power(windows)).reshape(len(windows), -1))
 
 
 def _power(windows: WindowSet) -> Float64[np.ndarray, "window channel frequency"]:

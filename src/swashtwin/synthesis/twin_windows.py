@@ -11,21 +11,24 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import scipy.signal
 import torch
+from jaxtyping import Bool, Float, Int
 
 from swashtwin.calibration import Calibration, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
-from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_same_class, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_healthy, is_same_class, values_match
 from swashtwin.recordings import Recording, join_manifests, usual_window
-from swashtwin.signals import synchronous_signal
-from swashtwin.synthesis.background import Background, background_noise
+from swashtwin.signals import inverse_transform, line_frequencies, synchronous_signal, transform
 from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
+Background = Literal["none", "spectrum"]
+"""What a twin's windows are laid over: nothing, or noise of measured windows' spectrum."""
 Values = Literal["drawn", "calibrated", "nominal"]
 """Whose interface values synthetic windows have: draws of a calibration's posterior, its estimates, or the nominal."""
 _CHUNK = 64
@@ -269,3 +272,51 @@ def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
                 f"a bandwidth of {like.sample_rate / 2.56:g}."
             )
+
+
+@dataclass(frozen=True, eq=False)
+class BackgroundNoise:
+    """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
+
+    like: WindowSet
+    """Measured windows."""
+    windows: Int[np.ndarray, " window"]
+    """Indices of the windows that one is drawn from."""
+    clear: Bool[np.ndarray, " frequency"]
+    """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
+
+    def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
+        """Noise of one window, in the unit of the measured ones."""
+        window = self.like.signal[rng.choice(self.windows)].astype(float)
+        # Untapered, strong lines leak over all others. `hann_taper` differs in the last bit, and the noise with it.
+        taper = scipy.signal.get_window("hann", self.like.length)
+        tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
+        spectrum = np.abs(transform(tapered))
+        line, clear = np.arange(self.clear.size), self.clear
+        for row in spectrum:
+            row[~clear] = np.interp(line[~clear], line[clear], row[clear])
+        phase = np.exp(2j * np.pi * rng.random(spectrum.shape))
+        return inverse_transform(spectrum * phase, self.like.length)
+
+
+def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
+    """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where there are any.
+
+    Raises
+    ------
+    InputError
+        `like` has no measured window.
+    """
+    candidates = ~like.synthetic
+    is_normal = np.isin(like.label, [name for name in like.classes if is_healthy(name)])
+    if np.any(candidates & is_normal):
+        candidates &= is_normal
+    if not candidates.any():
+        raise InputError("no measured window to take noise from; the background can be 'none'.", field="background")
+    distance = np.abs(like.discharge_pressure - twin.condition.discharge_pressure)
+    if np.isfinite(distance[candidates]).any():
+        candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
+    frequency = line_frequencies(like.length, like.sample_rate)
+    pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
+    away = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
+    return BackgroundNoise(like, np.flatnonzero(candidates), away > 2.5 * frequency[1])

@@ -15,7 +15,6 @@ from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
 from swashtwin.pump import Pump, is_same_class, values_match
 from swashtwin.recordings import Recording, refuse_unfit
-from swashtwin.signals import OrderSpectrum
 
 DEFAULT_BAND = (0.0, 2500.0)
 """Band [Hz] whose lines are compared.
@@ -101,6 +100,11 @@ def measure(
     count, notes = twin.pump.rotating_group.piston_count, []
     for recording in used:
         refuse_unfit(recording)
+        if recording.unit != "m/s^2":
+            raise UnitError(
+                f"{recording.recording_id} is in {recording.unit!r}; a calibration needs m/s^2; state unit "
+                '("g") or sensitivity ("99.7 mV/g") where it is read.'
+            )
         _require_channels(twin, recording, used[0])
         notes.append(clipping_note(recording))
     orders = _orders_within(twin, band, used, lines)
@@ -108,11 +112,12 @@ def measure(
     for recording in used:
         refuse_other_speed(recording, _shaft_frequency(recording), count)
         spectra.append(lines_of(recording, _shaft_frequency(recording), orders))
-        _require_acceleration(twin, recording, spectra[-1])
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
     between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
-    phasor, phasor_deviation = _phasors(twin, used, orders) if phases else (None, None)
+    phasor, phasor_deviation = None, None
+    if phases:
+        phasor, phasor_deviation = combine_lines([phased_lines(recording, orders, count) for recording in used], orders)
     return Measurement(
         channels=used[0].channels,
         orders=orders,
@@ -141,13 +146,6 @@ def place_single_channels(recordings: Iterable[Recording], pump: Pump) -> tuple[
             recording = recording.replace(channels=pump.channels[:1])
         placed.append(recording)
     return placed, tuple(names)
-
-
-def _phasors(
-    twin: Twin, used: Sequence[Recording], orders: Int[np.ndarray, " order"]
-) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    lines = [phased_lines(recording, orders, twin.pump.rotating_group.piston_count) for recording in used]
-    return combine_lines([pair[0] for pair in lines], [pair[1] for pair in lines], orders)
 
 
 def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
@@ -251,21 +249,3 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
             f"frequency ({(1 if lines == 'shaft' else count) * shaft:.1f} Hz)."
         )
     return orders
-
-
-def gravity_ratio(twin: Twin, spectrum: OrderSpectrum, channels: Sequence[str]) -> bool:
-    """Whether the twin's lines exceed the measured ones about as much as m/s^2 exceed g (within a fifth)."""
-    simulated = twin.acceleration().abs().detach().numpy()
-    is_simulated = np.isin(twin.orders, spectrum.orders)
-    rows = [twin.pump.channels.index(name) for name in channels]
-    ratio = float(np.sqrt(np.sum(simulated[rows][:, is_simulated] ** 2) / max(np.sum(spectrum.amplitude**2), 1e-300)))
-    return abs(ratio / GRAVITY - 1) <= 0.2
-
-
-def _require_acceleration(twin: Twin, recording: Recording, spectrum: OrderSpectrum) -> None:
-    if recording.unit == "m/s^2":
-        return
-    hint = ""
-    if gravity_ratio(twin, spectrum, recording.channels):
-        hint = f" Its lines are {GRAVITY:.3g} times lower than the twin's: samples in g? Then multiply by {GRAVITY}."
-    raise UnitError(f"{recording.recording_id} is in {recording.unit!r}; a calibration needs m/s^2.{hint}")

@@ -50,11 +50,11 @@ def phased_lines(
 
 
 def combine_lines(
-    lines: Sequence[Complex[np.ndarray, "channel order"]],
-    deviations: Sequence[Float[np.ndarray, "channel order"]],
+    pairs: Sequence[tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]],
     orders: Int[np.ndarray, " order"],
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """Mean of several recordings' lines, each turned to the first one's shaft position, and its parts' deviation."""
+    """Mean of the `phased_lines` of several recordings, each turned to the first one's shaft position; its deviation."""
+    lines, deviations = zip(*pairs, strict=True)
     first, numbers = torch.as_tensor(lines[0]), torch.as_tensor(orders)
     rows = []
     for row in lines:

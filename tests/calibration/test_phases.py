@@ -69,7 +69,7 @@ def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
 def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     orders = np.array([7, 14, 21, 28])
     pairs = [phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7) for start in (0.3, 1.7)]
-    line, deviation = combine_lines([pair[0] for pair in pairs], [pair[1] for pair in pairs], orders)
+    line, deviation = combine_lines(pairs, orders)
     np.testing.assert_allclose(np.abs(line), np.abs(pairs[0][0]), atol=0.02)
     assert deviation.shape == line.shape
 

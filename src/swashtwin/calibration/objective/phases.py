@@ -53,7 +53,7 @@ def combine_lines(
     pairs: Sequence[tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]],
     orders: Int[np.ndarray, " order"],
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """Mean of the `phased_lines` of several recordings, each turned to the first one's shaft position; its deviation."""
+    """Mean of the `phased_lines` of several recordings, each turned to the first's shaft position; its deviation."""
     lines, deviations = zip(*pairs, strict=True)
     first, numbers = torch.as_tensor(lines[0]), torch.as_tensor(orders)
     rows = []

@@ -269,7 +269,7 @@ READ += [
     ("calendar times", npz(time=np.datetime64("2026-03-02", "ns") + np.arange(401) * 100_000, x=NOISE), {"unit": "g"},
      NOISE),
     ("fields", npz(record=RECORDS), {"unit": "g"}, NOISE),
-    ("samples count", of_samples, {}, "counts samples, not time; say sample_rate"),
+    ("samples count", of_samples, {}, "counts samples, not time; add sample_rate"),
     ("samples count", of_samples, {"sample_rate": RATE}, NOISE),
     *((f"stated as {line}", text("a.csv", line, "Unit: g", "x", *rows(",", NOISE)), {}, NOISE) for line in (
         "Sample rate: 10 kS/s", "Samples per second: 10000", "ODR: 10000 Hz", '"Sampling Rate","10000","Hz"',
@@ -287,6 +287,12 @@ READ += [
     ("layout of Testlab", mat(s={"x_values": {"increment": 1e-4}, "y_values": {
         "values": NOISE, "quantity": {"label": "g"}}}), {}, NOISE),
     ("another word for a scale", hdf5(COUNTS, Calibration_Factor=1e-4), {}, "calibration_factor = 0.0001, and not"),
+    ("milliseconds that count", mat(data=np.stack([np.arange(401) / 10, NOISE], axis=1), unit="g"),
+     {"time_unit": "ms"}, NOISE),
+    ("sensitivity of each", text("a.csv", "Channel,x,y", "Sensitivity,100 mV/g,50 mV/g", "Unit,V,V", "t [s],x,y",
+                                 *rows(",", TIMES, VOLTS, VOLTS)), {"channels": ["y"]}, 2 * NOISE),
+    ("unit after in", text("a.csv", "Time in seconds,x in m/s\u00b2", *rows(",", TIMES, NOISE)), {}, NOISE / G),
+    ("headings of numpy", text("a.dat", "# t [s] x [g]", *rows(" ", TIMES, NOISE)), {}, NOISE),
     ("lists beside a matrix", hdf5(np.stack([NOISE, NOISE]), names=["x", "tach"], units=["g", "V"]),
      {"channels": ["x/x"]}, NOISE),
 ]  # fmt: skip

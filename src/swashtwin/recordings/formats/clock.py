@@ -159,7 +159,7 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
         is_rated = raw.rates.get(name, raw.sample_rate) is not None
         if named_as_time(name) and ((_is_of_time(raw, name) and not is_rated) or _is_clock(raw, name)):
             called.append(name)
-        elif not is_rated and _is_of_time(raw, name) and _is_clock(raw, name):
+        elif not is_rated and _is_of_time(raw, name) and _is_clock(raw, name, may_count=options.time_unit is not None):
             rising.append(name)
     chosen = ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else []) or called or rising
     return chosen if len(chosen) < len(names) else chosen[:1]
@@ -193,8 +193,11 @@ def _clock_of(raw: RawFile, name: str, column: Column, clocks: Mapping[str, Any]
     return max(fitting, key=merit, default=None)
 
 
-def _is_clock(raw: RawFile, name: str) -> bool:
-    """Whether a column rises evenly, as no vibration does, at a rate of a measurement, beside another of its length."""
+def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
+    """Whether a column rises evenly, as no vibration does, at a rate of a measurement, beside another of its length.
+
+    One that rises by one is a counter, unless somebody says that it `may_count` the time.
+    """
     column = raw.columns[name]
     if len(column) < 16 or sum(len(other) == len(column) for other in raw.columns.values()) < 2:
         return False
@@ -205,7 +208,7 @@ def _is_clock(raw: RawFile, name: str) -> bool:
     if not (np.isfinite(head).all() and (steps > 0).all() and even.mean() > 0.5):
         return False
     rate = 1 / (usual * TIME_UNITS[_unit_by_size(head) or "s"])
-    is_count = usual == 1 and _unit_by_size(head) is None
+    is_count = usual == 1 and _unit_by_size(head) is None and not may_count
     return not is_count and rate <= _FASTEST and bool((np.diff(_sparse(column)) > 0).all())
 
 
@@ -293,8 +296,8 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
     usual = float(np.median(time.every(time.stride, steps=True))) if time.count > 2 else 0.0
     if time.count < 3 or not (time.last > time.first or usual > 0):
         raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
-    head = time.part(0, _HEAD)
-    digits = next((d for d in range(12) if np.abs(head - np.round(head, d)).max() < 1e-12), 12)
+    ends = time.part(0, _HEAD), time.part(max(0, time.count - _HEAD), time.count)  # later times may have fewer digits
+    digits = min(next((d for d in range(12) if np.abs(end - np.round(end, d)).max() < 1e-12), 12) for end in ends)
     first = np.asarray(column[0:1])[0]  # a count of days is not as fine as its digits
     spacing = 2 * (unit or 1.0) * float(np.spacing(abs(first))) if isinstance(first, np.floating) else 0.0
     rate, gaps = _rate(path, time, sparse, usual, max(10.0**-digits, spacing))
@@ -323,7 +326,10 @@ def _rate(
         return (None if tolerance > _COARSE else snapped_rate(step, tolerance)), ""
     if usual <= 0:
         raise DataError(f"{path}: most steps of the time column are zero or negative; name another time_column.")
-    return snapped_rate(usual, max(1e-6, min(0.01, quantum / usual))), time.spacing(usual, quantum)
+    steps = time.every(time.stride, steps=True)
+    steps = steps[np.abs(steps - usual) < 0.25 * usual]
+    tolerance = max(1e-6, min(0.01, 4 * quantum / (usual * len(steps))))
+    return snapped_rate(float(steps.mean()), tolerance), time.spacing(usual, quantum)
 
 
 class _TimeColumn:

@@ -68,7 +68,7 @@ class Dialect:
 def split_line(line: str, separator: str) -> list[str]:
     """Fields of a line without the blanks and quotation marks around them."""
     if separator == " ":
-        return line.split()
+        return re.sub(r"\s+([\[(][^\s()\[\]]*[)\]])", r"\1", line).split()  # "x [g]" is one heading
     fields = next(csv.reader([line], delimiter=separator), [""]) if '"' in line else line.split(separator)
     return [field.strip() for field in fields]
 

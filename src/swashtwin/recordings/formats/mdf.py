@@ -61,7 +61,11 @@ def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
     if counted is None and unit not in (None, *TIME_UNITS):
         counted = unit
     if counted is not None and (counted != "samples" or options.sample_rate is None):
-        advice = "say sample_rate" if counted == "samples" else "export the group with its time"
+        advice = (
+            'add sample_rate = "25.6 kHz" (or whatever it was)'
+            if counted == "samples"
+            else "export the group with its time"
+        )
         raise DataError(f"{path}: the master {master.name!r} of group {group} counts {counted}, not time; {advice}.")
     return counted is None
 

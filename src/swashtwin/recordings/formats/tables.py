@@ -11,7 +11,7 @@ from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
-_AFTER_WORD = re.compile(r"^(.*[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")
+_AFTER_WORD = re.compile(r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")
 TRADE_UNITS = frozenset((
     "s", "ms", "us", "ns", "min", "h", "g", "mg", "m/s^2", "mm/s^2", "mm/s", "V", "mV", "uV", "A", "mA", "Pa", "kPa",
     "MPa", "bar", "mbar", "psi", "N", "kN", "Nm", "rpm", "Hz", "kHz", "degC", "m3/h", "l/min",
@@ -46,6 +46,8 @@ _SENSITIVITY_NAME = re.compile(r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichk
 _QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?")
 _GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
 """A number that may be one above a thousand, or one with three decimals."""
+_LISTED = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
+"""What is between two quantities: a comma before one to three digits may be a decimal one."""
 _PER_VOLT = re.compile(r"([mu]?V)\s*/\s*\(?([^()]+?)\)?")
 
 
@@ -83,7 +85,7 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
         for pattern, base in ((_RATE_NAME, "Hz"), (_STEP_NAME, "s")):
             if not pattern.fullmatch(heading.strip()):
                 continue
-            for part in filter(None, map(str.strip, re.split(r"[;\t]", text))):
+            for part in filter(None, map(str.strip, _LISTED.split(text))):
                 match = _QUANTITY.fullmatch(part)
                 if match is None or (_GROUPED.fullmatch(match[1]) and plain_unit(match[2]) in ("", "Hz")):
                     continue
@@ -121,7 +123,7 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
             continue
         match = re.match(r".*[\[(](.*/.*?)[\])]$", name)
         unit = match[1] if match else unit or next(iter(beside), "")
-        matches = [_QUANTITY.fullmatch(part) for part in map(str.strip, re.split(r"[;\t]", text)) if part]
+        matches = [_QUANTITY.fullmatch(part) for part in map(str.strip, _LISTED.split(text)) if part]
         units = [_PER_VOLT.fullmatch(plain_unit(part[2] or unit)) if part else None for part in matches]
         if units and all(each and known_unit(each[2]) for each in units):
             return [

@@ -139,8 +139,8 @@ def _unit(pairs: list[tuple[str, str]]) -> str | None:
 
 
 def _moment(properties: dict[str, Any]) -> np.datetime64 | None:
-    """When the first sample was taken, or None."""
-    start = properties.get("wf_start_time")
+    """When the first sample was taken, after 1970 where only an offset is stated, or None."""
+    start = properties.get("wf_start_time", np.datetime64(0, "us") if "wf_start_offset" in properties else None)
     if start is None:
         return None
     start = start.as_datetime64() if hasattr(start, "as_datetime64") else start

@@ -77,7 +77,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[machine]]\nname='p'\nchannels='x'", "expected `array`, got `str`"),
         ("[[source]]\nkind='ftp'", "the kinds are folder, mqtt, http"),
         ("[[source]]\nkind='folder'\npath='b'", "2 of .* have the name 'folder'"),
-        ("[[source]]\nkind='folder'\nname='b'\npath='b'\nmachine='pump-2'", "did you mean 'pump-1'"),
+        ("[[source]]\nkind='folder'\nname='b'\npath='b'\nmachine='pump-2'", "there are pump-1"),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='clear'", "is written out"),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='${NO_SUCH}'", "variable NO_SUCH, which is not set"),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),

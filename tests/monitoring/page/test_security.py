@@ -103,13 +103,6 @@ def test_a_damaged_file_of_users_is_refused_in_one_line(tmp_path: Path, text: st
         add_token(path, "grafana")
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "plant.example"])
-def test_beyond_this_computer_the_page_needs_users(host: str, users: Path) -> None:
-    with pytest.raises(InputError, match="the page needs users"):
-        Access(PageSettings(host=host))
-    assert Access(PageSettings(host=host, users=users)).users is not None
-
-
 def test_a_file_that_names_nobody_is_refused(users: Path) -> None:
     remove_entry(users, "ada")
     with pytest.raises(InputError, match="names no user and no token"):

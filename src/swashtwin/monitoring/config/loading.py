@@ -5,9 +5,7 @@ import os
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
-from functools import cache
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -141,26 +139,22 @@ def _check(config: WatchConfig) -> None:
         raise DataError("the file has no [[machine]]; add one with its name.")
     if not config.sources:
         raise DataError('the file has no [[source]]; add one, such as kind = "folder" with its path.')
+    for title, named in (("machine", config.machines), ("source", config.sources), ("channel", config.channels)):
+        for name, count in Counter(item.name for item in named).items():
+            if count > 1:
+                raise DataError(f"{count} of [[{title}]] have the name {name!r}; give each a name of its own.")
     names = [machine.name for machine in config.machines]
-    _refuse_repetition(names, "[[machine]]")
-    _refuse_repetition([source.name for source in config.sources], "[[source]]")
-    _refuse_repetition([channel.name for channel in config.channels], "[[channel]]")
     for machine in config.machines:
         try:
             _check_machine(machine)
         except SwashTwinError as cause:
             raise type(cause)(f"[[machine]] {machine.name!r}: {cause}") from cause
     for source in config.sources:
-        if isinstance(source, HttpSource) or source.machine is None or source.machine in names:
-            continue
-        near = get_close_matches(source.machine, names, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"add a [[machine]] with name = {source.machine!r}."
-        raise DataError(f"[[source]] {source.name!r}: machine {source.machine!r} is not in the file; {hint}")
-    if not config.page.is_local and config.page.users is None:
-        raise InputError(
-            f"[page]: host = {config.page.host!r} lets other computers read and acknowledge; add users = "
-            '"users.json", or take host = "127.0.0.1".'
-        )
+        stated = None if isinstance(source, HttpSource) else source.machine
+        if stated not in (None, *names):
+            raise DataError(
+                f"[[source]] {source.name!r}: machine {stated!r} is not in the file; there are {', '.join(names[:20])}."
+            )
 
 
 def _check_machine(machine: Machine) -> None:
@@ -169,15 +163,4 @@ def _check_machine(machine: Machine) -> None:
     if machine.model is not None and not machine.model.is_file():
         raise MissingFileError(f"model: {machine.model} is no file.")
     if machine.pump is not None:
-        _require_pump(machine.pump)
-
-
-@cache
-def _require_pump(pump: str) -> None:
-    load_pump(pump)
-
-
-def _refuse_repetition(names: Sequence[str], title: str) -> None:
-    name, count = Counter(names).most_common(1)[0] if names else ("", 1)
-    if count > 1:
-        raise DataError(f"{count} of {title} have the name {name!r}; give each a name of its own.")
+        load_pump(machine.pump)

@@ -18,7 +18,7 @@ class Secret:
     Examples
     --------
     >>> Secret("hunter2"), str(Secret("hunter2")), bool(Secret(""))
-    (Secret(***), '***', False)
+    (Secret(***), 'Secret(***)', False)
     """
 
     def __init__(self, text: str) -> None:
@@ -37,9 +37,6 @@ class Secret:
     def __repr__(self) -> str:
         return "Secret(***)"
 
-    def __str__(self) -> str:
-        return "***"
-
     def __bool__(self) -> bool:
         return bool(self._text)
 
@@ -56,7 +53,6 @@ class Quantity(float):
     """A number above zero that the file states with its unit."""
 
     unit: ClassVar[str]
-    """SI unit of the number."""
 
 
 class Speed(Quantity):
@@ -122,15 +118,10 @@ class Machine(Entries, frozen=True, kw_only=True):
     names: tuple[Text, ...] = ()
     """New name of each of `channels`, in their order."""
     time_column: Text | int | None = None
-    """Column with the time, by name or number from 0."""
     time_unit: Text | None = None
-    """Unit of that column."""
     header_lines: int | None = None
-    """Lines before the first sample of a text file."""
     separator: Text | None = None
-    """Character between two columns of a text file."""
     decimal: Text | None = None
-    """Decimal mark of a text file."""
 
     def __post_init__(self) -> None:
         if len(set(self.channels)) < len(self.channels):
@@ -270,6 +261,11 @@ class PageSettings(Entries, frozen=True, kw_only=True):
     """Address of that proxy, which states the address of each client in ``X-Forwarded-For``."""
 
     def __post_init__(self) -> None:
+        if not self.is_local and self.users is None:
+            raise ValueError(
+                f"host = {self.host!r} lets other computers read and acknowledge; add users = "
+                '"users.json" and name somebody with swashtwin watch user, or take host = "127.0.0.1"'
+            )
         if self.proxy is not None:
             try:
                 ip_address(self.proxy)

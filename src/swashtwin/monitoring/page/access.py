@@ -8,8 +8,8 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
@@ -43,8 +43,7 @@ class Visitor:
     """How we know; ``control``: by a token that may acknowledge, silence and note events."""
 
 
-@dataclass
-class _Session:
+class _Session(NamedTuple):
     name: str
     """Name of the person."""
     mark: str
@@ -55,21 +54,20 @@ class _Session:
     """When it ends without a request [s]."""
 
 
-@dataclass
 class Throttle:
     """Fewer and fewer attempts to log in after wrong passwords, by key, such as an address or a user's name."""
 
-    clock: Callable[[], float] = time.monotonic
-    """Time [s]."""
-    _failures: OrderedDict[str, tuple[int, float]] = field(default_factory=OrderedDict, init=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._failures: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        self._lock = threading.Lock()
 
     def attempt(self, *keys: str) -> int:
         """Whole seconds until the next attempt; 0 where one is made now, which counts as wrong until `succeed`.
 
         So guesses that come at the same time do not all pass before the first is counted.
         """
-        now = self.clock()
+        now = self._clock()
         with self._lock:
             wait = max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
             if not wait:
@@ -81,7 +79,7 @@ class Throttle:
 
     def wait(self, *keys: str) -> int:
         """Whole seconds until the next attempt under all of these keys; 0 where it may be made now."""
-        now = self.clock()
+        now = self._clock()
         with self._lock:
             return max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
 
@@ -98,32 +96,21 @@ class Throttle:
         return last + min(FIRST_WAIT * 2.0 ** min(count - FREE_ATTEMPTS, 20), LONGEST_WAIT)
 
 
-@dataclass
 class Access:
     """Logins, sessions and form tokens of one page."""
 
-    settings: PageSettings
-    """Where the page is served."""
-    throttle: Throttle = field(default_factory=Throttle)
-    """Failed logins."""
-    users: UserFile | None = field(init=False)
-    """People and programs; None where the page is open to this computer only."""
-    _key: bytes = field(default_factory=lambda: secrets.token_bytes(32), init=False)
-    _sessions: OrderedDict[str, _Session] = field(default_factory=OrderedDict, init=False)
-    _familiar: OrderedDict[tuple[str, str], None] = field(default_factory=OrderedDict, init=False)
-    """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
-    _lock: threading.Lock = field(default_factory=threading.Lock, init=False)
-
-    def __post_init__(self) -> None:
-        path = self.settings.users
-        self.users = None if path is None else UserFile(path)
+    def __init__(self, settings: PageSettings) -> None:
+        self.settings = settings
+        self.users = None if settings.users is None else UserFile(settings.users)
+        """People and programs; None where the page is open to this computer only."""
+        self._throttle = Throttle()
+        self._key = secrets.token_bytes(32)
+        self._sessions: OrderedDict[str, _Session] = OrderedDict()
+        self._familiar: OrderedDict[tuple[str, str], None] = OrderedDict()
+        """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
+        self._lock = threading.Lock()
         if self.users is not None and self.users.count() == 0:
-            raise InputError(f"{path} names no user and no token; add one with swashtwin watch user.")
-        if self.users is None and not self.settings.is_local:
-            raise InputError(
-                f"[page] host = {self.settings.host!r} can be reached by other computers, so the page needs users: add "
-                'one with swashtwin watch user and state users = "users.json" under [page]; or use host = "127.0.0.1".'
-            )
+            raise InputError(f"{settings.users} names no user and no token; add one with swashtwin watch user.")
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:
         """Who sent this request; None where nobody who may use the page."""
@@ -144,12 +131,12 @@ class Access:
             keys.append(f"name {person}")
         if self.users is None:
             return 0
-        if wait := self.throttle.attempt(*keys):
+        if wait := self._throttle.attempt(*keys):
             return wait
         mark = self.users.checked_mark(name, password)
         if mark is None:
-            return self.throttle.wait(*keys)
-        self.throttle.succeed(*keys)
+            return self._throttle.wait(*keys)
+        self._throttle.succeed(*keys)
         session = secrets.token_urlsafe(32)
         now = time.monotonic()
         with self._lock:
@@ -190,8 +177,7 @@ class Access:
             session = self._sessions.pop(key, None)
             if session is None or min(session.end, session.last_end) < now or users.mark(session.name) != session.mark:
                 return None
-            session.end = now + SESSION_SECONDS
-            self._sessions[key] = session  # at the end: the oldest goes first
+            self._sessions[key] = session._replace(end=now + SESSION_SECONDS)  # at the end: the oldest goes first
             return session.name
 
     def _address(self, request: HTTPConnection) -> str:

@@ -39,12 +39,8 @@ _HEADERS = {
 _HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d{1,5})?")
 
 
-class _TooLarge(Exception):
-    """A body is longer than it may be."""
-
-
-class _TooSlow(Exception):
-    """A body took longer than it may."""
+class _BodyError(Exception):
+    """A body is longer, or took longer, than it may; with the status of the answer and its text."""
 
 
 class Guard:
@@ -86,10 +82,8 @@ class Guard:
         if answer is None:
             try:
                 await self.app(scope, _bounded(receive, limit), send_with_headers)
-            except _TooLarge:
-                answer = _refused(413, f"The body is larger than {limit} bytes.")
-            except _TooSlow:
-                answer = _refused(408, f"The body took longer than {BODY_SECONDS:g} s.")
+            except _BodyError as error:
+                answer = _refused(*error.args)
         if answer is not None and not has_answer:
             await answer(scope, receive, send_with_headers)
 
@@ -148,11 +142,11 @@ def _bounded(receive: Receive, limit: int) -> Receive:
         try:
             message = await asyncio.wait_for(receive(), end - loop.time())
         except TimeoutError:
-            raise _TooSlow from None
+            raise _BodyError(408, f"The body took longer than {BODY_SECONDS:g} s.") from None
         total += len(message.get("body", b""))
         is_whole = message["type"] != "http.request" or not message.get("more_body", False)
         if total > limit:
-            raise _TooLarge
+            raise _BodyError(413, f"The body is larger than {limit} bytes.")
         return message
 
     return receive_bounded

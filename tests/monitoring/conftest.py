@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -10,18 +9,12 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from mqtt_broker import Broker
+from mqtt_broker import Broker, free_port
 from small_machine import Machine
 
 from swashtwin.monitoring.history.history import History
 
 _NUMBERS = count()
-
-
-def _free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
 
 
 class PostgresServer:
@@ -31,7 +24,7 @@ class PostgresServer:
         self._programs = programs
         self._user = "postgres" if os.getuid() == 0 else None
         self.folder = Path(tempfile.mkdtemp(prefix="swashtwin-postgres-"))
-        self.port = _free_port()
+        self.port = free_port()
         if self._user:
             shutil.chown(self.folder, self._user)
         self._run("initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "--no-sync", "-E", "UTF8")

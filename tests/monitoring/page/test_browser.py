@@ -1,6 +1,5 @@
 """The page in a real Chromium: scripts, live changes, phone, dark mode, keyboard and accessibility."""
 
-import os
 import shutil
 import socket
 import threading
@@ -18,13 +17,7 @@ from swashtwin.monitoring.page.serving import serve_page
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = "/usr/bin/chromium"
-ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-]
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
 PATIENCE = 60_000
 """Time [ms] that a slow machine may take."""
 
@@ -69,18 +62,6 @@ def browser() -> Iterator[object]:
 def tab(browser, served) -> Iterator[object]:
     """A tab of a wide screen that collects errors of scripts."""
     yield from _tab(browser, served)
-
-
-@pytest.fixture
-def phone(browser, served) -> Iterator[object]:
-    """A tab 390 pixels wide."""
-    yield from _tab(browser, served, viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True)
-
-
-@pytest.fixture
-def dark(browser, served) -> Iterator[object]:
-    """A tab in dark mode."""
-    yield from _tab(browser, served, color_scheme="dark")
 
 
 def _tab(browser, served, **settings) -> Iterator[object]:
@@ -185,18 +166,20 @@ def test_what_somebody_types_survives_a_change_of_the_history(served, tab) -> No
     assert note.input_value() == "half a sentence"
 
 
-def test_no_page_scrolls_sideways_on_a_phone(phone, served) -> None:
-    for address in _addresses(served):
-        phone.goto(address)
-        assert phone.evaluate("document.documentElement.scrollWidth") <= 390, address
+def test_no_page_scrolls_sideways_on_a_phone(browser, served) -> None:
+    for phone in _tab(browser, served, viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True):
+        for address in _addresses(served):
+            phone.goto(address)
+            assert phone.evaluate("document.documentElement.scrollWidth") <= 390, address
 
 
-def test_dark_mode_darkens_the_page_and_its_figures(dark) -> None:
-    dark.goto("/machines/pump-2")
-    background = dark.evaluate("getComputedStyle(document.body).backgroundColor")
-    assert max(int(part) for part in background[4:-1].split(",")) < 60
-    ink = dark.evaluate("getComputedStyle(document.querySelector('.drawing text')).fill")
-    assert min(int(part) for part in ink[4:-1].split(",")) > 160
+def test_dark_mode_darkens_the_page_and_its_figures(browser, served) -> None:
+    for dark in _tab(browser, served, color_scheme="dark"):
+        dark.goto("/machines/pump-2")
+        background = dark.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert max(int(part) for part in background[4:-1].split(",")) < 60
+        ink = dark.evaluate("getComputedStyle(document.querySelector('.drawing text')).fill")
+        assert min(int(part) for part in ink[4:-1].split(",")) > 160
 
 
 def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
@@ -226,16 +209,3 @@ def test_axe_finds_no_serious_fault_on_any_page(browser, served, scheme: str) ->
                 if violation["impact"] in ("serious", "critical")
             }
             assert serious == {}, address
-
-
-@pytest.mark.skipif("SWASHTWIN_PICTURES" not in os.environ, reason="SWASHTWIN_PICTURES names no folder for pictures")
-def test_a_picture_of_each_page_is_taken(browser, served) -> None:
-    folder = Path(os.environ["SWASHTWIN_PICTURES"])
-    folder.mkdir(parents=True, exist_ok=True)
-    looks = {"wide": {}, "phone": {"viewport": {"width": 390, "height": 844}}, "dark": {"color_scheme": "dark"}}
-    for look, settings in looks.items():
-        for tab in _tab(browser, served, **settings):
-            for address in _addresses(served):
-                tab.goto(address)
-                name = address.strip("/").replace("/", "-") or "overview"
-                tab.screenshot(path=folder / f"{name}-{look}.png", full_page=True)

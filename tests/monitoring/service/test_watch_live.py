@@ -7,13 +7,13 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 import pytest
-from mqtt_broker import Broker, free_port
+from mqtt_broker import Broker, free_port, wait_for
 from watched_pumps import RATE, hum, watch_config, write_hum
 
 from swashtwin.monitoring import History, Outcome, run_watch
@@ -35,13 +35,6 @@ def mqtt(broker: Broker, group: str = "") -> str:
 def block(seed: int) -> bytes:
     header = {"rate": f"{RATE} Hz", "unit": "m/s^2", "channels": ["x", "y"]}
     return json.dumps(header).encode() + b"\n" + hum(seed).signal.T.astype("<f4").tobytes()
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)
 
 
 @contextmanager

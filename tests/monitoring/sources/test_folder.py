@@ -18,6 +18,18 @@ def folder_watch(tmp_path: Path, deliveries, **settings) -> FolderWatch:
     return FolderWatch(source, deliveries.accept, tmp_path)
 
 
+def put(tmp_path: Path, *names: str) -> None:
+    """Files in the folder, each with its name as content."""
+    for name in names:
+        path = tmp_path / "inbox" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(path.name.encode())
+
+
+def taken(deliveries) -> list[str]:
+    return [delivery.file for delivery, _ in deliveries.items]
+
+
 def take(watch: FolderWatch) -> None:
     watch.poll()
     time.sleep(0.06)
@@ -51,9 +63,7 @@ def test_a_file_that_grew_after_all_is_taken_again(tmp_path: Path, deliveries) -
 
 def test_a_machine_is_named_by_the_sub_folder(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
-    (tmp_path / "inbox" / "pump-2" / "today").mkdir(parents=True)
-    (tmp_path / "inbox" / "pump-2" / "today" / "a.wav").write_bytes(b"1")
-    (tmp_path / "inbox" / "b.wav").write_bytes(b"2")
+    put(tmp_path, "pump-2/today/a.wav", "b.wav")
     take(watch)
     assert {delivery.file: delivery.machine for delivery, _ in deliveries.items} == {"a.wav": "pump-2", "b.wav": None}
 
@@ -62,8 +72,7 @@ def test_links_hidden_unfinished_and_other_files_are_left_alone(tmp_path: Path, 
     watch = folder_watch(tmp_path, deliveries, pattern="*.wav*")
     (tmp_path / "secret.wav").write_bytes(b"secret")
     (tmp_path / "inbox" / "link.wav").symlink_to(tmp_path / "secret.wav")
-    for name in (".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt"):
-        (tmp_path / "inbox" / name).write_bytes(b"1")
+    put(tmp_path, ".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt")
     take(watch)
     assert deliveries.items == []
 
@@ -71,7 +80,7 @@ def test_links_hidden_unfinished_and_other_files_are_left_alone(tmp_path: Path, 
 def test_a_file_is_offered_again_after_the_disk_was_full(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
     deliveries.failures = 1
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    put(tmp_path, "a.wav")
     take(watch)
     assert watch.standing.problem == "No space left on device"
     watch.poll()
@@ -95,7 +104,7 @@ def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
         (tmp_path / "inbox" / name).write_bytes(name.encode())
         os.utime(tmp_path / "inbox" / name, (time.time() - age,) * 2)
     take(watch)
-    assert [delivery.file for delivery, _ in deliveries.items] == ["b.wav", "a.wav", "c.wav"]
+    assert taken(deliveries) == ["b.wav", "a.wav", "c.wav"]
 
 
 def test_what_is_remembered_does_not_grow_with_files_that_are_gone(tmp_path: Path, deliveries) -> None:
@@ -126,12 +135,11 @@ def test_a_file_that_cannot_be_removed_is_taken_once_and_holds_nothing_up(
     tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = folder_watch(tmp_path, deliveries, remove=True)
-    for name in ("a.wav", "b.wav"):
-        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    put(tmp_path, "a.wav", "b.wav")
     forbid(monkeypatch, "rename", "a.wav")
     take(watch)
     take(watch)
-    assert sorted(delivery.file for delivery, _ in deliveries.items) == ["a.wav", "b.wav"]
+    assert sorted(taken(deliveries)) == ["a.wav", "b.wav"]
     assert "a.wav was taken, but cannot be removed: Permission denied" in str(watch.standing.problem)
     monkeypatch.undo()
     (tmp_path / "inbox" / "a.wav").unlink()
@@ -143,14 +151,13 @@ def test_a_file_that_cannot_be_read_is_a_problem_and_draining_ends(
     tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     watch = folder_watch(tmp_path, deliveries)
-    for name in ("a.wav", "b.wav"):
-        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    put(tmp_path, "a.wav", "b.wav")
     forbid(monkeypatch, "open", "a.wav")
     thread = threading.Thread(target=watch.drain, args=(threading.Event(),), daemon=True)
     thread.start()
     thread.join(5)
     assert not thread.is_alive()
-    assert [delivery.file for delivery, _ in deliveries.items] == ["b.wav"]
+    assert taken(deliveries) == ["b.wav"]
     assert "a.wav cannot be read: Permission denied" in str(watch.standing.problem)
     assert watch.standing.received == 1
     monkeypatch.undo()
@@ -188,7 +195,7 @@ def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(
 ) -> None:
     monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, 300_000_000_000 * 10**9, 0))
     watch = folder_watch(tmp_path, deliveries)
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    put(tmp_path, "a.wav")
     take(watch)
     ((delivery, _),) = deliveries.items
     assert delivery.facts == {}
@@ -199,7 +206,7 @@ def test_a_sub_folder_that_cannot_be_read_or_is_too_deep_is_said_and_stops_nothi
 ) -> None:
     watch = folder_watch(tmp_path, deliveries)
     (tmp_path / "inbox" / "closed").mkdir()
-    (tmp_path / "inbox" / "a.wav").write_bytes(b"1")
+    put(tmp_path, "a.wav")
     scan = os.scandir
 
     def refuse(path: Path):
@@ -294,13 +301,12 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
 
 def test_a_restart_after_a_cut_in_what_is_remembered_takes_again_and_misses_nothing(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries, settle=1e-9)
-    for name in ("a.wav", "b.wav"):
-        (tmp_path / "inbox" / name).write_bytes(name.encode())
+    put(tmp_path, "a.wav", "b.wav")
     take(watch)
     remembered = tmp_path / "taken" / "inbox.txt"
     remembered.write_bytes(remembered.read_bytes()[:-9])
     take(folder_watch(tmp_path, deliveries, settle=1e-9))
-    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav", "b.wav", "b.wav"]
+    assert taken(deliveries) == ["a.wav", "b.wav", "b.wav"]
 
 
 def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries) -> None:
@@ -308,4 +314,4 @@ def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries
     (tmp_path / "inbox" / ".a.wav.taken").write_bytes(b"1")
     take(watch)
     take(watch)
-    assert [delivery.file for delivery, _ in deliveries.items] == ["a.wav"]
+    assert taken(deliveries) == ["a.wav"]

@@ -3,12 +3,13 @@
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from mqtt_broker import wait_for
 
 from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST
@@ -67,13 +68,6 @@ def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
         stop.set()
         thread.join(10)
         assert not thread.is_alive()
-
-
-def wait_for(condition: Callable[[], object], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "did not happen in time"
-        time.sleep(0.02)
 
 
 def names(deliveries) -> list[float]:

@@ -23,7 +23,6 @@ from swashtwin.monitoring.sources.mqtt import broker_client
 
 TIMEOUT = 10.0
 """Time for one message [s]."""
-_LOG = "alarms.log"
 
 
 @dataclass(frozen=True)
@@ -58,21 +57,9 @@ class AlarmMessage:
         """
         return escape_controls(f"{self.machine}: {self.kind} alarm {self.event} ({self.point})")
 
-    @property
-    def text(self) -> str:
-        """The message in lines, for a person."""
-        lines = [self.title, f"Time: {self.time}", *(f"- {reason}" for reason in self.reasons), self.link or ""]
-        return "\n".join(escape_controls(line) for line in lines if line) + "\n"
-
-    @property
-    def line(self) -> str:
-        """The message on one line, for a log."""
-        return escape_controls(" ".join([self.time, f"{self.title}.", *self.reasons, self.link or ""]).rstrip())
-
-    @property
-    def reference(self) -> str:
-        """`identity` in characters that a mail's header allows."""
-        return re.sub(r"[^\w.-]", "-", self.identity, flags=re.ASCII)
+    def to_json(self) -> str:
+        """All of it, with its title."""
+        return json.dumps({**asdict(self), "title": self.title}, ensure_ascii=False)
 
 
 class ChannelError(SwashTwinError):
@@ -155,8 +142,9 @@ def _deadline(timeout: float, current: Callable[[], socket.socket | None]) -> It
 
 
 def _write(message: AlarmMessage, channel: LogChannel, folder: Path) -> None:
-    with (channel.path or folder / _LOG).open("a", encoding="utf-8") as file:
-        file.write(message.line + "\n")
+    line = " ".join([message.time, f"{message.title}.", *message.reasons, message.link or ""]).rstrip()
+    with (channel.path or folder / "alarms.log").open("a", encoding="utf-8") as file:
+        file.write(escape_controls(line) + "\n")
 
 
 def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> None:
@@ -166,9 +154,10 @@ def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> Non
     kind = http.client.HTTPSConnection if url.scheme == "https" else http.client.HTTPConnection
     connection = kind(url.hostname, url.port, timeout=timeout)
     headers = {"Content-Type": "application/json", "User-Agent": "swashtwin", **_login(url, channel)}
-    body = json.dumps({**asdict(message), "title": message.title}, ensure_ascii=False).encode()
     with contextlib.closing(connection), _deadline(timeout, lambda: connection.sock):
-        connection.request("POST", (url.path or "/") + (f"?{url.query}" if url.query else ""), body, headers)
+        connection.request(
+            "POST", (url.path or "/") + (f"?{url.query}" if url.query else ""), message.to_json().encode(), headers
+        )
         status = connection.getresponse().status
     if not 200 <= status < 300:
         raise _RefusedError(f"the server answers {status}")
@@ -202,8 +191,7 @@ def _publish(message: AlarmMessage, channel: MqttChannel, timeout: float) -> Non
             raise TimeoutError
         if refusals:
             raise _RefusedError(refusals[0])
-        body = json.dumps({**asdict(message), "title": message.title}, ensure_ascii=False)
-        handed_over = client.publish(channel.topic, body, qos=1)
+        handed_over = client.publish(channel.topic, message.to_json(), qos=1)
         handed_over.wait_for_publish(timeout)
         if not handed_over.is_published():
             raise TimeoutError
@@ -219,8 +207,10 @@ def _mail(message: AlarmMessage, channel: EmailChannel, timeout: float) -> None:
     mail["Subject"] = message.title
     mail["From"] = channel.sender
     mail["To"] = ", ".join(channel.recipients)
-    mail["Message-ID"] = f"<{message.reference}@swashtwin>"
-    mail.set_content(message.text)
+    reference = re.sub(r"[^\w.-]", "-", message.identity, flags=re.ASCII)
+    mail["Message-ID"] = f"<{reference}@swashtwin>"
+    lines = [message.title, f"Time: {message.time}", *(f"- {reason}" for reason in message.reasons), message.link or ""]
+    mail.set_content("\n".join(escape_controls(line) for line in lines if line) + "\n")
     trusted = ssl.create_default_context()
     server = (
         smtplib.SMTP_SSL(channel.host, channel.port, timeout=timeout, context=trusted)

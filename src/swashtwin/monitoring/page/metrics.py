@@ -17,6 +17,8 @@ from swashtwin.monitoring.page.wording import STATES, state_of
 if TYPE_CHECKING:
     from swashtwin.monitoring.service.running import WatchStatus
 
+Values = Iterable[tuple[tuple[str, ...], float]]
+"""Labels and value of each sample of a metric."""
 _CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -111,15 +113,15 @@ def metric_routes(site: Site) -> APIRouter:
     return routes
 
 
-def _gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+def _gauge(name: str, text: str, labels: tuple[str, ...], values: Values) -> Metric:
     return _filled(GaugeMetricFamily(f"swashtwin_{name}", text, labels=labels), values)
 
 
-def _counter(name: str, text: str, labels: tuple[str, ...], values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+def _counter(name: str, text: str, labels: tuple[str, ...], values: Values) -> Metric:
     return _filled(CounterMetricFamily(f"swashtwin_{name}", text, labels=labels), values)
 
 
-def _filled(family: GaugeMetricFamily | CounterMetricFamily, values: Iterable[tuple[tuple[str, ...], float]]) -> Metric:
+def _filled(family: GaugeMetricFamily | CounterMetricFamily, values: Values) -> Metric:
     for labels, value in values:
         family.add_metric(labels, float(value))
     return family

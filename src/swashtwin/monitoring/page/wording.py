@@ -3,9 +3,9 @@
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from types import MappingProxyType
+from typing import NamedTuple
 
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Alarm
@@ -118,8 +118,7 @@ def grouped_levels(names: Iterable[str]) -> Sequence[tuple[str, Sequence[str]]]:
     return [(group, members) for group, members in groups.items() if members]
 
 
-@dataclass(frozen=True)
-class MachineState:
+class MachineState(NamedTuple):
     """One state."""
 
     code: str
@@ -147,22 +146,18 @@ _BY_CODE = {state.code: state for state in STATES}
 def state_of(machine: MachineOverview) -> MachineState:
     """The most urgent state of a machine."""
     last = machine.last
-    if last is not None and machine.maintained is not None and machine.maintained > last.received:
-        return _BY_CODE[_code(machine.alarms, "learning")]  # it tells of the machine before the maintenance
-    return _BY_CODE[_code(machine.alarms, None if last is None else last.state)]
-
-
-def _code(alarms: Sequence[Alarm], last: str | None) -> str:
-    waiting = [alarm for alarm in alarms if alarm.state == "open"]
-    if any(alarm.kind == "pump" for alarm in waiting):
-        return "alarm"
+    waiting = {alarm.kind for alarm in machine.alarms if alarm.state == "open"}
     if waiting:
-        return "sensor"
-    if alarms:
-        return "acknowledged"
-    if last is None:
-        return "empty"
-    return last if last in ("normal", "learning") else "unusual"
+        code = "alarm" if "pump" in waiting else "sensor"
+    elif machine.alarms:
+        code = "acknowledged"
+    elif last is None:
+        code = "empty"
+    elif machine.maintained is not None and machine.maintained > last.received:
+        code = "learning"  # the recording tells of the machine before the maintenance
+    else:
+        code = last.state if last.state in ("normal", "learning") else "unusual"
+    return _BY_CODE[code]
 
 
 def by_urgency(machine: MachineOverview) -> tuple[int, str]:

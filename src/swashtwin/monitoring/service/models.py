@@ -13,10 +13,6 @@ if TYPE_CHECKING:
     Model = FaultClassifier | AnomalyDetector | PriorClassifier
 
 
-_DIGITS = 16
-"""Hexadecimal digits of a model's fingerprint."""
-
-
 class Models:
     """Models of machines by path, each loaded when it is first needed."""
 
@@ -47,7 +43,7 @@ class Models:
             from swashtwin.diagnosis import load_model
 
             try:
-                self._models[path] = load_model(path), sha256_of(path)[:_DIGITS]
+                self._models[path] = load_model(path), sha256_of(path)[:16]
             except (SwashTwinError, OSError) as cause:
                 self._models[path] = str(cause)
         return self._models[path]

@@ -57,7 +57,7 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
         raise UnfitError("broken", delivery.problem)
     try:
         recording = _load(file, machine)
-        signal = recording.signal
+        signal = recording.signal  # which reads the samples
         time, notes = _time(delivery)
         recording, tag_notes = _with_condition(recording, delivery, machine, tags, time)
     except UnfitError:
@@ -80,7 +80,8 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     if file.path.name.endswith(SAMPLES):
         recording = samples_recording(file.path, delivery.facts, name)
         if missing := [channel for channel in machine.channels if channel not in recording.channels]:
-            raise UnfitError("channels", _other_channels(recording, missing[0]))
+            others = ", ".join(recording.channels)
+            raise UnfitError("channels", f"it has no channel {missing[0]!r}; it has {others}.")
         recording = recording.picked(machine.channels or recording.channels)
     else:
         recording = _load_file(file, stated | {"id": name}, machine)
@@ -122,10 +123,6 @@ def _misfit(file: SpoolFile, facts: Mapping[str, Any], usual: Mapping[str, Any])
     return "broken"
 
 
-def _other_channels(recording: Recording, missing: str) -> str:
-    return f"it has no channel {missing!r}; it has {', '.join(recording.channels)}."
-
-
 def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
     stated = delivery.facts.get("time")
     if stated is None:
@@ -143,11 +140,8 @@ def _with_condition(
     """The recording at its operating point: of the file, else of the message, the tags, or the configuration."""
     if recording.condition is not None:
         return recording, ()
-    values: dict[str, float] = {
-        name: value
-        for name, value in (("speed", machine.speed), ("discharge_pressure", machine.discharge_pressure))
-        if value is not None
-    }
+    stated = {"speed": machine.speed, "discharge_pressure": machine.discharge_pressure}
+    values: dict[str, float] = {name: value for name, value in stated.items() if value is not None}
     notes: tuple[str, ...] = ()
     texts = {name: text for name, text in delivery.facts.items() if name in QUANTITIES and name != "rate"}
     if tags is not None:

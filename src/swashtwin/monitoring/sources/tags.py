@@ -6,20 +6,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
 
 from swashtwin.foundation import DataError, InputError, parse, read_text
 from swashtwin.monitoring.sources.delivery import QUANTITIES, read_time
 
 _OLDEST = timedelta(hours=1)
 """Age of a tag up to which it still holds."""
-_COLUMNS = ("speed", "pressure", "temperature")
-
-
-class _Content(NamedTuple):
-    stamp: tuple[int, int]
-    times: list[datetime]
-    facts: list[dict[str, str]]
+_USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
 
 
 class Tags:
@@ -31,7 +24,9 @@ class Tags:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._content: _Content | None = None
+        self._stamp: tuple[int, int] | None = None
+        self._times: list[datetime] = []
+        self._facts: list[dict[str, str]] = []
 
     def at(self, time: datetime) -> Mapping[str, str]:
         """Facts of the last line at or before `time`; none where that is older than an hour.
@@ -46,23 +41,20 @@ class Tags:
         except OSError as cause:
             raise DataError(f"{self._path} (tags) cannot be read: {cause.strerror or cause}.") from cause
         stamp = (stat.st_size, stat.st_mtime_ns)
-        if self._content is None or self._content.stamp != stamp:
-            self._content = _Content(stamp, *_read(self._path))
-        times, facts = self._content.times, self._content.facts
-        index = bisect_right(times, time) - 1
-        return facts[index] if index >= 0 and time - times[index] <= _OLDEST else {}
+        if self._stamp != stamp:
+            rows = _read(self._path)
+            self._times, self._facts, self._stamp = [row[0] for row in rows], [row[1] for row in rows], stamp
+        index = bisect_right(self._times, time) - 1
+        return self._facts[index] if index >= 0 and time - self._times[index] <= _OLDEST else {}
 
 
-_USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
-
-
-def _read(path: Path) -> tuple[list[datetime], list[dict[str, str]]]:
+def _read(path: Path) -> list[tuple[datetime, dict[str, str]]]:
     rows = []
     text = read_text(path)
     whole = text[: text.rfind("\n") + 1]  # a line without its end may be half written
     reader = csv.DictReader(whole.splitlines())
     names = [name.strip() for name in reader.fieldnames or ()]
-    if "time" not in names or not set(_COLUMNS) & set(names):
+    if "time" not in names or not _USUAL_UNITS.keys() & set(names):
         raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")
     reader.fieldnames = names
     for row in reader:
@@ -70,17 +62,16 @@ def _read(path: Path) -> tuple[list[datetime], list[dict[str, str]]]:
             rows.append((read_time((row["time"] or "").strip()), _facts(row)))
         except InputError as cause:
             raise DataError(f"{path} (tags), line {reader.line_num}: {cause}") from cause
-    rows.sort(key=lambda row: row[0])
-    return [time for time, _ in rows], [facts for _, facts in rows]
+    return sorted(rows, key=lambda row: row[0])
 
 
 def _facts(row: Mapping[str, str | None]) -> dict[str, str]:
     facts = {}
-    for name in _COLUMNS:
+    for name, unit in _USUAL_UNITS.items():
         text = (row.get(name) or "").strip()
         if text:
             with suppress(ValueError):  # it has a unit
-                text = f"{float(text)!r} {_USUAL_UNITS[name]}"
+                text = f"{float(text)!r} {unit}"
             parse(text, QUANTITIES[name][1], name=name)
             facts[name] = text
     return facts

@@ -81,7 +81,7 @@ def test_facts_and_changes_of_facts_load_no_signal(folder: Path, monkeypatch: py
     names = loads(monkeypatch)
     recordings = load_recordings(folder)
     train, test = recordings.where(specimen="A").split(by="condition", test=0.5)
-    recording = train.concat(test)[0].replace(label="worn").picked(["y"])
+    recording = (train + test)[0].replace(label="worn").picked(["y"])
     recording = replace(recording, specimen="C")
     text = repr((recordings, recording, recording.duration, recording.n_samples, recording.has_speed))
     assert names == []
@@ -179,7 +179,7 @@ def test_recordings_are_a_sequence_with_facts_and_a_short_repr(folder: Path) -> 
     assert recordings[-1].recording_id == recordings.recording_ids[-1]
     assert set(recordings.labels) == {"normal", "piston"}
     assert set(recordings.specimens) == {"A", "B"}
-    assert {condition.discharge_pressure for condition in recordings.conditions if condition} == {MPa(5), MPa(15)}
+    assert {item.condition.discharge_pressure for item in recordings if item.condition} == {MPa(5), MPa(15)}
     mixed = Recordings([make("a"), make("b", label=None, sample_rate=500.0)])
     assert repr(mixed) == "Recordings(2: 1 normal, 1 no label; 2 channels at 2 sample rates)"
 

@@ -2,15 +2,14 @@
 
 import operator
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError
-from swashtwin.pump import PRESSURE_TOLERANCE, OperatingCondition, is_same_class, merge_close_values, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
@@ -18,6 +17,7 @@ from swashtwin.recordings.grouping import (
     recording_groups,
     stated_angular_speed,
     stated_pressure,
+    unknown_attribute,
 )
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
@@ -77,7 +77,7 @@ class Recordings(Sequence[Recording]):
         return self._recordings[operator.index(index)].unloaded()
 
     def __add__(self, other: Iterable[Recording]) -> "Recordings":
-        return self.concat(other)
+        return Recordings([*self._recordings, *other])
 
     def __repr__(self) -> str:
         """Short text: how many of each class, of how many specimens, and their channels."""
@@ -107,21 +107,6 @@ class Recordings(Sequence[Recording]):
         """Specimen of each recording, None where it is not known."""
         return tuple(recording.specimen for recording in self._recordings)
 
-    @property
-    def conditions(self) -> tuple[OperatingCondition | None, ...]:
-        """Operating condition of each recording, None where it is not known."""
-        return tuple(recording.condition for recording in self._recordings)
-
-    def concat(self, other: Iterable[Recording]) -> "Recordings":
-        """These recordings and those of `other`, in that order; ``a + b`` is the same.
-
-        Raises
-        ------
-        InputError
-            Both have a recording of one id.
-        """
-        return Recordings([*self._recordings, *other])
-
     def where(
         self,
         *,
@@ -150,20 +135,40 @@ class Recordings(Sequence[Recording]):
         DataError
             No recording is left; the message lists the values that there are.
         """
-        self._require_attributes(attributes)
-        ids = None if ids is None else {str(name) for name in ids}
+        tests: list[tuple[str, str, Sequence[str | None], list[bool]]] = []
+        if label is not None:
+            are_met = [is_same_class(each, label) for each in self.labels]
+            tests.append((f"the label {label!r}", "labels", self.labels, are_met))
+        if specimen is not None:
+            are_met = [each == specimen for each in self.specimens]
+            tests.append((f"the specimen {specimen!r}", "specimens", self.specimens, are_met))
+        for noun, wanted, stated, tolerance, factor, unit in (
+            ("speed", speed, stated_angular_speed, GROUP_SPEED_TOLERANCE, 30 / np.pi, "rev/min"),
+            ("pressure", pressure, stated_pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
+        ):
+            if wanted is not None:
+                values = [stated(recording) for recording in self._recordings]
+                are_met = [bool(values_match(value, wanted, tolerance)) for value in values]
+                texts = [f"{value * factor:.4g}" for value in sorted(values)]
+                tests.append((f"the {noun} {wanted * factor:.4g} {unit}", f"{noun}s [{unit}]", texts, are_met))
+        if ids is not None:
+            names = sorted({str(name) for name in ids})
+            are_met = [each in names for each in self.recording_ids]
+            tests.append((f"the id {_listed(names)}", "ids", self.recording_ids, are_met))
+        for name, value in attributes.items():
+            if self._recordings and not any(name in recording.attributes for recording in self._recordings):
+                raise unknown_attribute(self._recordings, name, ("label", "specimen", "speed", "pressure", "ids"))
+            present = [recording.attributes.get(name) for recording in self._recordings]
+            tests.append((f"{name} {value!r}", f"{name}s", present, [str(each) == str(value) for each in present]))
         left = [
             recording
-            for recording in self._recordings
-            if (label is None or is_same_class(recording.label, label))
-            and (specimen is None or recording.specimen == specimen)
-            and (speed is None or values_match(stated_angular_speed(recording), speed, GROUP_SPEED_TOLERANCE))
-            and (pressure is None or values_match(stated_pressure(recording), pressure, PRESSURE_TOLERANCE))
-            and (ids is None or recording.recording_id in ids)
-            and all(str(recording.attributes.get(name)) == str(value) for name, value in attributes.items())
+            for recording, *are_met in zip(self._recordings, *(each[-1] for each in tests), strict=True)
+            if all(are_met)
         ]
         if not left:
-            raise DataError(self._nothing_left(label, specimen, speed, pressure, ids, attributes))
+            conditions = " and ".join(words for words, *_ in tests) or "passed"
+            values_there = "; ".join(f"{noun} {_listed(values)}" for _, noun, values, _ in tests) or "none"
+            raise DataError(f"no recording has {conditions}; there are {values_there}.")
         return Recordings(left)
 
     def split(self, test: float = 0.2, *, by: str = "recording", seed: int = 0) -> "tuple[Recordings, Recordings]":
@@ -212,48 +217,6 @@ class Recordings(Sequence[Recording]):
         for row, recording in enumerate(self._recordings):
             sides[row in tested].append(recording)
         return Recordings(sides[0]), Recordings(sides[1])
-
-    def _require_attributes(self, names: Iterable[str]) -> None:
-        attributes = dict.fromkeys(name for recording in self._recordings for name in recording.attributes)
-        for name in names:
-            if self._recordings and name not in attributes:
-                choices = ["label", "specimen", "speed", "pressure", "ids", *attributes]
-                near = get_close_matches(name, choices, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
-                raise InputError(f"no recording has the attribute {name!r}; {hint}")
-
-    def _nothing_left(
-        self,
-        label: str | None,
-        specimen: str | None,
-        speed: float | None,
-        pressure: float | None,
-        ids: set[str] | None,
-        attributes: Mapping[str, str],
-    ) -> str:
-        """Message that no recording meets the conditions, with the values that there are."""
-        conditions, values = [], []
-        if label is not None:
-            conditions.append(f"the label {label!r}")
-            values.append(f"labels {_listed(self.labels)}")
-        if specimen is not None:
-            conditions.append(f"the specimen {specimen!r}")
-            values.append(f"specimens {_listed(self.specimens)}")
-        if speed is not None:
-            conditions.append(f"the speed {speed * 30 / np.pi:.4g} rev/min")
-            speeds = [stated_angular_speed(recording) * 30 / np.pi for recording in self._recordings]
-            values.append(f"speeds [rev/min] {_listed(f'{value:.4g}' for value in sorted(speeds))}")
-        if pressure is not None:
-            conditions.append(f"the pressure {pressure / 1e6:.4g} MPa")
-            pressures = [stated_pressure(recording) / 1e6 for recording in self._recordings]
-            values.append(f"pressures [MPa] {_listed(f'{value:.4g}' for value in sorted(pressures))}")
-        if ids is not None:
-            conditions.append(f"the id {_listed(sorted(ids))}")
-            values.append(f"ids {_listed(self.recording_ids)}")
-        for name, value in attributes.items():
-            conditions.append(f"{name} {value!r}")
-            values.append(f"{name}s {_listed(recording.attributes.get(name) for recording in self._recordings)}")
-        return f"no recording has {' and '.join(conditions) or 'passed'}; there are {'; '.join(values) or 'none'}."
 
 
 def load_recordings(

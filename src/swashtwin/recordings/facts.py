@@ -47,19 +47,15 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     dates = [
         next((str(item.attributes[name]) for name in _DATES if item.attributes.get(name)), "") for item in recordings
     ]
-    texts = {
-        "machine": [recording.specimen or "" for recording in recordings],
-        "date": [" ".join(date.replace("T", " ").split())[:40] for date in dates],
-        "file": [str(recording.attributes.get("file", "")) for recording in recordings],
-    }
-    nouns = {"machine": "machines", "date": "dates", "file": "files"}
     origins = dict.fromkeys(str(recording.attributes.get("origin", "")) for recording in recordings)
     shafts = {_shaft(recording) for recording in recordings}
     counts = {str(recording.attributes.get("pistons", "")) for recording in recordings}
     pistons = {int(text) if text.isdecimal() and 0 < int(text) < 100 else None for text in counts}
     return RecordingFacts(
+        machine=_listed([recording.specimen or "" for recording in recordings], "machines"),
+        date=_listed([" ".join(date.replace("T", " ").split())[:40] for date in dates], "dates"),
         condition=_condition(recordings),
-        **{name: _listed(values, nouns[name]) for name, values in texts.items()},
+        file=_listed([str(recording.attributes.get("file", "")) for recording in recordings], "files"),
         origin="; ".join(origin for origin in origins if origin),
         shaft=shafts.pop() if len(shafts) == 1 else None,
         pistons=pistons.pop() if len(pistons) == 1 else None,

@@ -2,9 +2,9 @@
 
 import math
 import warnings
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from operator import itemgetter
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -55,7 +55,7 @@ def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, s
     else:
         names = [str(recording.attributes.get(group, "")) for recording in recordings]
         if not any(names):
-            raise InputError(_unknown_group(recordings, group))
+            raise unknown_attribute(recordings, group, GROUPS)
     missing = [name for name, value in zip(ids, names, strict=True) if not value]
     if missing:
         raise DataError(no_group(missing, len(ids), group))
@@ -145,12 +145,12 @@ def no_group(missing: Sequence[str], count: int, group: str) -> str:
     return f"{missing[0]}{more} {have} no {group} written down, so nothing can be split by it; complete the index."
 
 
-def _unknown_group(recordings: Sequence[Recording], group: str) -> str:
-    counts = Counter(name for recording in recordings for name in recording.attributes)
-    shared = sorted(name for name, count in counts.items() if count == len(recordings))
-    near = get_close_matches(group, [*GROUPS, *shared], n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join([*GROUPS, *shared])}."
-    return f"no recording has the attribute {group!r}; {hint}"
+def unknown_attribute(recordings: Sequence[Recording], name: str, others: Sequence[str]) -> InputError:
+    """Error that no recording has an attribute of that name, with the nearest of their names and of `others`."""
+    names = [*others, *dict.fromkeys(key for recording in recordings for key in recording.attributes)]
+    near = get_close_matches(name, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}."
+    return InputError(f"no recording has the attribute {name!r}; {hint}")
 
 
 def best_test_rows(
@@ -175,24 +175,24 @@ def best_test_rows(
     every_class : False: where no fold has every class on both sides, fewest classes miss in the test set, and none in
         training.
     """
-    partial: list[tuple[tuple[float, ...], Int[np.ndarray, " _tested"]]] = []
+    partial: list[tuple[tuple[int, int, float], Int[np.ndarray, " _tested"]]] = []
     for n_folds in range(min(round(1 / test_fraction), np.unique(groups).size), 1, -1):
-        for strata in (cells, classes, None):
-            whole: list[tuple[tuple[float, ...], Int[np.ndarray, " _tested"]]] = []
-            folds = _folds(np.zeros_like(classes) if strata is None else strata, groups, n_folds, seed)
-            for position, rows in enumerate([] if every_class and strata is None else folds):
-                missing = one_sided(classes, rows)
-                rank = one_sided(cells, rows), abs(rows.size / len(classes) - test_fraction)
-                if not missing and strata is not None:
-                    whole.append(((*rank, position), rows))
-                elif not every_class and set(classes[rows].tolist()) <= set(np.delete(classes, rows).tolist()):
-                    partial.append(((missing, *rank, len(partial)), rows))
+        for strata in (cells, classes) if every_class else (cells, classes, None):
+            ranked = [
+                (
+                    (_one_sided(classes, rows), _one_sided(cells, rows), abs(rows.size / len(classes) - test_fraction)),
+                    rows,
+                )
+                for rows in _folds(np.zeros_like(classes) if strata is None else strata, groups, n_folds, seed)
+            ]
+            whole = [pair for pair in ranked if pair[0][0] == 0 and strata is not None]
             if whole:
-                return min(whole, key=lambda pair: pair[0])[1]
-    return min(partial, key=lambda pair: pair[0])[1] if partial else None
+                return min(whole, key=itemgetter(0))[1]
+            partial += [pair for pair in ranked if np.isin(classes[pair[1]], np.delete(classes, pair[1])).all()]
+    return min(partial, key=itemgetter(0))[1] if partial and not every_class else None
 
 
-def one_sided(strata: Int[np.ndarray, " row"], rows: Int[np.ndarray, " _tested"]) -> int:
+def _one_sided(strata: Int[np.ndarray, " row"], rows: Int[np.ndarray, " _tested"]) -> int:
     """Number of strata that are on one side only."""
     counts = np.bincount(strata)
     tested = np.bincount(strata[rows], minlength=counts.size)

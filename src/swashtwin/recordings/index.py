@@ -58,7 +58,6 @@ def indexed_recordings(
         if _states_another(entry.label, label) or _states_another(entry.specimen, specimen):
             continue
         try:
-            _check_class(entry.label, classes, index, entry.file)
             recording = recording_of(root / entry.file, entry)
             _check_class(recording.label, classes, index, entry.file)
             name = recording.recording_id
@@ -185,12 +184,8 @@ def _load(index: Path) -> dict[str, Any]:
     text = read_text(index)
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as cause:
+    except (ValueError, RecursionError) as cause:  # numbers of thousands of digits, and lists in lists, too
         raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}") from cause
-    except ValueError as cause:
-        raise DataError(f"{index} is not valid TOML: a number in it has thousands of digits.") from cause
-    except RecursionError as cause:
-        raise DataError(f"{index} is not valid TOML: its lists or tables are nested too deep.") from cause
     unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
     if unknown:
         raise DataError(
@@ -220,7 +215,7 @@ def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
 
 
 def _check_class(label: str | None, classes: Sequence[str] | None, index: Path, file: str) -> None:
-    if classes is None or label is None or plain_text(label) in classes:
+    if classes is None or label is None or label in classes:
         return
     near = get_close_matches(label, classes, n=1, cutoff=0.4)
     hint = f"did you mean {near[0]!r}?" if near else f"classes = {list(classes)}."

@@ -58,11 +58,11 @@ def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) 
         elif name in listed and not (hashes and listed[name]):
             seen[name] = name
     others = {name: hashes for name, hashes in recordings.items() if name not in seen}
-    return {**seen, **near_copies(_fingerprints(listed), _fingerprints(others))}
-
-
-def _fingerprints(manifest: Manifest) -> dict[str, list[str]]:
-    return {name: [text for text in entries if text.startswith(MARK)] for name, entries in manifest.items()}
+    known, new = (
+        {name: [text for text in entries if text.startswith(MARK)] for name, entries in manifest.items()}
+        for manifest in (listed, others)
+    )
+    return {**seen, **near_copies(known, new)}
 
 
 def repeated_recordings(manifest: Manifest) -> dict[str, str]:

@@ -5,7 +5,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,11 +15,8 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import BLOCK
 from swashtwin.recordings.samples import Samples
 
-
-class _Unchanged(Enum):
-    """Stands for the speed that the samples have."""
-
-    VALUE = 0
+_OF_SAMPLES: Any = object()
+"""Stands for the speed that the samples have."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -82,13 +78,13 @@ class Recording:
         unit: str = "m/s^2",
         label: str | None = None,
         condition: OperatingCondition | None = None,
-        speed: Float[np.ndarray, " time"] | _Unchanged | None = _Unchanged.VALUE,
+        speed: Float[np.ndarray, " time"] | None = _OF_SAMPLES,
         specimen: str | None = None,
         synthetic: bool = False,
         attributes: Mapping[str, str] | None = None,
         samples: Samples | None = None,
     ) -> None:
-        if signal is None and samples is not None and not isinstance(speed, _Unchanged):
+        if signal is None and samples is not None and speed is not _OF_SAMPLES:
             signal = samples.signal
         if (samples is None and signal is None) or not recording_id:
             raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
@@ -101,9 +97,9 @@ class Recording:
         channels = (channels,) if isinstance(channels, str) else channels
         if signal is not None:
             signal = _own_samples(signal, recording_id)
-            speed = speed if speed is None or isinstance(speed, _Unchanged) else np.asarray(speed, dtype=np.float64)
-            if isinstance(speed, _Unchanged):
+            if speed is _OF_SAMPLES:
                 speed = None if samples is None else samples.speed
+            speed = None if speed is None else np.asarray(speed, dtype=np.float64)
             origin = samples if samples is not None and samples.name == recording_id else None
             samples = Samples.in_memory(recording_id, signal, speed, origin=origin)
         assert samples is not None

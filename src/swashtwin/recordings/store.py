@@ -1,6 +1,7 @@
 """Recordings in our own HDF5 form: one in a file, many in a store, and many files in a folder."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -162,7 +163,7 @@ def _recording(path: Path, raw: RawFile) -> Recording:
     columns = Columns(tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds, tuple(facts["hashes"]))
     name = facts["recording_id"]
     return Recording(
-        samples=Samples.from_columns(name, columns, partial(_same, columns)).unopened(),
+        samples=Samples.from_columns(name, columns, partial(replace, columns)).unopened(),
         sample_rate=raw.sample_rate,
         recording_id=name,
         channels=tuple(facts["channels"]),
@@ -173,7 +174,3 @@ def _recording(path: Path, raw: RawFile) -> Recording:
         synthetic=facts["synthetic"],
         attributes=raw.attributes,
     )
-
-
-def _same(columns: Columns) -> Columns:
-    return columns

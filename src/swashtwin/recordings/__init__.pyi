@@ -52,6 +52,7 @@ from .manifest import seen_recordings as seen_recordings
 from .proposal import propose_index as propose_index
 from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
+from .recording import require_distinct as require_distinct
 from .samples import rises_evenly as rises_evenly
 from .store import is_store as is_store
 from .store import write_series as write_series

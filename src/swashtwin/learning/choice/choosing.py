@@ -16,8 +16,7 @@ from swashtwin.learning.training.classifier import TOGETHER
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
-from swashtwin.learning.windows.folding import Fold, group_folds, without_overlap
-from swashtwin.learning.windows.grouping import window_groups
+from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
 

@@ -17,6 +17,7 @@ from swashtwin.recordings import (
     layout_findings,
     manifest_of,
     refuse_unfit,
+    require_distinct,
     stated_speed,
     window_findings,
 )
@@ -66,7 +67,9 @@ def cut_windows(
     ((3, 1, 300), [0, 300, 600])
     """
     recordings = list(recordings)
-    _require_distinct(recordings)
+    if not recordings:
+        raise DataError("no recording to cut windows from; check the folder or the selection.")
+    require_distinct((recording.recording_id for recording in recordings), "a training and its test")
     length = _window_length(recordings[0].sample_rate, length, duration, like)
     stride = length if stride is None else stride
     if stride < 1:
@@ -126,18 +129,6 @@ def _read_once(recording: Recording) -> Recording:
     return recording
 
 
-def _require_distinct(recordings: Sequence[Recording]) -> None:
-    if not recordings:
-        raise DataError("no recording to cut windows from; check the folder or the selection.")
-    seen: set[str] = set()
-    for recording in recordings:
-        if recording.recording_id in seen:
-            raise DataError(
-                f"two recordings have the id {recording.recording_id}; ids tell training from test: make each unique."
-            )
-        seen.add(recording.recording_id)
-
-
 def _window_length(sample_rate: float, length: int | None, duration: float | None, like: WindowSet | None) -> int:
     if sum(value is not None for value in (length, duration, like)) != 1:
         raise InputError("give exactly one of length (samples), duration (seconds) and like (a window set).")
@@ -155,15 +146,13 @@ def _window_length(sample_rate: float, length: int | None, duration: float | Non
 def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
     for finding in layout_findings(recordings):
         raise DataError(finding.message)
-    if like is not None and (difference := like.layout.difference(_layout(recordings[0], length))):
+    first = recordings[0]
+    layout = WindowLayout(float(first.sample_rate), first.channels, first.unit, length)
+    if like is not None and (difference := like.layout.difference(layout)):
         raise DataError(
-            f"the example windows and {recordings[0].recording_id} do not fit together: {difference}; "
+            f"the example windows and {first.recording_id} do not fit together: {difference}; "
             "resample, or pick the channels."
         )
-
-
-def _layout(recording: Recording, length: int) -> WindowLayout:
-    return WindowLayout(float(recording.sample_rate), recording.channels, recording.unit, length)
 
 
 def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:

@@ -14,15 +14,7 @@ SYNTHETIC_SPEED_TOLERANCE = 0.03
 
 
 def require_shared_speed(measured: WindowSet, synthetic: WindowSet) -> None:
-    """Refuse synthetic windows that run at no speed that was measured; the error names the speeds of both.
-
-    Windows without a stated speed pass: that they run alike cannot be known.
-
-    Raises
-    ------
-    InputError
-        No synthetic window runs at a speed that a measured one states.
-    """
+    """Refuse synthetic windows that run at no speed that was measured; those without a stated speed pass."""
     refuse_other_values(
         synthetic.speed, measured.speed[~measured.synthetic], quantity="speed", who="the synthetic windows run",
         remedy="make synthetic windows with a twin that is calibrated on these recordings",
@@ -54,10 +46,8 @@ def refuse_other_values(
     is_shared = any(np.any(values_match(measured, value, tolerance)) for value in simulated.tolist())
     if is_shared or not (simulated.size and measured.size):
         return
-    there, here = (_range(values * factor, unit) for values in (simulated, measured))
-    raise InputError(f"{who} at {there} and the recordings state {here}: they are not alike; {remedy}.")
-
-
-def _range(values: Float[np.ndarray, " n"], unit: str) -> str:
-    low, high = f"{values.min():.4g}", f"{values.max():.4g}"
-    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+    texts = []
+    for values in (simulated, measured):
+        low, high = (f"{value * factor:.4g}" for value in (values.min(), values.max()))
+        texts.append(f"{low} {unit}" if low == high else f"{low} to {high} {unit}")
+    raise InputError(f"{who} at {texts[0]} and the recordings state {texts[1]}: they are not alike; {remedy}.")

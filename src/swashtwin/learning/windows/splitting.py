@@ -1,18 +1,59 @@
-"""Training and test sets that share no recording. Splitting by window does not exist here.
+"""Training and test sets, and folds, that share no recording. Splitting by window does not exist here.
 
 Neighboring windows of one recording are nearly the same window; a random split of windows measures memory. Three roles
 need two calls: split off the test set first, then split the rest into training and validation.
 """
 
+import warnings
 from collections.abc import Iterable, Mapping
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Int, Shaped
 
 from swashtwin.foundation import DataError, InputError, LeakError
-from swashtwin.learning.windows.grouping import group_name, require_measured, window_groups
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.recordings import best_test_rows, join_manifests, say_seen, seen_recordings
+from swashtwin.recordings import (
+    GROUPS,
+    best_test_rows,
+    condition_names,
+    join_manifests,
+    no_group,
+    say_seen,
+    seen_recordings,
+)
+
+Dealing = Literal["stratified", "plain", "each", "shuffled"]
+Fold = tuple[Int[np.ndarray, " _trained"], Int[np.ndarray, " _tested"]]
+
+
+def require_measured(windows: WindowSet) -> None:
+    """Raise a `LeakError` that names a synthetic window, if there is one: no split may deal these out."""
+    if windows.synthetic.any():
+        name = windows.recording_id[windows.synthetic][0]
+        raise LeakError(f"{name} is synthetic; split the measured windows first, then add synthetic ones to training.")
+
+
+def window_groups(windows: WindowSet, group: str | Mapping[str, str]) -> Shaped[np.ndarray, " window"]:
+    """Name of each window's group: by one of `GROUPS`, or by its recording's id as `recording_groups` gives it."""
+    if isinstance(group, Mapping):
+        missing = [name for name in np.unique(windows.recording_id).tolist() if name not in group]
+        if missing:
+            raise DataError(no_group(missing, np.unique(windows.recording_id).size, "group"))
+        return np.array([str(group[name]) for name in windows.recording_id.tolist()], dtype=np.str_)
+    if group == "recording":
+        return windows.recording_id
+    if group == "condition":
+        ids = windows.recording_id.tolist()
+        return np.array(condition_names(ids, windows.speed, windows.discharge_pressure), dtype=np.str_)
+    if group != "specimen":
+        raise InputError(
+            f"group {group!r} is none of {', '.join(GROUPS)}; an attribute of the recordings gives groups of its own."
+        )
+    if (windows.specimen == "").any():
+        missing = sorted(set(windows.recording_id[windows.specimen == ""].tolist()))
+        raise DataError(no_group(missing, np.unique(windows.recording_id).size, group))
+    return windows.specimen
 
 
 def split_by_recording(
@@ -51,48 +92,20 @@ def split_by_recording(
         raise InputError(f"test_fraction ({test_fraction:g}) must be above 0 and at most 0.5; a fifth is 0.2.")
     require_measured(windows)
     windows.require_labels("a split by class")
-    groups = window_groups(windows, group)
-    _require_two_groups(windows, groups, f"{group_name(group)}(s)")
+    groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
+    _require_two_groups(windows, groups, f"{name}(s)")
     names = sorted(seen_recordings(join_manifests([keep_in_training]), windows.recordings))
     is_kept = np.isin(groups, groups[np.isin(windows.recording_id, names)])
     if is_kept.any():
-        _require_two_groups(
-            windows.subset(~is_kept), groups[~is_kept], f"{group_name(group)}(s) without a part in synthetic ones"
-        )
+        _require_two_groups(windows.subset(~is_kept), groups[~is_kept], f"{name}(s) without a part in synthetic ones")
     rows = np.flatnonzero(~is_kept)
     pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
     cells = windows.target * (int(pressures.max()) + 1) + pressures
     test = best_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
     if test is None:
-        raise DataError(
-            f"no split by {group_name(group)} keeps every class on both sides; name the recordings of the test."
-        )
+        raise DataError(f"no split by {name} keeps every class on both sides; name the recordings of the test.")
     mask = np.zeros(len(windows), dtype=np.bool_)
     mask[rows[test]] = True
-    return windows.subset(~mask), windows.subset(mask)
-
-
-def hold_out(windows: WindowSet, recording_ids: Iterable[str]) -> tuple[WindowSet, WindowSet]:
-    """(training set, test set), the test set being the recordings named.
-
-    A class may be missing on either side; training and the scores then say so.
-
-    Raises
-    ------
-    InputError
-        No id, an id that no window has, or every id.
-    LeakError
-        A recording of the test set is synthetic.
-    """
-    chosen = sorted({str(name) for name in recording_ids})
-    missing = [name for name in chosen if name not in windows.recording_id]
-    if missing or not chosen:
-        raise InputError(f"no window is of the recording {missing[0]!r}." if missing else "no recording was named.")
-    mask = np.isin(windows.recording_id, chosen)
-    if mask.all():
-        raise InputError("every recording was held out; nothing is left to train on.")
-    if windows.synthetic[mask].any():
-        raise LeakError(f"{windows.recording_id[mask & windows.synthetic][0]} is synthetic; a test set is measured.")
     return windows.subset(~mask), windows.subset(mask)
 
 
@@ -123,3 +136,87 @@ def _require_two_groups(windows: WindowSet, groups: Shaped[np.ndarray, " window"
                 f"class {name} has windows of {count} {group}, and needs 2 to stand in training and in test; record "
                 "another, or name the recordings of the test."
             )
+
+
+def group_folds(
+    windows: WindowSet,
+    *,
+    group: str | Mapping[str, str] = "recording",
+    n_folds: int = 5,
+    dealing: Dealing = "stratified",
+    test_fraction: float = 0.2,
+    seed: int = 0,
+) -> tuple[Fold, ...]:
+    """Pairs (indices to train on, indices to test on) that share no group, and so no recording.
+
+    Windows may overlap: overlapping ones are of one recording, so they stay on one side. `without_overlap` thins a test
+    set, where overlapping windows would count one moment twice.
+
+    Parameters
+    ----------
+    windows : measured windows with labels.
+    group : as in `split_by_recording`.
+    n_folds : number of folds; ``dealing="each"`` does not look at it.
+    dealing : ``"stratified"`` deals groups so that classes are alike in every fold, drawn anew by each seed
+        (scikit-learn's `StratifiedGroupKFold`); ``"plain"`` makes folds of like size (`GroupKFold`, no draw);
+        ``"each"`` holds out one group after the other (`LeaveOneGroupOut`); ``"shuffled"`` draws `test_fraction` of the
+        groups `n_folds` times (`GroupShuffleSplit`).
+    test_fraction : share of groups that ``"shuffled"`` holds out.
+    seed : seed of the draw.
+
+    Raises
+    ------
+    InputError
+        More folds than groups, or fewer than two.
+    LeakError
+        Some windows are synthetic. Add these to the training sides afterwards.
+    DataError
+        A fold leaves nothing of a class to train on, or a window has no label or no group.
+    """
+    windows.require_labels("a split by class")
+    require_measured(windows)
+    groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
+    count = np.unique(groups).size
+    if not 2 <= n_folds <= count and dealing in ("stratified", "plain"):
+        raise InputError(f"n_folds ({n_folds}) must be 2 to {count}, the number of {name}s.")
+    splitter = _splitter(dealing, n_folds, test_fraction, seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a class of fewer groups than folds is dealt as far as it goes
+        try:
+            folds = tuple(splitter.split(np.zeros(len(windows)), windows.target, groups))
+        except ValueError as cause:
+            raise InputError(f"{count} {name}(s) cannot be dealt so: {cause}") from cause
+    for trained, tested in folds:
+        present = np.bincount(windows.target[trained], minlength=len(windows.classes))
+        if not present.all():
+            names = ", ".join(np.unique(groups[tested]).tolist()[:3])
+            raise DataError(
+                f"with {names} held out nothing of class {windows.classes[int(present.argmin())]} is left to train on; "
+                "take fewer folds, another group, or record the class in more groups."
+            )
+    return folds
+
+
+def without_overlap(windows: WindowSet) -> WindowSet:
+    """The windows of each recording that begin no sooner than the one kept before them ends."""
+    indices, ends = [], dict[str, int]()
+    for index in np.lexsort((windows.start, windows.recording_id)):
+        name, start = str(windows.recording_id[index]), int(windows.start[index])
+        if start >= ends.get(name, start):
+            indices.append(int(index))
+            ends[name] = start + windows.length
+    return windows.subset(np.array(sorted(indices), dtype=np.int64))
+
+
+def _splitter(dealing: Dealing, n_folds: int, test_fraction: float, seed: int) -> Any:
+    from sklearn import model_selection
+
+    if dealing == "stratified":
+        return model_selection.StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
+    if dealing == "plain":
+        return model_selection.GroupKFold(n_splits=n_folds)
+    if dealing == "each":
+        return model_selection.LeaveOneGroupOut()
+    if dealing == "shuffled":
+        return model_selection.GroupShuffleSplit(n_splits=n_folds, test_size=test_fraction, random_state=seed)
+    raise InputError(f"dealing {dealing!r} is none of stratified, plain, each, shuffled.")

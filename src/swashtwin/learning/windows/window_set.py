@@ -159,11 +159,6 @@ class WindowSet:
         return np.array([*self.classes, ""], dtype=np.str_)[self.target]
 
     @property
-    def revolutions(self) -> Float[np.ndarray, " window"]:
-        """Turns of the shaft within each window; NaN where the speed is not known."""
-        return self.length / self.sample_rate * self.speed / (2 * np.pi)
-
-    @property
     def turns_per_sample(self) -> Float32[np.ndarray, " window"]:
         """Turns of the shaft per sample in each window; NaN where the speed is not known."""
         return (self.speed / (2 * np.pi * self.sample_rate)).astype(np.float32)
@@ -198,10 +193,12 @@ class WindowSet:
         Pressures of the same operating point share a cell; None stands where none is stated. An empty cell is a
         missing condition.
         """
-        cells = {(name, pressure): 0 for name in self.classes for pressure in sorted_pressures(self.cell_pressure)}
-        labeled = self.target >= 0
-        for name, pressure in zip(self.label[labeled], self.cell_pressure[labeled], strict=True):
-            cells[str(name), None if np.isnan(pressure) else float(pressure)] += 1
+        pressures = [None if np.isnan(value) else value for value in self.cell_pressure.tolist()]
+        levels = [*distinct_values(self.cell_pressure), *([None] if None in pressures else [])]
+        cells = {(name, level): 0 for name in self.classes for level in levels}
+        for name, pressure in zip(self.label.tolist(), pressures, strict=True):
+            if name:
+                cells[name, pressure] += 1
         return cells
 
     @property
@@ -234,12 +231,6 @@ class WindowSet:
             array = np.ascontiguousarray(getattr(self, name))
             digest.update("\x1f".join(array.tolist()).encode() if array.dtype.kind == "U" else array.tobytes())
         return digest.hexdigest()
-
-
-def sorted_pressures(pressure: Float[np.ndarray, " window"]) -> list[float | None]:
-    """Each pressure that occurs once, ascending [Pa]; None, last, stands for NaN."""
-    values: list[float | None] = [float(value) for value in np.unique(pressure[~np.isnan(pressure)])]
-    return [*values, None] if np.isnan(pressure).any() else values
 
 
 def distinct_values(values: Float[np.ndarray, " window"]) -> tuple[float, ...]:

@@ -155,7 +155,7 @@ def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, 
     assert len(tested) == len(set(tested)) == 12
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
     again = run("data", "split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)
-    assert "exists and may have been edited" in one_line(again)
+    assert "exists; replace it with --force" in one_line(again)
 
 
 def test_a_split_by_a_condition_that_nobody_wrote_down_ends_in_one_line(index):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin.foundation import DataError, MissingExtraError
+from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.recordings.formats import isolation
 
@@ -46,11 +46,6 @@ def test_an_archive_of_arrays_gives_vectors_rate_and_unit(tmp_path: Path) -> Non
     assert loaded.attributes["sensor"] == "352C33"
 
 
-def test_a_time_vector_of_an_archive_gives_the_rate(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", x=SIGNAL[0], time=np.arange(400) / 51200)
-    assert load_recording(tmp_path / "a.npz", unit="1").sample_rate == 51200.0
-
-
 def test_an_archive_that_would_run_code_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=np.array([1.5, "b", None], dtype=object))
     with pytest.raises(DataError, match="allow_pickle=False"):
@@ -85,16 +80,6 @@ def test_channels_of_two_rates_are_not_one_recording(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"several rates \(0/x: 25600 Hz, 1/x: 12800 Hz\)"):
         load_recording(path)
     assert load_recording(path, channels=["1/x"]).sample_rate == 12800.0
-
-
-def test_the_extra_for_measurement_data_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 1000.0, "g"))
-    (tmp_path / "asammdf.py").write_text("raise ImportError('asammdf')")
-    monkeypatch.syspath_prepend(tmp_path)
-    isolation.stop()
-    with pytest.raises(MissingExtraError, match=r'pip install "swashtwin\[mdf\]"'):
-        load_recording(path)
-    isolation.stop()
 
 
 # ---- the time column

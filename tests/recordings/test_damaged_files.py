@@ -18,20 +18,12 @@ def recording() -> Recording:
 
 
 @pytest.mark.parametrize("suffix", READABLE)
-def test_a_missing_file_is_refused(suffix: str, tmp_path: Path) -> None:
+def test_a_missing_an_empty_and_a_cut_file_are_refused(recording: Recording, suffix: str, tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="does not exist"):
         load_recording(tmp_path / f"a.{suffix}")
-
-
-@pytest.mark.parametrize("suffix", READABLE)
-def test_an_empty_file_is_refused(suffix: str, tmp_path: Path) -> None:
     (tmp_path / f"a.{suffix}").touch()
     with pytest.raises(DataError, match="empty"):
         load_recording(tmp_path / f"a.{suffix}")
-
-
-@pytest.mark.parametrize("suffix", READABLE)
-def test_a_cut_file_is_refused(recording: Recording, suffix: str, tmp_path: Path) -> None:
     path = written(recording, tmp_path, suffix)
     content = path.read_bytes()
     length = 2 * len(content) // 3

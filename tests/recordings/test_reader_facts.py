@@ -98,12 +98,6 @@ def test_a_rate_that_contradicts_the_file_names_both(recording: Recording, tmp_p
     assert load_recording(path, sample_rate="25.61 kHz").sample_rate == 25610.0
 
 
-def test_a_unit_that_contradicts_the_file_names_both(recording: Recording, tmp_path: Path) -> None:
-    path = write_recording(recording, tmp_path / "a.h5")
-    with pytest.raises(DataError, match=r"in m/s\^2, the index says g"):
-        load_recording(path, unit="g")
-
-
 @pytest.mark.parametrize(
     ("sensitivity", "unit", "factors"),
     [

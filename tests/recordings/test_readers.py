@@ -33,12 +33,6 @@ def test_hdf5_gives_back_the_whole_recording(recording: Recording, tmp_path: Pat
     assert loaded.attributes["sensor"] == "352C33"
 
 
-def test_hdf5_gives_back_a_recording_of_which_little_is_known(tmp_path: Path) -> None:
-    bare = Recording(signal=np.ones((1, 3)), sample_rate=1.5, recording_id="x", unit="1")
-    loaded = load_recording(write_recording(bare, tmp_path / "x.h5"))
-    assert (loaded.label, loaded.condition, loaded.specimen, loaded.unit) == (None, None, None, "1")
-
-
 @pytest.mark.parametrize("suffix", WRITABLE)
 def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path: Path, suffix: str) -> None:
     path = write_recording(recording, tmp_path / "deep" / f"a.{suffix}")

@@ -96,15 +96,6 @@ def test_a_recording_of_another_version_is_refused_by_both_names(tmp_path: Path,
             load(tmp_path / "a.h5")
 
 
-@pytest.mark.parametrize("suffix", ["csv", "mat", "wav", "tdms"])
-def test_other_formats_keep_the_channels_and_lose_the_speed(tmp_path: Path, suffix: str) -> None:
-    (block,) = blocks_of((50,))
-    path = write_recording(block, tmp_path / f"a.{suffix}")
-    loaded = load_recording(path, **({"unit": "m/s^2"} if suffix == "wav" else {}))
-    assert loaded.speed is None
-    np.testing.assert_allclose(loaded.signal, block.signal, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -165,16 +156,6 @@ def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(tmp_path: Pat
     )
     assert (process.returncode, process.stdout, process.stderr) == (0, "File too large\n", "")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.h5", "old")]
-
-
-def test_an_interrupt_between_blocks_leaves_nothing(tmp_path: Path) -> None:
-    def interrupted() -> Iterator[Recording]:
-        yield from blocks_of((100,))
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_blocks(interrupted(), tmp_path / "a.h5")
-    assert not list(tmp_path.iterdir())
 
 
 def test_memory_does_not_grow_with_a_recording_s_length(tmp_path: Path, pump: Pump, at_15: OperatingCondition) -> None:

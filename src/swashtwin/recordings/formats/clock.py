@@ -209,11 +209,8 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
         return False
     rate = 1 / (usual * TIME_UNITS[_unit_by_size(head) or "s"])
     is_count = usual == 1 and _unit_by_size(head) is None and not may_count
-    return not is_count and rate <= _FASTEST and bool((np.diff(_sparse(column)) > 0).all())
-
-
-def _sparse(column: Column) -> Float[np.ndarray, " time"]:
-    return np.asarray(column[0 :: 1 + len(column) // _ENOUGH], dtype=np.float64)
+    sparse = np.asarray(column[0 :: 1 + len(column) // _ENOUGH], dtype=np.float64)
+    return not is_count and rate <= _FASTEST and bool((np.diff(sparse) > 0).all())
 
 
 def _is_counter(raw: RawFile, name: str, column: Column) -> bool:

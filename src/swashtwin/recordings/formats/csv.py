@@ -25,7 +25,7 @@ from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
 
 _BYTES = 1 << 24
-"""Bytes of text that are in memory together, and the longest line."""
+"""Bytes of text that are in memory together, the longest line, and the most blank lines."""
 _EXPANSION = 300
 """Bytes of text per byte of a gzipped file beyond which it holds no measurement."""
 _FORTRAN = re.compile(rb"(?<=\d|\.)[dD](?=[+-]?\d)")
@@ -46,11 +46,16 @@ def read(path: Path, options: Options) -> RawFile:
     try:
         count = 0
         for block in table.blocks():
-            _require_room(path, folder, block.nbytes)
+            require_disk_space(folder, 1, block.nbytes)
             spool.write(block.tobytes())
             count += len(block)
-    except BaseException:
+    except BaseException as cause:
         spool.close()
+        if isinstance(cause, InputError):
+            raise InputError(
+                f"{path}: its numbers do not fit in the folder of temporary files, {folder}; free space there, or let "
+                "the environment variable TMPDIR name a folder on another disk."
+            ) from cause
         raise
     width = len(table.columns)
 
@@ -65,21 +70,6 @@ def read(path: Path, options: Options) -> RawFile:
     return table.raw_file(side_by_side, options)
 
 
-def _require_room(path: Path, folder: Path, size: int) -> None:
-    """Refuse `size` bytes for which the disk of the temporary files has too little space."""
-    try:
-        require_disk_space(folder, 1, size)
-    except InputError as cause:
-        raise InputError(
-            f"{path}: its numbers do not fit in the folder of temporary files, {folder}; free space there, or let the "
-            "environment variable TMPDIR name a folder on another disk."
-        ) from cause
-
-
-_LONGEST_TAIL = 1 << 24
-"""Bytes of lines without a value that are looked through to see whether samples follow."""
-
-
 class _Table:
     """A text table whose numbers are read in blocks of lines."""
 
@@ -91,6 +81,7 @@ class _Table:
         head = self._first.split(b"\n", most)[:most]
         lines = [_decode(line) for line in head]
         self._dialect = dialect_of(path, lines, options)
+        self._names, self._units = self._dialect.headings()
         self._separator = self._dialect.separator.encode()
         self._kinds = list(self._dialect.kinds)
         self._has_values = [kind is Kind.number for kind in self._kinds]
@@ -114,12 +105,12 @@ class _Table:
         for chunk in chain([self._first], self._chunks):
             text = tail + _trimmed(chunk, self._separator)
             end = text.find(b"\n", len(text.rstrip(b"\n" + self._separator)))
-            if end < 0 or len(text) - end > _LONGEST_TAIL:
+            if end < 0 or len(text) - end > _BYTES:
                 end = len(text.rstrip(b"\n"))
             body, tail = text[:end], text[end + 1 :]
             if not body:
                 tail = text
-                if len(tail) > _LONGEST_TAIL:
+                if len(tail) > _BYTES:
                     raise DataError(
                         f"{self._path}: {len(tail)} bytes of blank lines after line {self._line}; cut them."
                     )
@@ -241,7 +232,7 @@ class _Table:
                 if number <= HEAD:
                     reason += f", or say header_lines = {number} if the table begins below it"
                 return DataError(f"{self._path}: line {number} has {len(fields)} columns, not {width}; {reason}.")
-            for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._dialect.names, strict=True)):
+            for column, (field, kind, name) in enumerate(zip(fields, self._kinds, self._names, strict=True)):
                 if kind in (Kind.number, Kind.blank) and field not in MISSING and not NUMBER[decimal].fullmatch(field):
                     reason = "is not a number; correct it"
                     if THOUSANDS.fullmatch(field):
@@ -262,7 +253,7 @@ class _Table:
 
     def raw_file(self, samples: SideBySide, options: Options) -> RawFile:
         """The columns under their names, the time as the rate, and which columns were left out."""
-        names = self._dialect.names
+        names = self._names
         columns = {names[column]: values for column, values in zip(self.columns, samples.columns(), strict=True)}
         blank = [names[column] for column in self.columns if not self._has_values[column]]
         stamps = {names[column]: reader for column, reader in self._stamps.items() if names[column] not in blank}
@@ -277,7 +268,7 @@ class _Table:
         if time in stamps and stamps[time].start is not None:
             attributes["date"] = str(stamps[time].start)
         columns = {name: values for name, values in columns.items() if name == time or name not in stamps}
-        units = {name: "s" if name in stamps else unit for name, unit in self._dialect.units.items() if name in columns}
+        units = {name: "s" if name in stamps else unit for name, unit in self._units.items() if name in columns}
         if time in stamps:
             units[time] = "s"
         if time in stamps or options.time_column is not None:

@@ -51,20 +51,6 @@ class Kind(Enum):
     blank = "nothing"
 
 
-@dataclass(frozen=True)
-class Dialect:
-    """How the rows of a text table are written."""
-
-    separator: str
-    decimal: str
-    start: int
-    """Lines before the first row."""
-    names: tuple[str, ...]
-    kinds: tuple[Kind, ...]
-    units: dict[str, str]
-    """Unit of each column for which the heading, or the line below it, names one."""
-
-
 def split_line(line: str, separator: str) -> list[str]:
     """Fields of a line without the blanks and quotation marks around them."""
     if separator == " ":
@@ -73,50 +59,14 @@ def split_line(line: str, separator: str) -> list[str]:
     return [field.strip() for field in fields]
 
 
-def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
-    """Dialect of the table that begins with these lines.
-
-    Raises
-    ------
-    DataError
-        There is no table, or its numbers can be read in two ways.
-    """
-    if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
-        raise DataError(
-            f"{path} is the header of a DIAdem data set, whose samples are in another file; export it as text."
-        )
-    separators = (options.separator,) if options.separator else _SEPARATORS
-    decimals = (options.decimal,) if options.decimal else (".", ",")
-    candidates = [
-        layout
-        for separator in separators
-        for decimal in decimals
-        if separator != decimal and (layout := _layout(lines, separator, decimal, options.header_lines)) is not None
-    ]
-    if not candidates:
-        raise DataError(
-            f"{path} holds no table of numbers that could be found; say how it is written, "
-            'for example separator = ";", decimal = ",", header_lines = 8.'
-        )
-    best = max(candidates, key=_Layout.merit)
-    if options.decimal is None:
-        best.refuse_thousands(path)
-        if options.separator is None:
-            best.refuse_ambiguous(path, lines)
-    if options.header_lines is None:
-        best.refuse_other_headings(path, lines)
-    best.refuse_tagged(path, lines)
-    names, units = best.headings()
-    return Dialect(best.separator, best.decimal, best.start, names, best.kinds, units)
-
-
 @dataclass(frozen=True)
-class _Layout:
-    """One way to read the lines."""
+class Dialect:
+    """One way to read the lines of a text table."""
 
     separator: str
     decimal: str
     start: int
+    """Lines before the first row."""
     kinds: tuple[Kind, ...]
     header: tuple[list[str], ...]
     """Fields of the line with the headings, and of the line above it where these can be headings, too."""
@@ -191,7 +141,7 @@ class _Layout:
                 )
 
     def headings(self) -> tuple[tuple[str, ...], dict[str, str]]:
-        """Names and units of the columns."""
+        """Names of the columns, and the unit of each for which its heading, or the line below that, states one."""
         header = self.header[0] if self.header else [""] * len(self.kinds)
         below: list[str] = []
         if len(self.header) > 1 and _are_units(header):
@@ -211,6 +161,42 @@ class _Layout:
         return tuple(names), units
 
 
+def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
+    """Dialect of the table that begins with these lines.
+
+    Raises
+    ------
+    DataError
+        There is no table, or its numbers can be read in two ways.
+    """
+    if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
+        raise DataError(
+            f"{path} is the header of a DIAdem data set, whose samples are in another file; export it as text."
+        )
+    separators = (options.separator,) if options.separator else _SEPARATORS
+    decimals = (options.decimal,) if options.decimal else (".", ",")
+    candidates = [
+        layout
+        for separator in separators
+        for decimal in decimals
+        if separator != decimal and (layout := _layout(lines, separator, decimal, options.header_lines)) is not None
+    ]
+    if not candidates:
+        raise DataError(
+            f"{path} holds no table of numbers that could be found; say how it is written, "
+            'for example separator = ";", decimal = ",", header_lines = 8.'
+        )
+    best = max(candidates, key=Dialect.merit)
+    if options.decimal is None:
+        best.refuse_thousands(path)
+        if options.separator is None:
+            best.refuse_ambiguous(path, lines)
+    if options.header_lines is None:
+        best.refuse_other_headings(path, lines)
+    best.refuse_tagged(path, lines)
+    return best
+
+
 def _below_labview(lines: Sequence[str]) -> int:
     """Lines up to the last header of LabVIEW before its rows."""
     ends = [number for number, line in enumerate(lines) if line.startswith(_LABVIEW)]
@@ -222,7 +208,7 @@ def _uncommented(line: str) -> str:
     return line if re.match(r"#\s*[\t;,|]", line) else line.lstrip("%# ")
 
 
-def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: int | None) -> _Layout | None:
+def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: int | None) -> Dialect | None:
     """How the lines read with one separator and one decimal mark; None where they are no table."""
     first = header_lines or _below_labview(lines)
     fields = {
@@ -250,7 +236,7 @@ def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: in
     header = _header(fields, start, kinds, decimal)
     if header_lines is None:
         start = header[0] + 1 if header[0] == start else _first_row(fields, header[0], start, kinds, decimal)
-    return _Layout(separator, decimal, start, kinds, header[1], rows)
+    return Dialect(separator, decimal, start, kinds, header[1], rows)
 
 
 def _header(

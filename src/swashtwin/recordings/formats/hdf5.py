@@ -7,7 +7,6 @@ are ``sample_rate`` [Hz], ``unit``, ``channels``, ``factor``, ``recording_id``, 
 """
 
 import json
-from collections.abc import Iterator
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -18,13 +17,7 @@ import numpy as np
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
 from swashtwin.recordings.columns import Column, SideBySide
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import (
-    STORE_KIND,
-    Options,
-    RawFile,
-    known_unit,
-    require_plausible_size,
-)
+from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, known_unit, require_plausible_size
 from swashtwin.recordings.formats.tables import LISTS, header_rate, obeyed, stated_sensitivities, unknown_scale
 
 KIND = "swashtwin recording "
@@ -151,7 +144,7 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     if not np.isfinite(factors).all():
         raise ArtifactError(f"{path} is damaged: a factor of its channels is no number ({factors}).")
     texts = isinstance(channels, list) and isinstance(attributes, dict) and isinstance(hashes, list)
-    texts = texts and _are_texts(channels, *hashes, *attributes.values())
+    texts = texts and all(isinstance(text, str) for text in (*channels, *hashes, *attributes.values()))
     if not (texts and signal.ndim == 2 and len(lengths) == 1):
         raise ArtifactError(f"{path} is damaged: its channels, factors or attributes are not what they should be.")
     facts: dict[str, Any] = {
@@ -174,10 +167,6 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
         }
     units = dict.fromkeys(named, facts["unit"])
     return RawFile(named, float(stated["sample_rate"]), units, attributes, facts, speed)
-
-
-def _are_texts(channels: list[Any], *values: Any) -> bool:
-    return all(isinstance(value, str) for value in (*channels, *values))
 
 
 def _text(value: Any) -> str | None:
@@ -205,7 +194,10 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         if not set(kinds.values()) & set("fiu"):
             return
         require_data_within(path, item)
-        facts = [_attributes(holder) for holder in _holders(item)]
+        holder, facts = item, [_attributes(item)]
+        while holder.name != "/":
+            holder = holder.parent
+            facts.append(_attributes(holder))
         stated = (each.get(key) for each in (facts[0], facts[-1]) for key in ("unit", "units"))
         unit = next((unit for text in stated if (unit := known_unit(text or ""))), None)
         rate = next((rate for each in facts if (rate := _rate(path, item.name, each)) is not None), None)
@@ -249,16 +241,6 @@ def _attributes(holder: h5py.Group | h5py.Dataset) -> dict[str, str]:
     singles = {name.lower(): np.asarray(value) for name, value in pairs.items()}
     singles = {name: value.reshape(()) for name, value in singles.items() if value.size == 1}
     return {name: str(_text(value.item()) or value.item()) for name, value in singles.items()}
-
-
-def _holders(item: h5py.Dataset) -> Iterator[h5py.Group | h5py.Dataset]:
-    """A data set, and the groups that it is in, up to the file."""
-    yield item
-    group = item.parent
-    while group.name != "/":
-        yield group
-        group = group.parent
-    yield group
 
 
 def _rate(path: Path, name: str, facts: dict[str, str]) -> float | None:

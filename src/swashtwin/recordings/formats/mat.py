@@ -169,7 +169,8 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: 
 
     in_file = {name: rate for name, text in facts.items() if (rate := _rate(name, text)) is not None}
     rates = stated(in_file, (*_RATE_NAMES, *_STEP_NAMES), "sample rates")
-    units = stated({name: unit for name, text in facts.items() if (unit := _unit(name, text))}, LISTS[1], "units")
+    in_units = {name: known_unit(text) for name, text in facts.items() if any(key in name.lower() for key in LISTS[1])}
+    units = stated({name: unit for name, unit in in_units.items() if unit}, LISTS[1], "units")
     sensed = {name: texts[0] for name in facts if (texts := _sensitivity(name, facts))}
     sensitivities = stated(sensed, _SENSITIVITY_NAMES, "sensitivities")
     for name, column in columns.items():
@@ -203,10 +204,6 @@ def _rate(name: str, text: str) -> float | None:
     except (UnitError, ZeroDivisionError):
         pass
     return None
-
-
-def _unit(name: str, text: str) -> str | None:
-    return known_unit(text) if any(key in name.lower() for key in LISTS[1]) else None
 
 
 def _sensitivity(name: str, facts: Mapping[str, str]) -> list[str]:

@@ -8,14 +8,11 @@ import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse
 from swashtwin.recordings.columns import Column
-from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
+from swashtwin.recordings.formats.raw import SAMPLE_UNITS, Options, known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _AFTER_WORD = re.compile(r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")
-TRADE_UNITS = frozenset((
-    "s", "ms", "us", "ns", "min", "h", "g", "mg", "m/s^2", "mm/s^2", "mm/s", "V", "mV", "uV", "A", "mA", "Pa", "kPa",
-    "MPa", "bar", "mbar", "psi", "N", "kN", "Nm", "rpm", "Hz", "kHz", "degC", "m3/h", "l/min",
-))  # fmt: skip
+TRADE_UNITS = {*SAMPLE_UNITS, "s", "ms", "us", "ns", "min", "h", "uV", "Nm", "kHz", "m3/h", "l/min"} - {"1"}
 """Units that a heading or a second line of headings names without square brackets, as `plain_unit` writes them."""
 
 

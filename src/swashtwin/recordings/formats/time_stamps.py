@@ -13,6 +13,10 @@ from swashtwin.recordings.formats.raw import load_extra
 _DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
 _CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
 _STAMP = re.compile(rf"(?:{_DATE}(?:\s+|[Tt]))?{_CLOCK}(?:\s+{_DATE})?(?:\s?(?:Z|UTC|GMT)|[+-]\d{{2}}(?::?\d{{2}})?)?")
+_FIELDS = (
+    r"(?P<hour>\d+):(?P<minute>\d+)(?::(?P<second>\d+(?:[.,]\d+)?))?\s?(?:(?P<half>[AaPp])[Mm])?"
+    r"(?:(?P<offset>[+-]\d{2})(?::?(?P<offset_minute>\d{2}))?$)?"
+)
 _DATE_ALONE = re.compile(_DATE)
 _ORDERS = ("%d-%m-%Y", "%m-%d-%Y", "%Y-%m-%d", "%d-%m-%y", "%m-%d-%y")
 """Orders of day, month and year, the European one first."""
@@ -50,32 +54,15 @@ class StampReader:
     def seconds(self, texts: Any) -> Float[np.ndarray, " time"]:
         """Seconds since the first stamp, NaN where a text of a polars series is no time stamp."""
         polars = load_extra("polars")
-        stamp = polars.col("stamp")
-        parts = texts.to_frame("stamp").select(
-            stamp.str.extract(f"({_DATE})").str.replace_all("[/.]", "-").alias("date"),
-            stamp.str.extract(r"(\d+):").cast(polars.Float64).alias("hour"),
-            stamp.str.extract(r":(\d+)").cast(polars.Float64).alias("minute"),
-            stamp.str.extract(r":\d+:([\d.,]+)")
-            .str.replace(",", ".")
-            .cast(polars.Float64)
-            .fill_null(0)
-            .alias("second"),
-            stamp.str.extract(r":\d{2}(?:[.,]\d+)?([+-]\d{2})(?::?\d{2})?$")
-            .cast(polars.Float64)
-            .fill_null(0)
-            .alias("offset_hour"),
-            stamp.str.extract(r":\d{2}(?:[.,]\d+)?[+-]\d{2}:?(\d{2})$")
-            .cast(polars.Float64)
-            .fill_null(0)
-            .alias("offset_minute"),
-            stamp.str.extract(r"([AaPp])[Mm]").str.to_lowercase().alias("half"),
+        parts = texts.str.extract_groups(_FIELDS).struct.unnest()
+        dates = texts.str.extract(f"({_DATE})").str.replace_all("[/.]", "-")
+        half = parts["half"].str.to_lowercase().to_numpy()
+        hour, minute, second, offset, offset_minute = (
+            parts[name].str.replace(",", ".").cast(polars.Float64).fill_null(least).to_numpy()
+            for name, least in (("hour", np.nan), ("minute", 0), ("second", 0), ("offset", 0), ("offset_minute", 0))
         )
-        hour, half = parts["hour"].to_numpy(), parts["half"].to_numpy()
         hour = np.where((half == "a") | (half == "p"), hour % 12 + 12.0 * (half == "p"), hour)
-        clock = 3600.0 * hour + 60.0 * parts["minute"].to_numpy() + parts["second"].fill_null(0.0).to_numpy()
-        offset = parts["offset_hour"].to_numpy()
-        clock -= 3600.0 * offset + np.copysign(60.0, offset) * parts["offset_minute"].to_numpy()
-        dates = parts["date"]
+        clock = 3600.0 * (hour - offset) + 60.0 * (minute - np.copysign(offset_minute, offset)) + second
         if dates.null_count() == len(dates):
             return self._since_first(self._across_midnight(clock))
         stated = dates.drop_nulls()

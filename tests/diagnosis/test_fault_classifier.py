@@ -220,6 +220,13 @@ def test_its_repr_shows_what_differs_from_the_defaults():
         ({"training_settings": {"noise": 3}}, "training_settings has no field 'noise'"),
         ({"network_settings": {"width": 3}}, "has no setting 'width'"),
         ({"epochs": 0}, "epochs .0. must be at least 1"),
+        ({"epochs": "3"}, "epochs .'3'. must be a whole number"),
+        ({"window": "128"}, "window .'128'. must be a whole number or None"),
+        ({"window": 128.5}, "window .128.5. must be a whole number"),
+        ({"error_rate": "0.1"}, "error_rate .'0.1'. must be a number or None"),
+        ({"group": 3}, "group .3. must be text or a mapping by name"),
+        ({"fault_of": "piston"}, "fault_of .'piston'. must be a mapping by name or None"),
+        ({"network": 3}, "network .3. must be text"),
     ],
 )
 def test_a_wrong_parameter_is_named_in_one_line(parameters, words):
@@ -238,6 +245,8 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(recordings("train"), ["normal"])
     with pytest.raises(InputError, match=r"y.0. .None. is no class"):
         FaultClassifier(**SMALL).fit(recordings("train"), [None] * 6)
+    with pytest.raises(InputError, match="classes is the one text 'normal'"):
+        FaultClassifier(**SMALL).fit(recordings("train"), classes="normal")
     with pytest.raises(InputError, match="give synthetic windows as synthetic="):
         FaultClassifier(**SMALL).fit(recordings("train"), synthetic_windows("normal"))
     for nothing in ([], Recordings([])):

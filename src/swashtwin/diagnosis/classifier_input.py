@@ -1,7 +1,7 @@
 """What `FaultClassifier` takes: recordings with their classes, and synthetic windows; and what it holds out."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,46 @@ def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
         if label is None or label != label or not str(label).strip():
             raise InputError(f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out.")
     return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
+
+
+def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:
+    """Classes of recordings or of a window set; none of an array.
+
+    Raises
+    ------
+    InputError
+        The classes `y` are a window set, or the names of all of them are one text.
+    """
+    if isinstance(y, WindowSet):
+        raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
+    if isinstance(named, str):
+        raise InputError(f"classes is the one text {named!r}; give a list of class names.")
+    if isinstance(X, WindowSet):
+        return set(X.classes)
+    recordings = as_recordings(X)
+    return set() if recordings is None else {str(item.label) for item in relabeled(recordings, y) if item.label}
+
+
+def network_parameters(fitted: learning.FittedClassifier, own: Collection[str]) -> dict[str, Any]:
+    """Parameters of a `FaultClassifier` that trains a network like this one.
+
+    Parameters
+    ----------
+    own : settings of the training that are parameters themselves.
+    """
+    training, usual = asdict(fitted.settings), asdict(learning.RECOMMENDED_TRAINING)
+    plain = learning.default_settings(learning.network_class(fitted.network.name))
+    shape = ("n_channels", "n_classes", "length")
+    other = {name: training[name] for name in usual if name not in own and training[name] != usual[name]}
+    network = {
+        name: value for name, value in fitted.network.settings.items() if name not in shape and value != plain.get(name)
+    }
+    return {
+        "network": fitted.network.name,
+        **{name: training[name] for name in own},
+        "training_settings": other or None,
+        "network_settings": network or None,
+    }
 
 
 def require_none(y: Any, groups: Any, reason: str) -> None:
@@ -175,6 +215,7 @@ def with_synthetic(measured: WindowSet, sets: Sequence[WindowSet]) -> WindowSet:
     classes = (*measured.classes, *further)
     together = measured.with_classes(classes)
     for windows in sets:
+        learning.require_shared_speed(measured, windows)
         together = together + windows.with_classes(classes)
     return together
 

@@ -50,8 +50,8 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     confidence, reference = classifier.confidence, classifier.training_reference
     if error_rate is not None and confidence is None:
         raise InputError(
-            f"error_rate ({error_rate:g}) needs a classifier whose confidence was calibrated; train it without "
-            "--network, with --validation-fraction 0.2."
+            f"error_rate ({error_rate!r}) needs a classifier whose confidence was calibrated; train it without "
+            "--network, or with --validation-fraction 0.2."
         )
     require_layout(classifier.layout, recording)
     fault_of = classifier.fault_of if isinstance(classifier, FittedClassifier) else {}
@@ -86,7 +86,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     if confidence is not None and reference is not None:
         result = _with_trust(result, classifier.classes, confidence, probability, score, error_rate)
     if machine := another_machine(reference, specimen, always=result.unknown):
-        reasons = (machine, *reasons)
+        reasons = (machine, *reasons) if specimen else (*reasons, machine)
     return replace(
         result,
         label=classifier.classes[int(pooled.argmax())],

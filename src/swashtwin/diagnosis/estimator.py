@@ -1,8 +1,23 @@
 """What scikit-learn asks of an estimator, without its import."""
 
 import inspect
+from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin
+
+from swashtwin.foundation import InputError
+
+_KINDS = {
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+    str: (str, "text"),
+    bool: (bool, "True or False"),
+    Mapping: (Mapping, "a mapping by name"),
+    NoneType: (NoneType, "None"),
+}
+"""What each annotation of a parameter takes, and in words."""
 
 
 class Estimator:
@@ -28,6 +43,16 @@ class Estimator:
                 )
             setattr(self, name, value)
         return self
+
+    def _require_parameters(self) -> None:
+        """Refuse a parameter that is nothing of what its annotation says with an `InputError`."""
+        for name, value in self.get_params().items():
+            stated = inspect.signature(type(self).__init__).parameters[name].annotation
+            options = get_args(stated) if isinstance(stated, UnionType) else (stated,)
+            kinds = [_KINDS[get_origin(option) or option] for option in options]
+            if not any(isinstance(value, kind) and (kind is bool or value is not True) for kind, _ in kinds):
+                words = " or ".join(word for _, word in kinds)
+                raise InputError(f"{name} ({value!r}) must be {words}.", field=name)
 
     def __repr__(self) -> str:
         other = (f"{name}={value!r}" for name, value in self.get_params().items() if value != self._defaults()[name])

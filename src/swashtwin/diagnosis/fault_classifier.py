@@ -10,9 +10,11 @@ import numpy as np
 import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_input import (
     as_recordings,
+    classes_of,
     copy_notes,
     hold_out_validation,
     name_alike,
+    network_parameters,
     refuse_seen,
     relabeled,
     require_none,
@@ -148,7 +150,7 @@ class FaultClassifier(Estimator):
         groups: Any = None,
         synthetic: WindowSet | Iterable[WindowSet] | None = None,
         classes: Sequence[str] | None = None,
-        checkpoint: Path | None = None,
+        checkpoint: Path | str | None = None,
         resume: bool = False,
         progress: Progress | None = None,
     ) -> "FaultClassifier":
@@ -176,13 +178,13 @@ class FaultClassifier(Estimator):
         LeakError
             A recording that was held out had a part in synthetic windows.
         """
+        self._require_parameters()
         settings, tell = self._settings(), progress or (lambda activity, finished, total: None)
+        checkpoint = None if checkpoint is None else Path(checkpoint)
         if checkpoint is not None and checkpoint.exists() and not resume:
             raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
-        if isinstance(y, WindowSet):
-            raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
         X, sets = list(X) if isinstance(X, Iterator) else X, synthetic_sets(synthetic)
-        further, unlike = name_alike(sets, _classes_of(X, y), self.fault_of or {})
+        further, unlike = name_alike(sets, classes_of(X, y, classes), self.fault_of or {})
         manifest = join_manifests([windows.manifest for windows in further])
         windows, group = self._training_windows(X, y, groups, further, classes)
         training, held_out = windows, windows.subset(windows.target < -1)
@@ -194,8 +196,6 @@ class FaultClassifier(Estimator):
             training, group, manifest, fraction=self.validation_fraction, error_rate=self.error_rate, seed=self.seed
         )
         refuse_seen(held_out, manifest)
-        for made in further:
-            learning.require_shared_speed(windows, made)
         training = with_synthetic(training, further)
         learning.check_disjoint(training, held_out)
         fitted: FittedClassifier
@@ -205,14 +205,9 @@ class FaultClassifier(Estimator):
                 training, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, progress=tell
             )
         else:
+            shape = dict(self.network_settings or {}, length=training.length)
             fitted = learning.fit(
-                learning.build_network(
-                    self.network,
-                    training.n_channels,
-                    len(training.classes),
-                    length=training.length,
-                    **(self.network_settings or {}),
-                ),
+                learning.build_network(self.network, training.n_channels, len(training.classes), **shape),
                 training,
                 settings=settings,
                 seed=self.seed,
@@ -227,8 +222,8 @@ class FaultClassifier(Estimator):
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
-        few = few_machines(fitted.training_reference) if as_recordings(X) is not None else ""
-        self.notes_ = (*notes, *unlike, *copy_notes(windows), *([few] if few else []))
+        few = [few_machines(fitted.training_reference)] if as_recordings(X) is not None else []
+        self.notes_ = (*notes, *unlike, *copy_notes(windows), *filter(None, few))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
@@ -336,21 +331,8 @@ class FaultClassifier(Estimator):
             It is damaged, no classifier, of another version, or its network is not registered here.
         """
         fitted = load_classifier(path)
-        training, usual, shape = asdict(fitted.settings), asdict(RECOMMENDED_TRAINING), dict(fitted.network.settings)
-        other = {
-            name: training[name] for name in usual if name not in _OWN_PARAMETERS and training[name] != usual[name]
-        }
-        plain = learning.default_settings(learning.network_class(fitted.network.name))
-        own = ("n_channels", "n_classes", "length")
-        network = {name: value for name, value in shape.items() if name not in own and value != plain.get(name)}
-        named: dict[str, Any] = {
-            "network": fitted.network.name,
-            **{name: training[name] for name in _OWN_PARAMETERS},
-            "training_settings": other or None,
-            "network_settings": network or None,
-        }
         classifier = cls(
-            **({} if fitted.choice is not None else named),
+            **({} if fitted.choice is not None else network_parameters(fitted, _OWN_PARAMETERS)),
             window=fitted.length,
             fault_of=dict(fitted.fault_of) or None,
             sample_rate=fitted.sample_rate,
@@ -415,11 +397,3 @@ class FaultClassifier(Estimator):
             X = validate_data(self, X, dtype=[np.float32, np.float64], allow_nd=True, reset=False)
             target = np.full(len(X), -1)
         return windows_of_array(X, target, tuple(map(str, self.classes_)), groups, float(self.sample_rate))
-
-
-def _classes_of(X: Any, y: Any) -> set[str]:
-    """Classes of recordings or of a window set; none of an array."""
-    if isinstance(X, WindowSet):
-        return set(X.classes)
-    recordings = as_recordings(X)
-    return set() if recordings is None else {str(item.label) for item in relabeled(recordings, y) if item.label}

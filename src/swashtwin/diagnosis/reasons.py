@@ -20,6 +20,9 @@ _UNITS_APART = 20 * math.log10(9.80665)
 """Level of a signal in m/s^2 above that in g [dB]."""
 _SAME_FACTOR = 0.7
 """Distance from that level up to which a wrong unit is the likelier cause of a change [dB]."""
+_TWICE = 17.0
+"""Share of a channel that no other one explains, as -10 log10, beyond which one signal may be recorded twice [dB]: a
+correlation of 0.99."""
 _MOST = 6
 
 
@@ -119,11 +122,16 @@ def _of_channel(
     if level is not None and level.excess < -_SILENT:
         yield f"Channel {name} is nearly silent: its level is {_moved(level, f'dB re 1 {unit}')}."
         return
-    differences = [] if level is None or floor is None else [change[0] - change[1], level.excess - floor.excess]
-    if any(abs(difference) <= _SAME_GAIN for difference in differences):
+    differences: list[float] = []
+    if level is not None and floor is not None:
+        differences = [change[0] - change[1], level.excess - floor.excess]
+        if lines is None:  # noise would have moved the share of the lines
+            without = level.value - change[1]
+            differences.append(max(level.low - without, without - level.high))
+    if any(difference <= _SAME_GAIN for difference in map(abs, differences)):
         yield (
-            f"The gain of channel {name} looks {abs(change[0]):.0f} dB {'higher' if change[0] > 0 else 'lower'} than "
-            f"in the training: its level and its noise floor both moved.{_unit_hint(change[0])}"
+            f"The gain of channel {name} looks {abs(change[1]):.0f} dB {'higher' if change[1] > 0 else 'lower'} than "
+            f"in the training: its level and its noise floor both moved.{_unit_hint(change[1])}"
         )
         level = floor = None
     if floor is not None:
@@ -137,7 +145,7 @@ def _of_channel(
             f"Channel {name} has an offset of {times:.2g} times its fluctuation; in the training it was {most:.2g} at "
             "most. Check the sensor's coupling and the amplifier."
         )
-    if likeness is not None and likeness.excess > 0:
+    if likeness is not None and likeness.excess > 0 and likeness.value > _TWICE:
         now, most = (math.sqrt(1 - 10 ** (-value / 10)) for value in (likeness.value, likeness.high))
         yield (
             f"Channel {name} follows another one (correlation {now:.3f}; {most:.3f} at most in the training): is one "

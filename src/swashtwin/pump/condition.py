@@ -30,8 +30,8 @@ class OperatingCondition:
 
     speed: float
     """Angular speed of the shaft [rad/s]; `units.rpm` converts."""
-    discharge_pressure: float
-    """Absolute pressure at the outlet [Pa]."""
+    discharge_pressure: float = math.nan
+    """Absolute pressure at the outlet [Pa], which must be given."""
     suction_pressure: float = 0.11e6
     """Absolute pressure at the inlet [Pa]."""
     case_pressure: float = 0.10e6
@@ -42,8 +42,8 @@ class OperatingCondition:
     def __post_init__(self) -> None:
         for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
             value = getattr(self, name)
-            if isinstance(value, str):
-                raise InputError(f"{name} ({value!r}) must be a number in SI units, not text.")
+            if not isinstance(value, (int, float, np.number)):
+                raise InputError(f"{name} ({value!r}) must be a number in SI units, such as rpm(1500) or MPa(15).")
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
         if self.speed > 8000 * math.pi / 30:

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Complex64, Float
 from scipy import fft
 from scipy.ndimage import median_filter
-from scipy.signal.windows import tukey
 
 from swashtwin.recordings.recording import Recording
 
@@ -46,7 +45,8 @@ def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
     """Such as ``"~01.360.9Qb..."``: which pairs of bands it has, the number of values of each band, and their signs."""
     duration = channel.size / rate
     seconds = int(np.ceil(duration))
-    taper = tukey(channel.size, min(2 * _TAPER / duration, 1.0))
+    ramp = np.minimum((np.arange(channel.size) + 0.5) / (_TAPER * rate), 1.0)
+    taper = np.sin(np.pi / 2 * np.minimum(ramp, ramp[::-1])) ** 2
     spectrum = fft.rfft((channel - channel.mean()) * taper, round(seconds * rate))
     size, near = np.abs(spectrum), int(_NEAR * seconds) | 1
     used, signs = "", []

@@ -88,10 +88,15 @@ class Recording:
             signal = samples.signal
         if (samples is None and signal is None) or not recording_id:
             raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
-        texts = {"label": label, "specimen": specimen, "recording_id": recording_id}
-        for name, text in texts.items():
-            if text is not None and not isinstance(text, str):
-                raise InputError(f"{recording_id}: {name} ({text!r}) must be text.")
+        kinds: dict[str, tuple[object, type, str]] = {
+            "label": (label, str, "text"),
+            "specimen": (specimen, str, "text"),
+            "recording_id": (recording_id, str, "text"),
+            "condition": (condition, OperatingCondition, "an OperatingCondition"),
+        }
+        for name, (value, kind, word) in kinds.items():
+            if value is not None and not isinstance(value, kind):
+                raise InputError(f"{recording_id}: {name} ({value!r}) must be {word}.")
         if not (isinstance(sample_rate, (int, float, np.number)) and np.isfinite(sample_rate) and sample_rate > 0):
             raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
         channels = (channels,) if isinstance(channels, str) else channels

@@ -177,8 +177,8 @@ def least_validation(error_rate: float) -> int:
     >>> least_validation(0.1)
     9
     """
-    if not 0 < error_rate < 1:
-        raise InputError(f"error_rate ({error_rate:g}) must lie between 0 and 1; one recording in ten is 0.1.")
+    if not (isinstance(error_rate, (int, float, np.number)) and 0 < error_rate < 1):
+        raise InputError(f"error_rate ({error_rate!r}) must lie between 0 and 1; one recording in ten is 0.1.")
     return math.ceil(1 / error_rate - 1 - 1e-9)
 
 

@@ -1,6 +1,8 @@
 """Optional packages, imported where they are needed."""
 
+import sys
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from swashtwin.foundation.errors import MissingExtraError
@@ -23,7 +25,21 @@ def load_extra(module: str, extra: str, need: str) -> Any:
     try:
         return import_module(module)
     except ImportError as cause:
-        missing = cause.name or module
-        raise MissingExtraError(
-            f'{need} needs {missing}, which is not installed: pip install "swashtwin[{extra}]".'
-        ) from cause
+        raise _missing(cause.name or module, extra, need) from cause
+
+
+def require_modules(*modules: str, extra: str, need: str) -> None:
+    """The same without importing them.
+
+    Raises
+    ------
+    MissingExtraError
+        One is not installed.
+    """
+    for module in modules:
+        if module not in sys.modules and find_spec(module) is None:
+            raise _missing(module, extra, need)
+
+
+def _missing(module: str, extra: str, need: str) -> MissingExtraError:
+    return MissingExtraError(f'{need} needs {module}, which is not installed: pip install "swashtwin[{extra}]".')

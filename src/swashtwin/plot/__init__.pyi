@@ -1,7 +1,7 @@
 """Names that other rooms import, and where each lives: four figures, then what all figures share."""
 
 from .figures import confusion as confusion
-from .figures import excitation as excitation
+from .recess_figure import excitation as excitation
 from .signal_figures import marked_spectrum as marked_spectrum
 from .signal_figures import spectrum as spectrum
 from .signal_figures import unit_words as unit_words

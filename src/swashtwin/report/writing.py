@@ -9,41 +9,32 @@ from dataclasses import dataclass, replace
 from functools import cache, singledispatch
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from swashtwin.calibration import Calibration, IdentifiabilityReport
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidence, FaultClassifier
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.anomaly_part import anomaly_part
-from swashtwin.report.calibration_part import calibration_part
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
-from swashtwin.report.identifiability_part import identifiability_part
 from swashtwin.report.page import Card, Group, Part, Section, Table, cards_of, drawings, folded_section, overview_of
 from swashtwin.report.scores_part import alarms_part, scores_part
 from swashtwin.report.training_part import detector_part, training_part
 from swashtwin.report.wording import fact_entries, rig_notice
 
+if TYPE_CHECKING:
+    from swashtwin.calibration import Calibration, IdentifiabilityReport
+
 FORMAT = "swashtwin report 1"
 
-
-Item = (
-    Calibration
-    | IdentifiabilityReport
-    | FaultClassifier
-    | FittedClassifier
-    | AnomalyDetector
-    | AlarmScores
-    | Scores
-    | Diagnosis
-    | Evidence
-    | Part
+Item: TypeAlias = (
+    "Calibration | IdentifiabilityReport | FaultClassifier | FittedClassifier | AnomalyDetector | AlarmScores | "
+    "Scores | Diagnosis | Evidence | Part"
 )
 """What a report can be made of."""
 
@@ -103,7 +94,7 @@ def write_report(
 
 
 @singledispatch
-def part_of(item: object, key: str) -> Part:
+def part_of(item: Any, key: str) -> Part:
     """Part of the page about an item.
 
     Parameters
@@ -115,15 +106,22 @@ def part_of(item: object, key: str) -> Part:
     InputError
         No part is registered for its type.
     """
+    if _is_of_calibration(item):  # whose room needs torch, which other pages do without
+        from swashtwin.report.calibration_part import calibration_part
+        from swashtwin.report.identifiability_part import identifiability_part
+
+        return (calibration_part if hasattr(item, "recording_ids") else identifiability_part)(item, key)
     raise InputError(
         f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
         "diagnosis."
     )
 
 
+def _is_of_calibration(item: object) -> bool:
+    return type(item).__module__.startswith("swashtwin.calibration.")
+
+
 part_of.register(Part)(lambda part, key: part)
-part_of.register(Calibration)(calibration_part)
-part_of.register(IdentifiabilityReport)(identifiability_part)
 part_of.register(Scores)(scores_part)
 part_of.register(Diagnosis)(
     lambda verdict, key: (anomaly_part if verdict.kind == "detector" else diagnosis_part)(verdict, key)
@@ -188,9 +186,9 @@ def _told_apart(parts: Sequence[Part]) -> list[Part]:
 
 def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[Recording]:
     """The recordings that the items are of; calibrations name those that they used."""
-    if not all(isinstance(item, Calibration | IdentifiabilityReport) for item in items):
+    if not all(map(_is_of_calibration, items)):
         return recordings
-    names = {name for item in items if isinstance(item, Calibration) for name in item.recording_ids}
+    names = {name for item in items for name in getattr(item, "recording_ids", ())}
     return [recording for recording in recordings if recording.recording_id in names] if names else recordings
 
 

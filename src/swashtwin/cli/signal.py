@@ -10,13 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import (
-    Json,
-    Reading,
-    Sources,
-    band_from,
-    reads_files,
-)
+from swashtwin.cli.options import Json, Reading, Sources, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
 from swashtwin.cli.sources import load_distinct, load_sources
@@ -25,7 +19,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
-    from swashtwin.signals import Indicator, IndicatorTable, LineSpectrum
+    from swashtwin.signals import IndicatorTable, LineSpectrum
 
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
@@ -107,7 +101,11 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
         if column.name in _SHOWN or column.name.startswith("order_amplitude")
     ]
     values = [[row[index] * column.shown[0] for index, column in columns] for row in indicators.values.tolist()]
-    names = [_header(column) for _, column in columns]
+    names = [
+        column.name.removeprefix("order_amplitude ").replace("_", " ")
+        + (f" [{column.shown[1]}]" if column.unit else "")
+        for _, column in columns
+    ]
     if len({row.recording_id for row in indicators.rows}) <= MOST_ROWS:
         pairs = zip(indicators.rows, values, strict=True)
         rows = [(row.recording_id, row.channel, *map(number_or_none, numbers)) for row, numbers in pairs]
@@ -149,13 +147,8 @@ def spectrum(
     recordings = load_sources([file], **reading)
     if len(recordings) != 1:
         raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
-    lines = spectrum_of(
-        shaft.vibration_of(recordings[0]),
-        kind.value,
-        angle=shaft.angle_of(recordings[0]),
-        pistons=pistons,
-        band=edges,
-    )
+    vibration, angle = shaft.vibration_of(recordings[0]), shaft.angle_of(recordings[0])
+    lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=edges)
     drawing = spectrum_drawing(lines)
     data = write_text(csv_file, drawing.csv)
     write_text(target, drawing.svg)
@@ -255,15 +248,7 @@ def _indicators_of(
     results : `partial_results` of the first recordings, and the function that adds those of the next.
     """
     from swashtwin.foundation import DataError, InputError, from_table, to_table
-    from swashtwin.signals import (
-        BANDS,
-        FAMILIES,
-        Band,
-        IndicatorTable,
-        indicators_of,
-        long_indicators,
-        stacked,
-    )
+    from swashtwin.signals import BANDS, FAMILIES, Band, IndicatorTable, indicators_of, long_indicators, stacked
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
     refusals: list[str] = []
@@ -304,8 +289,3 @@ def _csv_beside(figure: Path, sources: list[Path], force: bool) -> Path:
     require_output(figure, suffixes=[".svg"], inputs=sources, own=[FIGURE], force=force)
     require_output(csv_file, inputs=sources, force=force or figure.exists())
     return csv_file
-
-
-def _header(indicator: "Indicator") -> str:
-    name = indicator.name.removeprefix("order_amplitude ").replace("_", " ")
-    return f"{name} [{indicator.shown[1]}]" if indicator.unit else name

@@ -1,7 +1,7 @@
 """The command twin simulate: one synthetic recording, or a folder of them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,23 +9,14 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.exits import require_files, resumable
-from swashtwin.cli.options import (
-    Json,
-    OptionalFault,
-    Pressure,
-    PumpName,
-    Seed,
-    Speed,
-    fault_from,
-)
+from swashtwin.cli.options import Json, OptionalFault, Pressure, PumpName, Seed, Speed, fault_from
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
-    from swashtwin.pump import Fault, OperatingCondition
+    from swashtwin.pump import Fault
     from swashtwin.recordings import Recording
-    from swashtwin.synthesis import Variation
 
 _STREAMED = (".h5", ".hdf5")
 _MOST_IN_MEMORY = 4 * 10**9
@@ -56,8 +47,10 @@ def simulate(
     With --count, speed, pressure, temperature, interface values, a fault's severity and place, and the shaft's phase
     are drawn for each recording, and the same command continues an interrupted run.
     """
+    from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
-    from swashtwin.pump import read_condition
+    from swashtwin.physics import Twin
+    from swashtwin.pump import load_pump, read_condition
     from swashtwin.recordings import WRITABLE
 
     if count == 1:
@@ -67,8 +60,12 @@ def simulate(
     require_files([calibration])
     seconds = parse(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
-    twin = _twin(pump, calibration, read_condition(speed=speed, discharge_pressure=pressure))
-    twin = twin.with_fault(defect) if fault is not None or calibration is None else twin
+    condition = read_condition(speed=speed, discharge_pressure=pressure)
+    if calibration is None:
+        twin = Twin(load_pump(pump), condition, defect)
+    else:
+        twin = load_calibration(calibration).twin.at(condition)
+        twin = twin if fault is None else twin.with_fault(defect)
     notes = [*_contact_notes(twin.fault, fault), *twin.notes()]
     for text in notes:
         note(f"note: {text}")
@@ -107,29 +104,6 @@ class _Plan:
         """One recording of `twin`, a variation of the plan's twin."""
         return twin.blocks(self.duration, self.sample_rate, phase=phase, recording_id=name)
 
-    def settings(self, variation: "Variation") -> dict[str, Any]:
-        """Everything that the recordings of a run depend on, but for their count."""
-        from dataclasses import asdict
-
-        from swashtwin.calibration import twin_to_dict
-
-        return {
-            "twin": twin_to_dict(self.twin),
-            "duration_s": self.duration,
-            "sample_rate_hz": self.sample_rate,
-            "variation": asdict(variation),
-            "seed": self.seed,
-        }
-
-
-def _twin(pump: str, calibration: Path | None, condition: "OperatingCondition") -> "Twin":
-    """Twin of the pump, healthy, or of the calibration, with its fault."""
-    from swashtwin.calibration import load_calibration
-    from swashtwin.physics import Twin
-    from swashtwin.pump import load_pump
-
-    return Twin(load_pump(pump), condition) if calibration is None else load_calibration(calibration).twin.at(condition)
-
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     from swashtwin.foundation import require_disk_space
@@ -167,11 +141,16 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
+    from swashtwin.calibration import twin_to_dict
     from swashtwin.foundation import stream
     from swashtwin.recordings import write_series
     from swashtwin.synthesis import Variation, draw_twin
 
     variation = Variation()
+    settings = {  # all that the recordings depend on, but for their count
+        "twin": twin_to_dict(plan.twin), "duration_s": plan.duration, "sample_rate_hz": plan.sample_rate,
+        "variation": asdict(variation), "seed": plan.seed,
+    }  # fmt: skip
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = draw_twin(plan.twin, variation, plan.seed, number)
@@ -179,9 +158,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
         return plan.blocks(twin, phase, folder.name)
 
     with resumable("complete recordings stay; the same command continues"), progress("simulating") as bar:
-        index, new = write_series(
-            folder, count, blocks_of, settings=plan.settings(variation), bytes_each=plan.size, progress=bar
-        )
+        index, new = write_series(folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar)
     result = {"index": index, "recordings": count, "new": new, "label": plan.twin.label, "seed": plan.seed}
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
     tell(result, as_json, lambda: say(f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"))

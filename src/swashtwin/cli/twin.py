@@ -9,17 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import progress, say, table, tell
-from swashtwin.cli.options import (
-    CalibrationFile,
-    Json,
-    read_words,
-)
+from swashtwin.cli.options import CalibrationFile, Json, present, read_words
 from swashtwin.cli.outputs import as_folder
 from swashtwin.foundation import parse
 
 if TYPE_CHECKING:
     from swashtwin.calibration import RecordingPlan
-    from swashtwin.pump import Nameplate, Pump
+    from swashtwin.pump import Pump
 
 
 def plan_next(
@@ -50,22 +46,19 @@ def plan_next(
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
-    speed = _quantities(speeds, "rad/s", "--speeds")
-    pressure = _quantities(pressures, "Pa", "--pressures")
-    sets = [read_words(text) for text in sensors] if sensors else None
+    speed = [parse(part, "rad/s", name="--speeds") for part in read_words(speeds)]
+    pressure = [parse(part, "Pa", name="--pressures") for part in read_words(pressures)]
+    sets = [read_words(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
     with progress("expected widths"):
-        plan = plan_recording(calibrated, speeds=speed, pressures=pressure, sensors=sets)
+        plan = plan_recording(calibrated, speeds=speed or None, pressures=pressure or None, sensors=sets or None)
     tell({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
-
-
-def _quantities(text: str | None, unit: str, option: str) -> list[float] | None:
-    """Quantities of an option, with commas between them."""
-    return None if text is None else [parse(part, unit, name=option) for part in read_words(text)]
 
 
 _SHOWN = 10
 """Candidates that are printed; --json has all."""
+_MOST_EFFECTS = 12
+"""Numbers of a new pump whose effects are printed."""
 
 
 def _show_plan(plan: "RecordingPlan") -> None:
@@ -115,7 +108,15 @@ def new_pump(
     """
     import swashtwin.pump as pump
 
-    plate = _nameplate(displacement, pistons, speed, pressure, mass)
+    plate = None
+    if displacement is not None and pistons is not None and speed is not None and pressure is not None:
+        plate = pump.read_nameplate(
+            displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
+        )
+    elif stated := present(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass):
+        missing = [name for name in ("displacement", "pistons", "speed", "pressure") if name not in stated]
+        reason = f"a nameplate needs {', '.join(f'--{name}' for name in missing)} too."
+        raise typer.BadParameter(reason, param_hint=f"--{next(iter(stated))}")
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
     result: dict[str, Any] = {"pump": path}
     if plate is not None:
@@ -128,25 +129,6 @@ def new_pump(
         say(f"{path}\nEdit it, then: swashtwin twin pump show {path}")
 
     tell(result, as_json, show)
-
-
-_MOST_EFFECTS = 12
-
-
-def _nameplate(
-    displacement: str | None, pistons: int | None, speed: str | None, pressure: str | None, mass: str | None
-) -> "Nameplate | None":
-    """Nameplate of the options; None where none of them is there, and a wrong command line where some are missing."""
-    from swashtwin.pump import read_nameplate
-
-    if displacement is None or pistons is None or speed is None or pressure is None:
-        options = {"--displacement": displacement, "--pistons": pistons, "--speed": speed, "--pressure": pressure}
-        stated = [option for option, value in {**options, "--mass": mass}.items() if value is not None]
-        if stated:
-            missing = [option for option, value in {**options, "--mass": mass}.items() if value is None]
-            raise typer.BadParameter(f"a nameplate needs {', '.join(missing)} too.", param_hint=stated[0])
-        return None
-    return read_nameplate(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass)
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:
@@ -183,14 +165,17 @@ def show_pump(
 
     pump = load_pump(name)
     numbers = list(pump_numbers(pump))
-    parameters = [
-        {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
-        for path, value, unit in numbers
-    ]
     derived = list(_derived(pump))
-    result: dict[str, Any] = {"name": pump.name, "parameters": parameters, "channels": pump.channels}
-    result |= {"available": available_pumps()}
-    result["derived"] = [{"name": words, "value": value, "unit": unit} for words, value, unit in derived]
+    result: dict[str, Any] = {
+        "name": pump.name,
+        "parameters": [
+            {"name": path, "value": value, "unit": unit, "source": pump.sources.get(path, "")}
+            for path, value, unit in numbers
+        ],
+        "channels": pump.channels,
+        "available": available_pumps(),
+        "derived": [{"name": words, "value": value, "unit": unit} for words, value, unit in derived],
+    }
     if effects:
         result["effects"] = _effects(pump)
 
@@ -206,8 +191,6 @@ def show_pump(
 
 def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
     """(what, value, SI unit) of what follows from a pump's numbers."""
-    from math import pi
-
     from swashtwin.pump import stroke_of
 
     group = pump.rotating_group
@@ -215,7 +198,7 @@ def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
     yield "stroke of a piston", stroke_of(group), "m"
     yield "diameter of the pitch circle", 2 * group.pitch_radius, "m"
     if pump.rated is not None:
-        turns = pump.rated.speed / (2 * pi)
+        turns = pump.rated.speed / (2 * math.pi)
         at = f"at {_in_trade_units(pump.rated.speed, 'rad/s')}"
         yield f"piston-pass frequency {at}", group.piston_count * turns, "Hz"
         yield f"theoretical flow {at}", group.displacement * turns, "m^3/s"

@@ -43,24 +43,10 @@ START = 1.5 * math.pi
 """Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is pressed on."""
 MOST_REVOLUTIONS = 20
 """Revolutions after which a motion that has not repeated is given up; two are usual."""
-SLOWEST = 0.01
-"""Speed [m/s] below which touching a stop is no impact."""
 SLIDING = 0.01
 """Sliding speed [m/s] below which a piston's friction fades, so that it does not switch."""
 ITERATIONS = 80
 """Newton iterations of the chamber's pressure in one step, at most."""
-
-
-@dataclass(frozen=True)
-class Impact:
-    """One impact of a loose slipper in its ball joint."""
-
-    angle: float
-    """Shaft angle at which it starts [rad], for the loose piston's own angle."""
-    speed: float
-    """Speed of the impact [m/s]."""
-    impulse: float
-    """Impulse [N s]; positive on the press side, negative on the pull side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +65,6 @@ class LooseMotion:
     """u'' less that of a tight joint [m/s^2], from each angle to the next."""
     extra_pressure: Float[np.ndarray, " step"]
     """Pressure less that of a tight joint [Pa]."""
-    impacts: tuple[Impact, ...]
-    """Where it meets a stop; impulses are positive on the press side."""
 
 
 def _damping_ratio(restitution: float) -> float:
@@ -156,7 +140,6 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
         pressure=loose[2],
         extra_acceleration=accelerations[0] - accelerations[1],
         extra_pressure=loose[2] - tight[2],
-        impacts=_impacts(mass, fault, angle, loose[0], loose[1], round(fault.pulse / step)),
     )
 
 
@@ -242,23 +225,6 @@ def _rattle(
             if abs(change) < 1e-3:
                 break
     return u, v, p
-
-
-def _impacts(
-    mass: float, fault: LooseSlipper, angle: np.ndarray, displacement: np.ndarray, speed: np.ndarray, pulse: int
-) -> tuple[Impact, ...]:
-    """Impacts in the order of the angle; what leaves a stop later than one pulse after it came has not rebounded."""
-    impacts = []
-    for outside, sense in ((displacement < 0, 1.0), (displacement > fault.clearance, -1.0)):
-        for first in np.flatnonzero(outside & ~np.roll(outside, 1)):
-            stay = np.take(outside, first + np.arange(pulse + 1), mode="wrap")
-            last = first + (int(np.argmin(stay)) if not stay.all() else pulse)
-            before, after = speed[first - 1], speed[last % len(speed)]
-            if abs(before) > SLOWEST:
-                where = float(np.mod(angle[first], 2 * math.pi))
-                impulse = sense * mass * (abs(before) + max(0.0, sense * after))
-                impacts.append(Impact(where, float(abs(before)), float(impulse)))
-    return tuple(sorted(impacts, key=lambda impact: impact.angle))
 
 
 @singledispatch

@@ -1,14 +1,18 @@
 """Severity of a fault in one recording and in several, in its unit and with an interval."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
-from swashtwin.calibration.severity.dimensions import Dimension
+import numpy as np
+
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace
 from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
 from swashtwin.foundation import InputError, deg, to_table
-from swashtwin.pump import Fault, OperatingCondition
+from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
+from swashtwin.recordings import Recording
 
 SeverityVerdict = Literal["identified", "weak", "not identified", "not detected", "at bound"]
 
@@ -141,16 +145,59 @@ class SeverityTrend:
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it, in SI; a dimension with its unit and what one such unit is in SI."""
-        table: dict[str, Any] = to_table(self)
-        for row, severity in zip(table["estimates"], self.estimates, strict=True):
-            row["fault"] = _fault_table(severity.fault)
-            for entry, item in zip(row["dimensions"], severity.dimensions, strict=True):
+        kind, table = {"kind": type(self.reference).__name__}, to_table(self)
+        for row in table["estimates"]:
+            row["fault"] = row["fault"] and kind | row["fault"]
+            for entry in row["dimensions"]:
                 dimension = entry.pop("dimension")
                 entry |= {name: dimension[name] for name in ("name", "unit", "per_unit")}
-                entry["log_std"] = item.log_std if math.isfinite(item.log_std) else None
-            row["repeatability"] = severity.repeatability if math.isfinite(severity.repeatability) else None
-        return {**table, "reference": _fault_table(self.reference), "confidence": COVERAGE}
+        return {**table, "reference": kind | table["reference"], "confidence": COVERAGE}
 
 
-def _fault_table(fault: Fault | None) -> dict[str, Any] | None:
-    return None if fault is None else {"kind": type(fault).__name__, **asdict(fault)}
+WIDER = 1.5
+"""Ratio of the calibration's band to that of severities from which a note is due."""
+
+
+def recording_notes(calibration: Calibration, recording: Recording, misfit: float) -> Iterable[str]:
+    assert recording.condition is not None
+    pressure = recording.condition.discharge_pressure
+    calibrated = [fit.condition.discharge_pressure for fit in calibration.fits]
+    if not values_match(pressure, np.array(calibrated), PRESSURE_TOLERANCE).any():
+        at = ", ".join(f"{value / 1e6:.4g}" for value in calibrated)
+        yield f"at {pressure / 1e6:.4g} MPa, calibrated at {at} MPa: the values were carried over"
+    if misfit > 2:
+        yield f"its lines miss the twin's by {misfit:.2g} times what was expected: perhaps another fault"
+
+
+def severity_notes(
+    calibration: Calibration,
+    space: FaultSpace,
+    estimates: Sequence[Severity],
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> Iterable[str]:
+    band, most = calibration.settings.get("band"), settings.band[1]
+    if band is not None and band[1] > WIDER * most:
+        yield (
+            f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
+            f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
+        )
+    if not calibration.settings.get("phases"):
+        yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."
+    partners = {estimate.traded_with for estimate in estimates} - {None}
+    if partners:
+        yield (
+            f"the severity is traded with {', '.join(sorted(map(str, partners)))}: it is known no better than these; a "
+            "change from recording to recording is known better (repeatability)."
+        )
+    dimensions = [item for severity in estimates for item in severity.dimensions]
+    flat = sorted({item.dimension.name for item in dimensions if item.verdict == "not identified"})
+    if flat:
+        yield f"{', '.join(flat)}: not identified; the recording hardly says more than was assumed."
+    if "angle" in {dimension.name for dimension in space.free}:
+        yield (
+            "an angle is not told from the angle one piston further on, and without phases only where the fault's "
+            "lines meet those of the pressures."
+        )
+    if not healthy and space.reference.label != "swash_plate":
+        yield "no healthy recordings were given: lines of a healthy pump are attributed to the fault."

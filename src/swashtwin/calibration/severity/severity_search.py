@@ -26,8 +26,9 @@ from swashtwin.calibration.severity.severity import (
     SeveritySettings,
     SeverityTrend,
     SeverityVerdict,
+    recording_notes,
+    severity_notes,
 )
-from swashtwin.calibration.severity.severity_notes import recording_notes, severity_notes
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.uncertainty.profiles import THRESHOLD
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
@@ -96,7 +97,13 @@ def estimate_severity(
             f"the known pump is calibrated with a fault ({calibration.twin.label}); calibrate on its healthy "
             "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
         )
-    _require_one_machine([*candidates, *healthy_recordings])
+    every = (*candidates, *healthy_recordings)
+    specimens = sorted({recording.specimen for recording in every if recording.specimen is not None})
+    if len(specimens) > 1:
+        raise DataError(
+            f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
+            "select its recordings (--specimen, or the method where)."
+        )
     candidates, _ = place_single_channels(candidates, calibration.nominal.pump)
     healthy_recordings, _ = place_single_channels(healthy_recordings, calibration.nominal.pump)
     used, left_out = _chosen(candidates, fault)
@@ -109,40 +116,22 @@ def estimate_severity(
         estimates=estimates,
         left_out=left_out,
         notes=tuple(severity_notes(calibration, space, estimates, healthy_recordings, settings)),
-        settings={
-            **asdict(settings),
-            "band": list(settings.band),
-            "free": [dimension.name for dimension in space.free],
-        },
+        settings={**asdict(settings), "free": [dimension.name for dimension in space.free]},
         version=VERSION,
     )
 
 
-def _require_one_machine(recordings: Sequence[Recording]) -> None:
-    specimens = sorted({recording.specimen for recording in recordings if recording.specimen is not None})
-    if len(specimens) > 1:
-        raise DataError(
-            f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
-            "select its recordings (--specimen, or the method where)."
-        )
-
-
-def _may_show(fault: Fault, label: str | None) -> bool:
-    """Whether a recording of that class may show the fault: its own class, also in other words, healthy or unknown."""
-    return label in (None, fault.label) or is_healthy(label) or propose_class(str(label)) == fault.label
-
-
 def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:
+    """Recordings that may show the fault: of its class, also in other words, healthy or of none; and why not others."""
     used, left_out = [], []
     for recording in recordings:
+        label = recording.label
         if recording.condition is None:
             left_out.append((recording.recording_id, "the recording has no operating condition"))
-        elif not _may_show(fault, recording.label):
-            left_out.append(
-                (recording.recording_id, f"the recording's label is {recording.label}, the fault's {fault.label}")
-            )
-        else:
+        elif label in (None, fault.label) or is_healthy(label) or propose_class(str(label)) == fault.label:
             used.append(recording)
+        else:
+            left_out.append((recording.recording_id, f"the recording's label is {label}, the fault's {fault.label}"))
     if not used:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
         raise DataError(f"no recording to estimate a severity of ({reasons}).")
@@ -171,8 +160,8 @@ def _of_recording(
     inversion.weigh(without_fault)
     inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
-    if evidence <= inversion.threshold:
-        ends = _ends_of_none(ends, limit)
+    if evidence <= inversion.threshold:  # a fault up to the detection limit could have been missed
+        ends = None, ends[1] if ends[1] is None or limit is None else max(ends[1], limit)
     severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
     assert recording.condition is not None  # `_chosen` lets none pass
     relative = float(point[inversion.severity])
@@ -189,10 +178,7 @@ def _of_recording(
         misfit=misfit,
         simulations=inversion.simulations,
         wall_s=time.perf_counter() - started,
-        notes=(
-            *inversion.objective.comparisons[0].measurement.notes,
-            *recording_notes(calibration, recording, misfit),
-        ),
+        notes=(*inversion.objective.comparisons[0].measurement.notes, *recording_notes(calibration, recording, misfit)),
     )
 
 
@@ -205,7 +191,8 @@ def _inversion(
 ) -> Inversion:
     assert recording.condition is not None
     twin = replace(calibration.nominal.at(recording.condition), fault=space.reference, path=None)
-    lines = _lines_of(twin, settings.band)
+    between = twin.orders[twin.orders > 1] % twin.pump.rotating_group.piston_count  # the first order is unbalance
+    lines: Lines = "shaft" if between.any() else "piston"
     phases = bool(calibration.settings.get("phases"))
     measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
@@ -223,12 +210,6 @@ def _inversion(
     objective = Objective((comparison,), search_space(limited), unknowns)
     prior = _prior(calibration, unknowns, recording.condition, healthy, settings)
     return Inversion(objective, space, prior, settings.port_timing)
-
-
-def _lines_of(twin: Twin, band: tuple[float, float]) -> Lines:
-    """All shaft orders where the fault excites more than the piston-pass lines and the unbalance."""
-    count = twin.pump.rotating_group.piston_count
-    return "shaft" if (twin.orders[twin.orders > 1] % count).any() else "piston"
 
 
 def _background(
@@ -292,12 +273,6 @@ def _calibrated_at(
         if recording.condition is not None and recording.recording_id in calibration.recording_ids
     ]
     return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
-
-
-def _ends_of_none(ends: Ends, limit: float | None) -> Ends:
-    """Ends for a fault that may not be there: up to what could have been missed, the detection limit, at least."""
-    high = ends[1]
-    return None, high if high is None or limit is None else max(high, limit)
 
 
 def _severity(

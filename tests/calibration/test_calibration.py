@@ -24,7 +24,7 @@ from swashtwin.calibration import (
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, MPa
 from swashtwin.physics import RK4, SensorPath, Twin
 from swashtwin.pump import OperatingCondition, Pump
-from swashtwin.recordings import Recording
+from swashtwin.recordings import Recording, manifest_of
 
 PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 """Truth over nominal: the paper's two published results."""
@@ -109,10 +109,11 @@ def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recordi
     np.testing.assert_allclose(stepped.values, exact.values, rtol=1e-4)
 
 
-def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, tmp_path: Path) -> None:
+def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, recording: Recording, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "calibration.json")
     again = load_calibration(path)
     assert again.to_dict() == calibration.to_dict()
+    assert dict(again.recording_hashes) == manifest_of([recording])
     assert again.twin.pump == calibration.twin.pump
     assert again.twin.fault == calibration.twin.fault
     assert again.estimates == calibration.estimates
@@ -136,6 +137,14 @@ def test_a_damaged_calibration_is_refused(calibration: Calibration, tmp_path: Pa
         path.write_text(text)
         with pytest.raises(ArtifactError, match=f"{name}.json: "):
             load_calibration(path)
+
+
+def test_the_file_says_where_recordings_of_no_machine_come_from(
+    twin: Twin, recording: Recording, tmp_path: Path
+) -> None:
+    rig = replace(recording, attributes={"origin": "swashtwin virtual rig, version 1"})
+    calibration = calibrate(twin, [rig], method=GaussNewton(starts=1), **SIX_VALUES)
+    assert load_calibration(calibration.save(tmp_path / "a.json")).origin == "swashtwin virtual rig, version 1"
 
 
 def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp_path: Path) -> None:

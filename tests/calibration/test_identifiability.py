@@ -11,6 +11,7 @@ from swashtwin.calibration import (
     GaussNewton,
     Nuisances,
     Objective,
+    Posterior,
     calibrate,
     measure,
     objective_of,
@@ -23,7 +24,7 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
 from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.profiles import profiles
-from swashtwin.foundation import mm, stream
+from swashtwin.foundation import InputError, mm, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.report.calibration_part import interval_words
@@ -63,6 +64,11 @@ def objective(twin: Twin) -> Objective:
 @pytest.fixture(scope="module")
 def point(objective: Objective) -> np.ndarray:
     return solution(objective)
+
+
+@pytest.fixture(scope="module")
+def posterior(objective: Objective, point: np.ndarray) -> Posterior:
+    return Posterior(objective.unknowns, objective.channels, point, posterior_covariance(objective, point))
 
 
 @pytest.mark.parametrize("film", ["paper", "thick"])
@@ -206,3 +212,23 @@ def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that
     for estimate, value in zip(calibration.estimates, twin.values.tolist(), strict=True):
         if estimate.verdict == "identified":
             assert estimate.interval[0] <= value <= estimate.interval[1]
+
+
+def test_draws_follow_the_covariance_within_the_bounds(posterior: Posterior) -> None:
+    wide = replace(posterior, unknowns=replace(posterior.unknowns, lower=np.full(6, -99.0), upper=np.full(6, 99.0)))
+    draws = wide.draws(2000, seed=1)
+    np.testing.assert_allclose(draws.mean(axis=0), posterior.point, atol=0.1 * draws.std(axis=0).max())
+    np.testing.assert_allclose(np.cov(draws.T), posterior.covariance, atol=0.1 * posterior.covariance.max())
+    cut = posterior.draws(200, seed=1)
+    assert (cut >= posterior.unknowns.lower).all()
+    assert (cut <= posterior.unknowns.upper).all()
+
+
+def test_a_draw_depends_on_the_seed_and_not_on_how_many_are_drawn(twin: Twin, posterior: Posterior) -> None:
+    draws = posterior.draws(5, seed=2)
+    np.testing.assert_array_equal(draws[:2], posterior.draws(2, seed=2))
+    assert not np.array_equal(draws, posterior.draws(5, seed=3))
+    values = [drawn.values.numpy() for drawn in posterior.twins(twin, 2, seed=2)]
+    np.testing.assert_allclose(values, np.exp(draws[:2, :6]))
+    with pytest.raises(InputError, match="must be at least 1"):
+        posterior.draws(0, seed=0)

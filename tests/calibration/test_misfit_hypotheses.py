@@ -6,12 +6,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-import torch
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
-from swashtwin.foundation import stream
+from swashtwin.calibration.uncertainty.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
+from swashtwin.foundation import MPa, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
@@ -105,10 +105,24 @@ def test_a_searched_constant_that_was_left_in_the_wrong_valley_is_named(twin: Tw
     assert is_right or any("the mounting's stiffness is 1.8 times" in note for note in calibration.notes)
 
 
-def test_a_misfit_that_no_single_mistake_explains_names_none(twin: Twin, recording: Recording) -> None:
-    objective = objective_of(twin, measure(twin, [recording]))
+def test_a_direction_of_the_mounting_that_was_not_searched_is_named(pump: Pump, at_15: OperatingCondition) -> None:
+    healthy = Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+    machine = recording_of(replace(healthy, scales=Scales(mount_y=1.5)), np.ones(6))
+    notes = calibrate(healthy, [machine], method=QUICK, **SIX_VALUES).notes
+    (warning,) = (note for note in notes if is_warning(note))
+    assert "the mounting's stiffness along y is 1.5 times" in warning
+    assert "nuisances=by-axis" in warning
+
+
+def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin) -> None:
+    objective = objective_of(twin, measure(twin, [recording_of(twin, np.ones(6))]))
+    start = objective.unknowns.start
+    covariance = posterior_covariance(objective, start)
+    assert "identified" in [estimate.verdict for estimate in estimates_of(objective, start, covariance)]
     factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
     scattered = objective.with_observables(objective.measured.numpy() * factor)
-    misfit = float(scattered.weighted_loss(torch.as_tensor(QUICK.search(scattered, seed=0).point)))
-    assert misfit > 2
+    assert misfit_of(scattered, start) > MISFIT
+    assert "identified" not in [estimate.verdict for estimate in estimates_of(scattered, start, covariance)]
+    point = QUICK.search(scattered, seed=0).point
+    assert (misfit := misfit_of(scattered, point)) > MISFIT
     assert misfit_hypotheses(scattered, misfit) == ()

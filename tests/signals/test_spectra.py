@@ -15,6 +15,7 @@ from swashtwin.signals import (
     band_limited,
     order_spectrum,
     peak_error,
+    spectral_correlation,
     spectrum_value_error,
     synchronous_signal,
     waveform_rmse,
@@ -203,3 +204,12 @@ def test_peak_errors_are_averaged_over_channels_and_spectrum_errors_are_not() ->
 def test_the_envelope_is_the_magnitude_of_the_analytic_signal(count: int) -> None:
     signal = np.random.default_rng(0).standard_normal((3, count))
     np.testing.assert_allclose(signal_envelope(signal), np.abs(scipy.signal.hilbert(signal)), rtol=1e-12)
+
+
+def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> None:
+    measured = np.array([[1.0, 0.1, 0.01], [0.3, 0.03, 1e-4]])
+    assert spectral_correlation(measured, 5 * measured) > 0.98
+    assert spectral_correlation(measured, 1 / measured) < -0.9
+    assert spectral_correlation(measured, np.ones_like(measured)) == 0.0
+    silent = measured * (measured > 1e-3)
+    assert spectral_correlation(measured, silent) == pytest.approx(1.0)

@@ -113,17 +113,12 @@ def plan_recording(
     ]
     if not (conditions and sets):
         raise InputError("name at least one speed, pressure and set of sensors, or leave it out.")
-    seconds = forecast.mean_duration
-    choices = [
-        (condition, seconds, names)
-        for condition, names in product(conditions, sets)
-        if seconds * condition.shaft_frequency >= LEAST_REVOLUTIONS
-    ]
-    if not choices:
+    conditions = [each for each in conditions if forecast.duration * each.shaft_frequency >= LEAST_REVOLUTIONS]
+    if not conditions:
         raise InputError(f"each of these recordings is shorter than {LEAST_REVOLUTIONS} revolutions: record longer.")
     with one_thread():
         before = forecast.covariance(forecast.present)
-        rows = [_candidate(calibration, forecast, before, *choice) for choice in choices]
+        rows = [_candidate(calibration, forecast, before, *choice) for choice in product(conditions, sets)]
     return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
 
 
@@ -145,10 +140,9 @@ def _candidate(
     forecast: "_Forecast",
     before: np.ndarray,
     condition: OperatingCondition,
-    duration: float,
     channels: tuple[str, ...],
 ) -> CandidateRecording:
-    after = forecast.covariance(forecast.with_recording(condition, duration, channels))
+    after = forecast.covariance(forecast.with_recording(condition, channels))
     share = np.sqrt(np.diag(after) / np.diag(before))
     estimates = [
         replace(each, interval=interval_around(each.value, each.log_std * factor, each.bounds))
@@ -158,7 +152,7 @@ def _candidate(
     return CandidateRecording(
         speed=condition.speed,
         discharge_pressure=condition.discharge_pressure,
-        duration=duration,
+        duration=forecast.duration,
         channels=channels,
         total_width=total_width(estimates),
         narrower={old.letter: total_width([old]) / total_width([new]) for old, new in pairs},
@@ -204,7 +198,7 @@ class _Forecast:
         self._twins: dict[OperatingCondition, Twin] = {}
         self._linear: dict[tuple[OperatingCondition, tuple[str, ...]], Linearization] = {}
         seconds = [fit.duration for fit in fits]
-        self.mean_duration = sum(seconds) / len(calibration.recording_ids)
+        self.duration = sum(seconds) / len(calibration.recording_ids)
         self._density = {name: self._noise_density(name, seconds) for name in posterior.channels}
         measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]
         around = linearize(Objective(tuple(measured), self.space, self.unknowns), self.point)
@@ -220,7 +214,7 @@ class _Forecast:
         most = math.inf if rated is None else max(getattr(rated, name), *run)
         return sorted({min(factor * float(np.mean(run)), most) for factor in FACTORS})
 
-    def with_recording(self, condition: OperatingCondition, duration: float, channels: tuple[str, ...]) -> list[_Part]:
+    def with_recording(self, condition: OperatingCondition, channels: tuple[str, ...]) -> list[_Part]:
         """The present parts and one more recording; at the operating point and with the sensors of one, in its mean."""
         points = (part.condition for part in self.present)
         same = next((old for old in points if old.matches(condition, speed=LINE_SPEED_TOLERANCE)), condition)
@@ -228,7 +222,7 @@ class _Forecast:
         orders = line_orders(self._twin(same), tuple(settings["band"]), settings["lines"])
         orders = orders[np.isin(orders, self._twin(same).orders)]
         part = _Part(same, channels, orders, np.empty((len(channels), len(orders))), 1)
-        part = replace(part, deviation=self._noise(part.frequency, channels) / math.sqrt(duration))
+        part = replace(part, deviation=self._noise(part.frequency, channels) / math.sqrt(self.duration))
         kin = [old for old in self.present if (old.condition, old.channels) == (same, channels)]
         others = [old for old in self.present if old not in kin]
         return [*others, kin[0].with_one_more(part.deviation) if kin else part]

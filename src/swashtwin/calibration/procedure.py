@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import asdict, astuple, fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -187,13 +187,8 @@ def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> l
             'and discharge pressure, such as "860 rpm" and "10 MPa", to the index file.'
         )
     groups = group_by_condition(conditions, speed=LINE_SPEED_TOLERANCE)
-    return [_mean([conditions[index] for index in group]) for group in groups]
-
-
-def _mean(conditions: Sequence[OperatingCondition]) -> OperatingCondition:
-    names = [item.name for item in fields(OperatingCondition)]
-    means = {name: float(np.mean([getattr(condition, name) for condition in conditions])) for name in names}
-    return replace(conditions[0], **means)
+    rows = np.array([astuple(condition) for condition in conditions])
+    return [OperatingCondition(*rows[group].mean(axis=0).tolist()) for group in groups]
 
 
 def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recording]]:

@@ -95,15 +95,11 @@ class Comparison:
         0.02 m/s^2. A line of little amplitude then counts little, which it would not on a decibel scale.
         """
         measurement = self.measurement
-        if measurement.phasor is None or measurement.phasor_deviation is None:
-            return _sigma(measurement.amplitude, measurement.deviation, self.floor)
-        return _sigma(np.abs(measurement.phasor), measurement.phasor_deviation, self.floor).repeat(1, 2)
-
-    @property
-    def observable_frequency(self) -> Float[np.ndarray, " observable"]:
-        """Frequency of each observable of a channel [Hz]."""
-        lines = self.measurement.orders * self.twin.condition.shaft_frequency
-        return np.tile(lines, 2) if self.has_phases else lines
+        amplitude, deviation, parts = measurement.amplitude, measurement.deviation, 1
+        if measurement.phasor is not None and measurement.phasor_deviation is not None:
+            amplitude, deviation, parts = np.abs(measurement.phasor), measurement.phasor_deviation, 2
+        variance = deviation**2 + (MODEL_ERROR * amplitude) ** 2 + self.floor**2
+        return torch.as_tensor(np.sqrt(variance)).repeat(1, parts)
 
     @property
     def deviation(self) -> Float[np.ndarray, " observable"]:
@@ -201,8 +197,8 @@ class Objective:
     @property
     def frequency(self) -> Float[np.ndarray, " observable"]:
         """Frequency of each observable [Hz]."""
-        lines = [np.tile(item.observable_frequency, len(item.measured)) for item in self.comparisons]
-        return np.concatenate(lines)
+        lines = [(item.measurement.orders * item.twin.condition.shaft_frequency, item) for item in self.comparisons]
+        return np.concatenate([np.tile(row, item.measured.numel() // len(row)) for row, item in lines])
 
     @cached_property
     def measured(self) -> Float[Tensor, " observable"]:
@@ -282,10 +278,6 @@ def _parts(lines: Complex[Tensor, "*batch order"]) -> Float[Tensor, "*batch obse
     return torch.cat([lines.real, lines.imag], dim=-1)
 
 
-def _sigma(amplitude: np.ndarray, deviation: np.ndarray, floor: np.ndarray | float) -> Tensor:
-    return torch.as_tensor(np.sqrt(deviation**2 + (MODEL_ERROR * amplitude) ** 2 + floor**2))
-
-
 def _root(square: Tensor) -> Tensor:
     """Square root whose derivative stays finite at 0, where a twin meets its own recording."""
     return (square + 1e-24).sqrt()
@@ -329,12 +321,7 @@ def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders)
-    compared = replace(
-        measurement,
-        orders=measurement.orders[common],
-        amplitude=measurement.amplitude[:, common],
-        deviation=measurement.deviation[:, common],
-        phasor=None if measurement.phasor is None else measurement.phasor[:, common],
-        phasor_deviation=None if measurement.phasor_deviation is None else measurement.phasor_deviation[:, common],
-    )
+    names = ("amplitude", "deviation", "phasor", "phasor_deviation")
+    rows = {name: row[:, common] for name in names if (row := getattr(measurement, name)) is not None}
+    compared = replace(measurement, orders=measurement.orders[common], **rows)
     return Comparison(twin=limited, measurement=compared, searched=channels)

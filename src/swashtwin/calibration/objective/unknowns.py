@@ -266,27 +266,19 @@ class Unknowns:
         """
         if not self.has_gains and not self.modes and not self.n_cross_talk:
             return None
-        mixing = self.mixing_of(torch.as_tensor(point))
-        gain, modes, damping, residue = self._path_of(torch.as_tensor(point))
-        gains = dict(zip(channels, gain.tolist(), strict=True))
-        residues = dict(zip(channels, residue.tolist(), strict=True))
-        rigid = [0.0] * self.modes
-        shares = (
-            {}
-            if mixing is None
-            else {
-                (row, column): float(mixing[channels.index(row), channels.index(column)])
-                for row in channels
-                for column in channels
-                if row != column
-            }
-        )
+        at, row_of = torch.as_tensor(point), {name: row for row, name in enumerate(channels)}
+        gain, modes, damping, residue = (part.tolist() for part in self._path_of(at))
+        mixing = self.mixing_of(at)
+        shares = [] if mixing is None else (mixing - torch.eye(len(channels))).tolist()
+        rows = [row_of.get(name) for name in sensors]
         return SensorPath(
-            gain=tuple(gains.get(name, 1.0) for name in sensors),
-            frequency=tuple(modes.tolist()),
-            damping_ratio=tuple(damping.tolist()),
-            residue=tuple(tuple(residues.get(name, rigid)) for name in sensors),
-            cross_talk=tuple(tuple(shares.get((row, column), 0.0) for column in sensors) for row in sensors)
+            gain=tuple(1.0 if row is None else gain[row] for row in rows),
+            frequency=tuple(modes),
+            damping_ratio=tuple(damping),
+            residue=tuple((0.0,) * self.modes if row is None else tuple(residue[row]) for row in rows),
+            cross_talk=tuple(
+                tuple(0.0 if row is None or column is None else shares[row][column] for column in rows) for row in rows
+            )
             if shares
             else (),
         )

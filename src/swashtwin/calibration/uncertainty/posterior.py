@@ -216,17 +216,16 @@ class Posterior:
         """Points drawn from the density; the same seed gives the same ones, whatever the count."""
         if count < 1:
             raise InputError(f"count ({count}) must be at least 1.")
-        root = np.linalg.cholesky(self.covariance)
-        return np.stack([self._draw(root, seed, index) for index in range(count)])
-
-    def _draw(self, root: np.ndarray, seed: int, index: int) -> np.ndarray:
-        rng = stream(seed, "posterior", index)
-        lower, upper = self.unknowns.lower, self.unknowns.upper
-        for _ in range(_TRIES):
-            point = self.point + root @ rng.standard_normal(len(self.point))
-            if ((point >= lower) & (point <= upper)).all():
-                break
-        return np.clip(point, lower, upper)
+        root, lower, upper = np.linalg.cholesky(self.covariance), self.unknowns.lower, self.unknowns.upper
+        points = []
+        for index in range(count):
+            rng = stream(seed, "posterior", index)
+            for _ in range(_TRIES):
+                point = self.point + root @ rng.standard_normal(len(self.point))
+                if ((point >= lower) & (point <= upper)).all():
+                    break
+            points.append(np.clip(point, lower, upper))
+        return np.stack(points)
 
     def twins(self, twin: Twin, count: int, seed: int) -> list[Twin]:
         """`twin` with the coordinates of each of `count` draws."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from swashtwin.learning import copied_recordings
@@ -26,7 +26,9 @@ def recording(name: str, label: str = "normal", samples: int = 300, rate: float 
 def test_a_copy_at_any_gain_sign_and_offset_is_found_and_nothing_else(gain, offset, index, kind):
     recordings = [recording(f"r{number}") for number in range(5)]
     copied = gain * recordings[index].signal + offset * gain
-    recordings.append(replace(recordings[index], signal=copied.astype(kind).astype(float), recording_id="copy"))
+    copied = copied.astype(kind).astype(float)
+    assume(not np.array_equal(copied, recordings[index].signal))
+    recordings.append(replace(recordings[index], signal=copied, recording_id="copy"))
     result = copied_recordings(recordings)
     assert [(copy.first.recording_id, copy.again.recording_id) for copy in result] == [(f"r{index}", "copy")]
     assert result[0].gain == pytest.approx(gain, rel=1e-3)
@@ -38,15 +40,12 @@ def test_a_copy_far_off_zero_is_found_with_its_gain():
     assert [round(copy.gain, 6) for copy in copied_recordings([original, far])] == [2.0]
 
 
-def test_a_copy_in_twelve_bits_is_found_and_an_exact_one_is_called_so():
+def test_a_copy_in_twelve_bits_is_found_and_an_exact_one_is_left_to_its_hash():
     original = recording("one")
     step = np.ptp(original.signal) / 2**12
     coarse = replace(original, signal=np.round(original.signal / step), recording_id="coarse")
     exact = replace(original, recording_id="exact")
-    assert [(copy.again.recording_id, copy.exact) for copy in copied_recordings([original, exact, coarse])] == [
-        ("exact", True),
-        ("coarse", False),
-    ]
+    assert [copy.again.recording_id for copy in copied_recordings([original, exact, coarse])] == ["coarse"]
 
 
 def test_two_measurements_of_one_sine_with_a_little_noise_are_no_copies():

@@ -1,4 +1,4 @@
-"""Recordings that are in a set twice: byte for byte, or at another gain and offset."""
+"""Recordings that are in a set twice, at another gain and offset."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -30,20 +30,18 @@ class Location:
 
 @dataclass(frozen=True)
 class Copy:
-    """Samples that occur a second time."""
+    """Samples that occur a second time, at another gain and offset."""
 
     first: Location
     """Where they occur first."""
     again: Location
     """Where they occur again."""
-    exact: bool
-    """Whether every byte is the same; otherwise gain and offset differ."""
     gain: float
     """Factor from the first to the second; negative where the sensor was turned over."""
 
 
 def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
-    """Every channel of a recording that is another one again.
+    """Every channel of a recording that is another one again; where every sample is the same, their hashes tell.
 
     Only those of one length are compared. Constant ones and ramps, such as those of a counter, are passed over: all of
     these are alike.
@@ -52,8 +50,8 @@ def copied_recordings(recordings: Iterable[Recording]) -> tuple[Copy, ...]:
     --------
     >>> noise = np.random.default_rng(0).normal(size=(1, 100))
     >>> recordings = [Recording(gain * noise, 10.0, name) for name, gain in (("one", 1.0), ("two", -2.0))]
-    >>> [(copy.again.recording_id, copy.exact, round(copy.gain, 3)) for copy in copied_recordings(recordings)]
-    [('two', False, -2.0)]
+    >>> [(copy.again.recording_id, round(copy.gain, 3)) for copy in copied_recordings(recordings)]
+    [('two', -2.0)]
     """
     locations, rows = [], []
     for recording in recordings:
@@ -71,14 +69,11 @@ def _copies(locations: Sequence[Location], rows: Sequence[np.ndarray]) -> Iterat
     for members in lengths.values():
         firsts: dict[bytes, int] = {}
         for member in members:
-            digest = hashlib.sha256(np.ascontiguousarray(rows[member]).tobytes()).digest()
-            first = firsts.setdefault(digest, member)
-            if first != member:
-                yield Copy(locations[first], locations[member], True, 1.0)
+            firsts.setdefault(hashlib.sha256(np.ascontiguousarray(rows[member]).tobytes()).digest(), member)
         distinct = list(firsts.values())
         for index, later in _alike([rows[member] for member in distinct]):
             first, again = distinct[index], distinct[later]
-            yield Copy(locations[first], locations[again], False, _gain(rows[first], rows[again]))
+            yield Copy(locations[first], locations[again], _gain(rows[first], rows[again]))
 
 
 def _gain(first: np.ndarray, again: np.ndarray) -> float:

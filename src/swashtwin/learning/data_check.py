@@ -175,7 +175,7 @@ def _copies(recordings: Sequence[Recording]) -> tuple[tuple[Copy, ...], tuple[st
     samples = sum(recording.n_samples * recording.n_channels for recording in recordings)
     if samples > _MOST_SAMPLES:
         return (), (f"copies were not looked for: {samples:.3g} samples are too many.",)
-    return tuple(copy for copy in copied_recordings(recordings) if not copy.exact), ()
+    return copied_recordings(recordings), ()
 
 
 def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:

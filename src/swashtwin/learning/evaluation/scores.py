@@ -92,19 +92,6 @@ class Scores:
         cells = [{item.name: _plain(getattr(cell, item.name)) for item in fields(cell)} for cell in self.cells]
         return {**plain, "cells": cells, "level_meaning": LEVELS.get(self.level or "")}
 
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> "Scores":
-        """The scores from what `to_dict` gave."""
-        values = {item.name: table[item.name] for item in fields(cls)}
-        for name, value in values.items():
-            values[name] = math.nan if value is None and name != "level" else value
-        values["classes"] = tuple(values["classes"])
-        values["accuracy_interval"] = tuple(_number(value) for value in values["accuracy_interval"])
-        values["recall"] = {name: _number(value) for name, value in values["recall"].items()}
-        values["confusion"] = np.array(values["confusion"], dtype=np.int64).reshape(len(values["classes"]), -1)
-        values["cells"] = tuple(CellScore(**cell) for cell in values["cells"])
-        return cls(**values)
-
 
 def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
     """Scores on measured recordings that had no part in the classifier.
@@ -235,10 +222,6 @@ def _reasons(
     if without:
         reasons["accuracy"] = f"{without} of {int(confusion.sum())} windows have no verdict and count as errors"
     return reasons
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
 
 
 def _plain(value: Any) -> Any:

@@ -113,8 +113,6 @@ class Deviation:
     """The same over the standard deviation of such a difference between healthy recordings."""
     point: str
     """Machine and operating point whose healthy recordings it was compared with, in words; empty for the only one."""
-    n_point: int
-    """How many these are."""
     notes: tuple[str, ...]
     """What was assumed, since the recording does not state it."""
 
@@ -191,7 +189,7 @@ class HealthyLevels:
         scatter = robust_spread(self.levels, self.point_index) * math.sqrt(1 + 1 / len(members))
         words = self._words(index) if len(self.points) > 1 else ""
         p_value = conformal_p_value(scores)
-        return Deviation(float(scores[-1]), p_value, change, change / scatter, words, len(members), notes)
+        return Deviation(float(scores[-1]), p_value, change, change / scatter, words, notes)
 
     def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
         """Levels [dB] of the healthy recordings of a recording's machine and operating point.

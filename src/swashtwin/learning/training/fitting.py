@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32
 
 from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.learning.features import level_features
@@ -16,7 +16,6 @@ from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings
 from swashtwin.learning.training.train_transforms import transform_windows
 from swashtwin.learning.training.training_reference import build_reference
-from swashtwin.learning.windows.splitting import check_disjoint
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
@@ -30,7 +29,6 @@ def fit(
     *,
     settings: TrainingSettings = PAPER_TRAINING,
     seed: int = 0,
-    validation: WindowSet | None = None,
     manifest: Manifest | Iterable[str] = (),
     checkpoint: Path | None = None,
     resume: bool = False,
@@ -49,10 +47,9 @@ def fit(
     windows : training windows with labels, measured and synthetic.
     settings : epochs, batch, learning rate, normalization; the paper's by default.
     seed : seed of weights, order and dropout.
-    validation : windows whose loss and accuracy are noted after each epoch; they change nothing else.
     manifest : further recordings, as a manifest or by their ids, that had a part in the training windows, such as those
-        a twin was calibrated on. They join the training and validation recordings in the classifier's manifest, which
-        no test set may meet.
+        a twin was calibrated on. They join the training recordings in the classifier's manifest, which no test set may
+        meet.
     checkpoint : file that the run is saved to after each epoch, where there are epochs.
     resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
     progress : called after each epoch.
@@ -62,25 +59,23 @@ def fit(
     ------
     DataError
         A class has no window, or a window has no label.
-    LeakError
-        Training and validation share a recording.
     InputError
         Network and windows do not fit, the loss ran away, or the checkpoint is of another run.
     """
-    _require_fitting(network, windows, validation)
-    used = join_manifests([windows.sources, manifest, () if validation is None else validation.sources])
+    _require_fitting(network, windows)
+    used = join_manifests([windows.sources, manifest])
     normalization = Normalization.fit(settings.normalization, windows)
     trained: AnyNetwork
     if isinstance(network, SolvedNetwork):
         if device != "cpu":
             raise InputError(f"device {device!r}: the network {network.name!r} is solved for on the cpu.")
-        trained, history = _solved(network, windows, normalization, settings, seed, validation)
+        trained, history = _solved(network, windows, normalization, settings, seed)
     else:
         from swashtwin.learning.training.loop import train_epochs
 
-        run = _description(network, windows, settings, seed, validation, used, device)
+        run = _description(network, windows, settings, seed, used, device)
         trained, history = train_epochs(
-            network, windows, normalization, settings, seed, validation, run, checkpoint, resume, progress, device
+            network, windows, normalization, settings, seed, run, checkpoint, resume, progress, device
         )
     return FittedClassifier(
         network=trained,
@@ -103,7 +98,6 @@ def _solved(
     normalization: Normalization,
     settings: TrainingSettings,
     seed: int,
-    validation: WindowSet | None,
 ) -> tuple[SolvedNetwork, tuple[Epoch, ...]]:
     """(the network with weights from the windows as they are and as each epoch would change them, how it fares)."""
     with one_thread():
@@ -116,10 +110,10 @@ def _solved(
                 values.append(represented(solved, changed, normalization))
                 target.append(changed.target)
         solved.solve(np.concatenate(values), np.concatenate(target), seed)
-        scores: tuple[float, ...] = _scores(solved, clean, windows.target)
-        if validation is not None:
-            scores += _scores(solved, represented(solved, validation, normalization), validation.target)
-    return solved, (Epoch(1, *scores),)
+        scores = solved.scores(clean)
+    loss = -scores[np.arange(len(scores)), windows.target].mean()
+    accuracy = (scores.argmax(axis=1) == windows.target).mean()
+    return solved, (Epoch(1, float(loss), float(accuracy)),)
 
 
 def represented(
@@ -129,15 +123,6 @@ def represented(
     samples, turns = normalization.apply(windows), windows.turns_per_sample
     parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
     return np.concatenate([network.represent_at(samples[part], turns[part]) for part in parts])
-
-
-def _scores(
-    network: SolvedNetwork, values: Float32[np.ndarray, "window value"], target: Int[np.ndarray, " window"]
-) -> tuple[float, float]:
-    """(mean loss, accuracy) on windows."""
-    scores = network.scores(values)
-    loss = -scores[np.arange(len(target)), target].mean()
-    return float(loss), float((scores.argmax(axis=1) == target).mean())
 
 
 def require_trainable(windows: WindowSet) -> None:
@@ -162,7 +147,7 @@ def require_trainable(windows: WindowSet) -> None:
         )
 
 
-def _require_fitting(network: AnyNetwork, windows: WindowSet, validation: WindowSet | None) -> None:
+def _require_fitting(network: AnyNetwork, windows: WindowSet) -> None:
     require_trainable(windows)
     if network.n_channels != windows.n_channels or network.n_classes != len(windows.classes):
         raise InputError(
@@ -172,14 +157,6 @@ def _require_fitting(network: AnyNetwork, windows: WindowSet, validation: Window
     length = network.settings.get("length", windows.length)
     if length != windows.length:
         raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
-    if validation is None:
-        return
-    validation.require_labels("validation")
-    if validation.classes != windows.classes:
-        raise InputError("training and validation windows have other classes; cut the second like the first.")
-    if difference := windows.layout.difference(validation.layout):
-        raise InputError(f"training and validation windows differ: {difference}.")
-    check_disjoint(windows, validation)
 
 
 def _description(
@@ -187,7 +164,6 @@ def _description(
     windows: WindowSet,
     settings: TrainingSettings,
     seed: int,
-    validation: WindowSet | None,
     manifest: Manifest,
     device: str,
 ) -> dict[str, Any]:
@@ -199,6 +175,5 @@ def _description(
         "seed": seed,
         "device": device,
         "training data (SHA-256)": windows.fingerprint(),
-        "validation data (SHA-256)": None if validation is None else validation.fingerprint(),
         "manifest": manifest,
     }

@@ -3,23 +3,38 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
-from swashtwin.foundation import InputError, TorchStream, derive_seed, one_thread, stream
+from swashtwin.foundation import (
+    InputError,
+    TorchStream,
+    add_prefix,
+    derive_seed,
+    one_thread,
+    optimizer_tensors,
+    read_run,
+    refuse_misfits,
+    restore_optimizer,
+    select_prefix,
+    stream,
+    write_run,
+)
 from swashtwin.learning.networks.network import Network, batches
-from swashtwin.learning.training.checkpoint import load_checkpoint, save_checkpoint
 from swashtwin.learning.training.classifier import TOGETHER
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
 from swashtwin.learning.training.train_transforms import transform_windows
 from swashtwin.learning.windows.window_set import WindowSet
+
+_KIND, _VERSION = "training checkpoint", 3
 
 
 def train_epochs(
@@ -28,7 +43,6 @@ def train_epochs(
     normalization: Normalization,
     settings: TrainingSettings,
     seed: int,
-    validation: WindowSet | None,
     run: dict[str, Any],
     checkpoint: Path | None,
     resume: bool,
@@ -44,16 +58,12 @@ def train_epochs(
     run : what makes the run this one and no other, by which its checkpoint is known.
     """
     _require_device(device)
-    kernels = _deterministic_kernels(device, settings.deterministic)
-    with kernels, one_thread():
+    with _deterministic_kernels(device), one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
-        optimizer = torch.optim.Adam(
-            trained.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-        )
+        optimizer = torch.optim.Adam(trained.parameters(), lr=settings.learning_rate)
         history = _start(checkpoint, resume, run, trained, optimizer)
         with TorchStream(derive_seed(seed, "pretraining")):
             clean = _tensors(trained, windows, normalization, device)
-            validation_tensors = None if validation is None else _tensors(trained, validation, normalization, device)
             epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
             if not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
@@ -65,9 +75,7 @@ def train_epochs(
             with random:
                 data = epoch_data(number)
             loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings, seed, number, random)
-            with random:
-                scores = _validation_scores(trained, validation_tensors)
-            history += (Epoch(number, loss, accuracy, *scores),)
+            history += (Epoch(number, loss, accuracy),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
             if progress is not None:
@@ -83,17 +91,16 @@ def _require_device(device: str) -> None:
 
 
 @contextmanager
-def _deterministic_kernels(device: str, wanted: bool) -> Iterator[None]:
-    """On a GPU kernels are chosen for the whole process; a CPU has no choice, and nothing is touched."""
+def _deterministic_kernels(device: str) -> Iterator[None]:
+    """Kernels of a GPU that give the same bits each time, chosen for the whole process; a CPU has no others."""
     cudnn = torch.backends.cudnn
     before = cudnn.deterministic, cudnn.benchmark
-    if wanted and device != "cpu":
+    if device != "cpu":
         cudnn.deterministic, cudnn.benchmark = True, False
     try:
         yield
     finally:
-        if wanted and device != "cpu":
-            cudnn.deterministic, cudnn.benchmark = before
+        cudnn.deterministic, cudnn.benchmark = before
 
 
 def _start(
@@ -182,15 +189,34 @@ def _train_epoch(
     return mean, float(right) / len(target)
 
 
-def _validation_scores(network: Network, tensors: tuple[Tensor, Tensor] | None) -> tuple[float, float] | tuple[()]:
-    """(mean loss, accuracy) on the validation windows, or nothing where there are none."""
-    return () if tensors is None else _scores(network, tensors)
+def save_checkpoint(
+    path: Path,
+    run: dict[str, Any],
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    history: tuple[Epoch, ...],
+) -> None:
+    """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
+    tensors = add_prefix("network", network.state_dict()) | add_prefix("optimizer", optimizer_tensors(optimizer))
+    arrays = {name: tensor.cpu() for name, tensor in tensors.items()}
+    write_run(path, _KIND, _VERSION, run, arrays, [asdict(epoch) for epoch in history])
 
 
-def _scores(network: Network, tensors: tuple[Tensor, Tensor]) -> tuple[float, float]:
-    """(mean loss, accuracy) on windows."""
-    network.eval()
-    with torch.no_grad():
-        scores = torch.cat([network.head(network.encode(batch)) for batch in tensors[0].split(TOGETHER)])
-    loss = functional.cross_entropy(scores, tensors[1])
-    return float(loss), float((scores.argmax(dim=1) == tensors[1]).float().mean())
+def load_checkpoint(
+    path: Path, run: dict[str, Any], network: nn.Module, optimizer: torch.optim.Optimizer
+) -> tuple[Epoch, ...]:
+    """History up to the checkpoint, after network and optimizer were set to its state.
+
+    Raises
+    ------
+    ArtifactError
+        The file is damaged or of another format.
+    InputError
+        The file is of another run: the first thing that differs is named with both values.
+    """
+    arrays, history = read_run(path, _KIND, _VERSION, run)
+    tensors = {name: torch.as_tensor(array) for name, array in arrays.items()}
+    with refuse_misfits(path, _KIND):
+        network.load_state_dict(select_prefix("network", tensors))
+        restore_optimizer(optimizer, select_prefix("optimizer", tensors))
+        return tuple(Epoch(**epoch) for epoch in history)

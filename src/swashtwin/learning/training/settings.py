@@ -47,8 +47,6 @@ class TrainingSettings:
     decay: str = "none"
     """``"none"`` keeps the learning rate, as the paper does; ``"cosine"`` lets it fall to nothing over the epochs (our
     addition), so that the last epoch does not depend on where its last steps jumped."""
-    weight_decay: float = 0.0
-    """Factor of the squared weights in Adam's gradient."""
     class_weights: bool = False
     """Whether each class counts the same in the loss: a window of class c weighs n / (C n_c)."""
     normalization: str = "window"
@@ -69,8 +67,6 @@ class TrainingSettings:
     precision: str = field(default="float32", repr=False)  # finished runs of earlier versions are found by the repr
     """``"bfloat16"`` lets convolutions and dense layers compute in 16 bits while they are trained (torch's autocast):
     faster where the processor has such instructions. Weights, losses and predictions stay in 32 bits."""
-    deterministic: bool = True
-    """Whether cuDNN may only use kernels that give the same bits each time. On a CPU with one thread all do."""
 
     def __post_init__(self) -> None:
         if self.epochs < 1:
@@ -81,8 +77,6 @@ class TrainingSettings:
             )
         if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
             raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
-        if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
-            raise InputError(f"weight_decay ({self.weight_decay:g}) must not be negative.")
         choices = {"decay": DECAYS, "normalization": NORMALIZATIONS, "precision": PRECISIONS}
         for name, options in choices.items():
             if getattr(self, name) not in options:
@@ -158,7 +152,3 @@ class Epoch:
     """Mean cross-entropy over the training windows, while the weights move."""
     accuracy: float
     """Share of the training windows classified right, while the weights move."""
-    validation_loss: float | None = None
-    """Mean cross-entropy over the validation windows after the epoch, where there are any."""
-    validation_accuracy: float | None = None
-    """Share of the validation windows classified right after the epoch, where there are any."""

@@ -162,7 +162,7 @@ class PointBaseline:
     def deviation(self, levels: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
         """How far a recording is from the baseline, for `diagnosis.level_changes`."""
         change = levels - self.median
-        return Deviation(self.score(levels), p_value, change, change / self.spread, "", len(self.rows), ())
+        return Deviation(self.score(levels), p_value, change, change / self.spread, "", ())
 
     def channel_distances(self, levels: Float64[np.ndarray, " level"]) -> Float64[np.ndarray, "channel channel"]:
         """Distance of the levels of each channel (row) from the baseline of each channel (column).

@@ -115,26 +115,6 @@ def test_a_segment_that_goes_on_without_a_gap_is_no_other_recording(tmp_path: Pa
     assert_noise(load_recording(goes_on))
 
 
-def test_the_layout_of_testlab_is_known(tmp_path: Path) -> None:
-    lab = {"x_values": {"start_value": 0.0, "increment": 1 / RATE}, "y_values": {"values": NOISE, "unit": "g"}}
-    savemat(tmp_path / "b.mat", {"Signal": lab})
-    assert_noise(load_recording(tmp_path / "b.mat"))
-
-
-def in_hdf5(path: Path, values: np.ndarray, **facts: Any) -> Path:
-    with h5py.File(path, "w") as file:
-        file["acc"] = values
-        file["acc"].attrs.update({"fs": RATE, "units": "g", **facts})
-    return path
-
-
-def test_a_gain_that_may_be_applied_is_refused_until_a_sensitivity_is_stated(tmp_path: Path) -> None:
-    gained = in_hdf5(tmp_path / "c.h5", NOISE / 2, gain=2.0)
-    with pytest.raises(DataError, match=r'states gain = 2, .* such as sensitivity = "2 g"'):
-        load_recording(gained)
-    assert_noise(load_recording(gained, sensitivity="2 g"))
-
-
 @pytest.mark.parametrize("write", ["hdf5", "npz", "mat", "parquet"])
 def test_a_clock_is_found_by_what_it_does_in_every_format(write: str, tmp_path: Path) -> None:
     columns = {"a": TIME, "b": NOISE}

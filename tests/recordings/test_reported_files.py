@@ -293,6 +293,11 @@ READ += [
                                  *rows(",", TIMES, VOLTS, VOLTS)), {"channels": ["y"]}, 2 * NOISE),
     ("unit after in", text("a.csv", "Time in seconds,x in m/s\u00b2", *rows(",", TIMES, NOISE)), {}, NOISE / G),
     ("headings of numpy", text("a.dat", "# t [s] x [g]", *rows(" ", TIMES, NOISE)), {}, NOISE),
+    ("no column of comments", text("a.lvm", *TAB, *rows("\t", TIMES, NOISE)), {}, NOISE),
+    ("a sensor now and then", text("a.csv", "t,sensor,x", *rows(",", TIMES, COUNTS % 8 == 0, NOISE)), {},
+     "2 sensors by turns"),
+    ("rate with a suffix", hdf5(NOISE, sampling_rate=[], fs_khz=10.0), {}, NOISE),
+    ("gain that is applied", hdf5(NOISE / 2, gain=2.0), {"sensitivity": "2 g"}, NOISE),
     ("lists beside a matrix", hdf5(np.stack([NOISE, NOISE]), names=["x", "tach"], units=["g", "V"]),
      {"channels": ["x/x"]}, NOISE),
 ]  # fmt: skip

@@ -37,6 +37,8 @@ _SENSOR_NAME = re.compile(
 )
 """Headings of columns that tell which sensor a row is of."""
 _LABVIEW = "***End_of_Header***"
+_NEEDLESS = ("", "Comment")
+"""Last headings for which rows may lack a column: LabVIEW writes one for comments that are none."""
 _FEW_ROWS = {" ": 8}
 """Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""
 
@@ -112,7 +114,7 @@ class Dialect:
         """Refuse fewer or more headings, or units, than columns: whose they are cannot be told."""
         number = next((number for number in range(self.start - 1, -1, -1) if lines[number].strip()), None)
         fields = [] if number is None else split_line(_uncommented(lines[number]), self.separator)
-        while fields and not fields[-1]:
+        while fields and fields[-1] in _NEEDLESS:
             fields.pop()
         width = max(column for column, kind in enumerate(self.kinds, 1) if kind is not Kind.blank)
         is_heading = any(fields == header[: len(fields)] and not any(header[len(fields) :]) for header in self.header)
@@ -130,11 +132,14 @@ class Dialect:
         rows = [split_line(line, self.separator) for line in lines[self.start :] if line.strip()]
         headings = self.header[0] if self.header else [""] * len(self.kinds)
         for column, kind in enumerate(self.kinds):
-            if kind is not Kind.text and not _SENSOR_NAME.fullmatch(headings[column]):
+            is_named = _SENSOR_NAME.fullmatch(headings[column]) is not None
+            if kind is not Kind.text and not is_named:
                 continue
             tags = [row[column] for row in rows if column < len(row)]
             turns = sum(tag != other for tag, other in pairwise(tags))
-            if 1 < len(set(tags)) <= 8 and turns >= max(3, len(set(tags)), len(tags) // (20 if column == 0 else 4)):
+            if 1 < len(set(tags)) <= 8 and turns >= max(
+                3, len(set(tags)), len(tags) // (20 if is_named or column == 0 else 4)
+            ):
                 raise DataError(
                     f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save "
                     "the rows of each in a file of its own."
@@ -260,7 +265,7 @@ def _headings(fields: list[str], width: int, decimal: str, *, blank: int = 0) ->
     The last columns that are `blank` need no heading.
     """
     fields = [*fields, *[""] * (width - len(fields))] if width - blank <= len(fields) < width else fields
-    fields = fields[:-1] if len(fields) == width + 1 and not fields[-1] else fields
+    fields = fields[:-1] if len(fields) == width + 1 and fields[-1] in _NEEDLESS else fields
     numbers = [field for field in fields if NUMBER[decimal].fullmatch(field)]
     wordy = any(character.isalpha() for field in fields for character in field)
     if (

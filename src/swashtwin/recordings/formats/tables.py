@@ -79,6 +79,8 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
     rates = set()
     for name, text in pairs:
         heading, unit = split_unit(name)
+        if suffix := re.search(r"[_ ](k?hz|[mu]?s)$", heading, re.IGNORECASE):
+            heading, unit = heading[: suffix.start()], unit or suffix[1]
         for pattern, base in ((_RATE_NAME, "Hz"), (_STEP_NAME, "s")):
             if not pattern.fullmatch(heading.strip()):
                 continue

@@ -9,6 +9,7 @@ from small_machine import Machine
 from swashtwin.foundation import DataError, to_table
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
+from swashtwin.recordings import Recording
 
 MONITOR = PointMonitor("pump-1")
 
@@ -106,19 +107,23 @@ def test_the_same_recordings_give_the_same_judgements(machine: Machine, watched:
     assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
 
 
-def test_a_recording_of_another_rate_is_refused_with_both_rates(machine: Machine, watched: PointState) -> None:
-    other = machine.recording(40).replace(sample_rate=8000.0)
-    with pytest.raises(DataError, match="sample rate 4000 Hz against 8000 Hz"):
-        MONITOR.judge(other, watched)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda machine: machine.recording(40).replace(sample_rate=8000.0), "sample rate 4000 Hz against 8000 Hz"),
+        (lambda machine: machine.recording(40, seconds=0.45), "record longer"),
+        (lambda machine: broken(machine.recording(40)), "missing or infinite"),
+    ],
+)
+def test_a_recording_that_does_not_fit_the_baseline_is_refused(
+    machine: Machine, watched: PointState, change, message: str
+) -> None:
+    with pytest.raises(DataError, match=message):
+        MONITOR.judge(change(machine), watched)
 
 
-def test_a_recording_much_shorter_than_those_of_the_baseline_is_refused(machine: Machine, watched: PointState) -> None:
-    with pytest.raises(DataError, match="record longer"):
-        MONITOR.judge(machine.recording(40, seconds=0.45), watched)
-
-
-def test_a_recording_with_missing_samples_is_refused(machine: Machine, watched: PointState) -> None:
-    signal = machine.recording(40).signal.copy()
+def broken(recording: Recording) -> Recording:
+    """The recording without one of its samples."""
+    signal = recording.signal.copy()
     signal[1, 7] = np.nan
-    with pytest.raises(DataError, match="missing or infinite"):
-        MONITOR.judge(machine.recording(40).replace(signal=signal), watched)
+    return recording.replace(signal=signal)

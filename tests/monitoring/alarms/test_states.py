@@ -1,11 +1,8 @@
 """Alarm conditions: raised by persistence with evidence, cleared after quiet recordings, the same after a restart."""
 
-import json
-
 from hypothesis import given
 from hypothesis import strategies as some
 
-from swashtwin.foundation import from_table, to_table
 from swashtwin.monitoring.alarms.testing import PERSISTENCE, QUIET, RECENT, Condition
 
 Course = some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60)
@@ -47,13 +44,3 @@ def test_a_condition_is_cleared_exactly_after_five_quiet_recordings_in_a_row(cou
             assert (change == "cleared") == (len(quiet) == QUIET and all(quiet))
         if change == "cleared":
             raised = -1
-
-
-@given(Course)
-def test_a_condition_survives_a_restart_at_every_recording(course: list[tuple[bool, bool]]) -> None:
-    condition = other = Condition()
-    for is_large, is_proven in course:
-        condition, change = condition.after(is_large, is_proven=is_proven)
-        other = from_table(json.loads(json.dumps(to_table(other))), Condition)
-        assert other.after(is_large, is_proven=is_proven) == (condition, change)
-        other = condition

@@ -124,9 +124,3 @@ def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(steps: list
 def test_the_grid_keeps_the_order_of_scores(first: float, second: float) -> None:
     low, high = sorted([first, second])
     assert rank_step(low, False) <= rank_step(high, False) < rank_step(low, True) <= rank_step(high, True)
-
-
-def test_the_memory_of_a_hundred_thousand_scores_is_bounded() -> None:
-    rng = np.random.default_rng(4)
-    scores = rng.lognormal(0, 4, 100_000).tolist()
-    assert len(ConformalTest.calibrated([(score, False) for score in scores]).scores) < 1100

@@ -52,15 +52,6 @@ def test_a_file_is_taken_once_it_stands_still(tmp_path: Path, deliveries) -> Non
     assert path.exists()
 
 
-def test_a_file_that_grew_after_all_is_taken_again(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries)
-    path = tmp_path / "inbox" / "a.wav"
-    for content in (b"half", b"half and half"):
-        path.write_bytes(content)
-        take(watch)
-    assert [content for _, content in deliveries.items] == [b"half", b"half and half"]
-
-
 def test_a_machine_is_named_by_the_sub_folder(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
     put(tmp_path, "pump-2/today/a.wav", "b.wav")
@@ -105,18 +96,6 @@ def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
         os.utime(tmp_path / "inbox" / name, (time.time() - age,) * 2)
     take(watch)
     assert taken(deliveries) == ["b.wav", "a.wav", "c.wav"]
-
-
-def test_what_is_remembered_does_not_grow_with_files_that_are_gone(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries, settle=0.0)
-    for number in range(1500):
-        path = tmp_path / "inbox" / f"{number}.wav"
-        path.write_bytes(b"1")
-        deliveries.accept = lambda delivery, content: ""
-        watch._accept = deliveries.accept
-        watch.poll()
-        path.unlink()
-    assert len((tmp_path / "taken" / "inbox.txt").read_text().splitlines()) < 1100
 
 
 def forbid(monkeypatch: pytest.MonkeyPatch, method: str, name: str) -> None:

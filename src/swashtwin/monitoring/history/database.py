@@ -31,7 +31,7 @@ class HistoryError(SwashTwinError):
 
 
 class Database:
-    """The tables in SQLite or PostgreSQL, used from any thread."""
+    """The tables in SQLite or PostgreSQL, used from any thread; what befalls them is a `HistoryError`."""
 
     def __init__(self, url: str, folder: Path, *, is_new: bool = True) -> None:
         """Open the database at `url`, or the SQLite file in `folder` where it is empty, and raise as `History.open`."""
@@ -49,25 +49,13 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
-        """Session whose transaction only reads.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be read.
-        """
+        """Session whose transaction only reads."""
         with _one_error(), Session(self._engine, autoflush=False) as session:
             yield session
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
-        """Session whose transaction is committed at the end of the block, or undone by an error.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be written.
-        """
+        """Session whose transaction is committed at the end of the block, or undone by an error."""
         with _one_error(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 

@@ -26,19 +26,16 @@ _SENT = 10_000
 
 
 class Outbox:
-    """Messages of all machines, handed out to any number of senders."""
+    """Messages of all machines, handed out to any number of senders.
+
+    Every method raises `HistoryError` where the database cannot be used.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def claim(self, channels: Sequence[str], limit: int = 20) -> Sequence[Message]:
-        """The oldest messages for some channels that are due, none of which another sender has had for a minute.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be written.
-        """
+        """The oldest messages for some channels that are due, none of which another sender has had for a minute."""
         if not self.waiting(channels):
             return ()  # without the lock that a write takes
         now = datetime.now(UTC)
@@ -71,7 +68,10 @@ class Outbox:
 
 
 class History:
-    """Database of verdicts, indicators and alarms, with waveforms beside it; used from any thread and process."""
+    """Database of verdicts, indicators and alarms, with waveforms beside it; used from any thread and process.
+
+    Every method raises `HistoryError` where the database cannot be used.
+    """
 
     def __init__(self, database: Database, folder: Path, retention: Retention) -> None:
         self._database = database
@@ -110,11 +110,6 @@ class History:
         """Transaction that locks a machine; committed at the end of the block, undone by any error.
 
         SQLite has one writer at a time, so slow work is done before the block.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be written, or the machine stays locked by another process.
         """
         with self._database.writing() as session:
             transaction = MachineTransaction(session, name, self._retention)
@@ -126,13 +121,7 @@ class History:
         return export_history(self._database, self.read, folder, progress)
 
     def reject(self, rejection: Rejection) -> None:
-        """File a delivery that became no recording; the same one again is counted.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be written.
-        """
+        """File a delivery that became no recording; the same one again is counted."""
         key = [getattr(Rejection, name) == getattr(rejection, name) for name in ("content", "machine", "reason")]
         with self._database.writing() as session:
             lock_machine(session, "")  # so that the page's number grows

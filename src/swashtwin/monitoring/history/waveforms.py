@@ -68,13 +68,7 @@ class Waveforms:
                 (self.folder / relative).unlink(missing_ok=True)
 
     def sweep(self) -> int:
-        """How many files were removed because no recording has them; those of the last hour stay.
-
-        Raises
-        ------
-        HistoryError
-            The database cannot be read.
-        """
+        """How many files were removed because no recording has them; those of the last hour stay."""
         limit = time.time() - _AGE
         files = (path for path in self.folder.rglob("*.h5") if path.stat().st_mtime < limit)
         count = 0

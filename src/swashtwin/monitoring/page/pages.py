@@ -255,7 +255,7 @@ def page_routes(site: Site) -> APIRouter:
 def _checks(judgment: Judgment) -> Sequence[Check]:
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
-    return next_checks(judgment.label, unknown=judgment.reasons["is_unknown"])
+    return next_checks(judgment.label, unknown=bool(judgment.reasons["verdict"].get("unknown")))
 
 
 def _facts(judgment: Judgment) -> Sequence[tuple[str, str]]:

@@ -102,9 +102,7 @@ class Pipeline:
             return self._config.machines[0]
         machine = None if name is None else self._config.machine(name)
         if machine is None:
-            stated = (
-                "states no machine" if name is None else f"is of {name!r}, which is no machine of the configuration"
-            )
+            stated = "states no machine" if name is None else f"is of {name!r}"
             raise UnfitError("machine", f"it {stated}; there are {_listed(self._config)}.")
         return machine
 
@@ -131,7 +129,6 @@ class Pipeline:
         stated = OperatingPoint.of(recording)
         if found.stage == "sensor":  # whatever the model says of it, it says nothing of the pump
             verdict = {"no_verdict": "A sensor is at fault, or the pump does not run: no verdict on the pump."}
-        answer = verdict.pop("answer", None) or {}
         judgment = Judgment(
             content=contents.digest,
             time=contents.time,
@@ -156,9 +153,7 @@ class Pipeline:
                 "score": found.score,
                 "learned": found.learned,
                 "learning": settings.learning,
-                "verdict": answer,
-                "probabilities": answer.get("probabilities", {}),
-                "is_unknown": bool(answer.get("unknown")),
+                "verdict": verdict.pop("answer", {}),
                 "no_verdict": verdict.pop("no_verdict", None),
             },
             **verdict,

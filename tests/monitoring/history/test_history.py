@@ -148,14 +148,18 @@ def test_times_of_other_zones_are_read_in_utc(history: History) -> None:
     assert stored.time.utcoffset() == timedelta(0)
 
 
+def add(history: History, facts: Judgment, number: int) -> int:
+    """Number of a recording that was filed with its waveform."""
+    path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(number))
+    with history.machine("pump-1") as transaction:
+        return transaction.add_recording(facts, waveform=path)
+
+
 def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_path: Path) -> None:
     history = History.open(history_url, tmp_path, Retention(per_day=1, last=3))
     states = {30: "alarm", 31: "alarm"}
     for number in range(60):
-        facts: Judgment = judgment(number, state=states.get(number, "normal"))
-        path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(number))
-        with history.machine("pump-1") as transaction:
-            transaction.add_recording(facts, waveform=path)
+        add(history, judgment(number, state=states.get(number, "normal")), number)
     stored = history.read.recordings("pump-1", limit=100)
     numbers = [int(item.file[:-4]) for item in reversed(stored) if item.waveform is not None]
     # Recordings begin at six o'clock, so days begin with numbers 0, 18 and 42.
@@ -172,12 +176,10 @@ def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_pat
 def test_an_alarm_keeps_the_waveforms_before_it(history_url: str, tmp_path: Path) -> None:
     history = History.open(history_url, tmp_path, Retention(per_day=0, last=3))
     for number in range(10):
-        facts = judgment(number)
-        path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(number))
-        with history.machine("pump-1") as transaction:
-            added = transaction.add_recording(facts, waveform=path)
-            if number == 4:
-                transaction.open_alarm("pump", "a", facts.time, {}, added)
+        added = add(history, judgment(number), number)
+        if number == 4:
+            with history.machine("pump-1") as transaction:
+                transaction.open_alarm("pump", "a", START, {}, added)
     stored = history.read.recordings("pump-1")
     assert [int(item.file[:-4]) for item in stored if item.waveform] == [9, 8, 7, 4, 3, 2]
     history.close()

@@ -44,6 +44,13 @@ def guarded(plant, users: Path) -> Iterator[TestClient]:
         yield client
 
 
+@pytest.fixture
+def proxied(plant, users: Path) -> TestClient:
+    """The page of the plant with logins, asked by a proxy."""
+    config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
+    return TestClient(build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000))
+
+
 def form_token(client: TestClient, address: str = "/login") -> str:
     text = client.get(address).text
     return text.split('name="form_token" value="')[1].split('"')[0]
@@ -238,28 +245,24 @@ def test_wrong_passwords_make_the_next_attempt_wait(guarded: TestClient) -> None
     assert int(answer.headers["retry-after"]) >= 1
 
 
-def test_behind_the_proxy_a_stranger_locks_out_nobody_else(plant, users: Path) -> None:
-    config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
-    client = TestClient(build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000))
-    client.headers["x-forwarded-for"] = "127.0.0.1, 192.0.2.66"  # the first part is the stranger's own word
-    codes = [log_in(client, name=f"nobody{index}").status_code for index in range(FREE_ATTEMPTS + 1)]
+def test_behind_the_proxy_a_stranger_locks_out_nobody_else(proxied: TestClient) -> None:
+    proxied.headers["x-forwarded-for"] = "127.0.0.1, 192.0.2.66"  # the first part is the stranger's own word
+    codes = [log_in(proxied, name=f"nobody{index}").status_code for index in range(FREE_ATTEMPTS + 1)]
     assert codes[-1] == 429
-    client.headers["x-forwarded-for"] = "192.0.2.66, 192.0.2.7"
-    assert log_in(client).status_code == 303
+    proxied.headers["x-forwarded-for"] = "192.0.2.66, 192.0.2.7"
+    assert log_in(proxied).status_code == 303
 
 
-def test_who_guesses_a_password_does_not_lock_its_owner_out(plant, users: Path) -> None:
-    config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
-    client = TestClient(build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000))
-    client.headers["x-forwarded-for"] = "192.0.2.7"
-    assert log_in(client).status_code == 303
-    client.cookies.clear()
+def test_who_guesses_a_password_does_not_lock_its_owner_out(proxied: TestClient) -> None:
+    proxied.headers["x-forwarded-for"] = "192.0.2.7"
+    assert log_in(proxied).status_code == 303
+    proxied.cookies.clear()
     for index in range(FREE_ATTEMPTS + 1):
-        client.headers["x-forwarded-for"] = f"192.0.2.{100 + index}"
-        answer = log_in(client, "wrong password")
+        proxied.headers["x-forwarded-for"] = f"192.0.2.{100 + index}"
+        answer = log_in(proxied, "wrong password")
     assert answer.status_code == 429
-    client.headers["x-forwarded-for"] = "192.0.2.7"
-    assert log_in(client).status_code == 303
+    proxied.headers["x-forwarded-for"] = "192.0.2.7"
+    assert log_in(proxied).status_code == 303
 
 
 def test_only_the_proxys_word_on_an_address_is_taken(guarded: TestClient) -> None:

@@ -181,7 +181,7 @@ class MachineTransaction:
     def untold_alarms(self) -> Sequence[Alarm]:
         """Those of `alarms` about which no message was posted."""
         alarms = self.alarms()
-        query = select(Message.alarm).where(Message.alarm.in_([alarm.id for alarm in alarms])).distinct()
+        query = select(Message.alarm).where(Message.alarm.in_([alarm.id for alarm in alarms]))
         told = set(self._session.scalars(query)) if alarms else set()
         return [alarm for alarm in alarms if alarm.id not in told]
 

@@ -40,13 +40,15 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
         if recording is None:
             return ()
         frequency, amplitude = _points(recording)
+        machine = site.config.machine(stored.machine)
+        pistons = load_pump(machine.pump).rotating_group.piston_count if machine and machine.pump else None
     except (SwashTwinError, OSError):
         return ()
     others = [_stored_points(site, number) for number in healthy_ids]
     healthy = [spectrum for spectrum in others if spectrum is not None and spectrum.shape == amplitude.shape]
     x = Axis(0.0, float(frequency[-1]))
     shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
-    marks = _marks(shaft, _pistons(site, stored.machine), x)
+    marks = _marks(shaft, pistons, x)
     figures = []
     for row, channel in enumerate(recording.channels):
         y = Axis.around(amplitude[row], *(spectrum[row] for spectrum in healthy), kind="log")
@@ -81,14 +83,6 @@ def _points(recording: Recording) -> tuple[Float[np.ndarray, " line"], Float[np.
     group = math.ceil(len(position) / MOST_POINTS)
     starts = np.arange(0, len(position), group)
     return position[starts], np.maximum.reduceat(amplitude, starts, axis=1)
-
-
-def _pistons(site: Site, name: str) -> int | None:
-    machine = site.config.machine(name)
-    try:
-        return None if machine is None or machine.pump is None else load_pump(machine.pump).rotating_group.piston_count
-    except (SwashTwinError, OSError):
-        return None
 
 
 def _marks(shaft: float | None, pistons: int | None, x: Axis) -> list[tuple[float, str]]:

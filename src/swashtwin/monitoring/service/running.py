@@ -148,10 +148,9 @@ class Watch:
 
     def status(self) -> WatchStatus:
         """How the watch is doing; without any look at the disk but for its free space."""
-        uploads = [] if self._uploads is None else [self._uploads]
-        standings = [source.standing for source in self._sources] + uploads
+        standings = [source.standing for source in self._sources] + ([self._uploads] if self._uploads else [])
         problems = [f"source {item.name}: {item.problem}" for item in standings if item.problem is not None]
-        problems += [problem for problem in (self._history_problem, self._sender.problem) if problem is not None]
+        problems += filter(None, (self._history_problem, self._sender.problem))
         return WatchStatus(
             started=self._started,
             waiting=len(self._spool),

@@ -34,14 +34,12 @@ _DEEPEST = 8
 
 
 class Stamp(NamedTuple):
-    """What shows that a file has changed."""
+    """What shows that a file has changed: its bytes, its date [ns], and when it or what is known of it changed [ns],
+    which no copying program sets."""
 
     size: int
-    """Bytes."""
     changed: int
-    """Time of change [ns]."""
     touched: int
-    """Time at which the file or what is known of it changed [ns], which no copying program sets."""
 
 
 class FolderWatch:
@@ -95,8 +93,7 @@ class FolderWatch:
         ready = [path for path, (_, since) in self._waiting.items() if now - since >= self._source.settle]
         self._is_settling = len(ready) < len(self._waiting)
         self._problems = {path: problem for path, problem in self._problems.items() if path in stamps}
-        count = 0
-        problem: str | None = None
+        count, problem = 0, None
         try:
             if not self._left_out:
                 self._taken.keep(stamps.keys())

@@ -473,6 +473,15 @@ def test_facts_in_headers_are_proposed(tmp_path: Path) -> None:
     assert [condition.discharge_pressure for condition in conditions if condition] == [12e6]
 
 
+@pytest.mark.parametrize(("speed", "found"), [("980,5", ("980.5 rpm", "120.159 bar")), ("980", ("980 rpm", None))])
+def test_a_comma_before_three_digits_is_decimal_where_another_number_shows_it(
+    speed: str, found: tuple[str, str | None], tmp_path: Path
+) -> None:
+    touch(tmp_path, "normal_1.csv", text=f"Drehzahl;{speed} 1/min\nDruck;120,159 bar\nx;y\n1.5;2.5\n3.5;4.5\n")
+    (entry,) = propose_index(tmp_path, sample_rate="1 kHz", unit="g").index["recording"]
+    assert (entry["speed"], entry.get("pressure")) == found
+
+
 def test_a_pattern_is_applied_to_what_is_included_and_can_be_read(tmp_path: Path) -> None:
     facts = touch(tmp_path, "a/normal_1.csv", "b/other.csv")
     (tmp_path / "a" / "notes.txt").write_text("measured on Friday")

@@ -59,8 +59,11 @@ def indexed_recordings(
             continue
         try:
             recording = recording_of(root / entry.file, entry)
-            _check_class(recording.label, classes, index, entry.file)
-            name = recording.recording_id
+            name, label_found = recording.recording_id, recording.label
+            if classes is not None and label_found is not None and label_found not in classes:
+                near = get_close_matches(label_found, classes, n=1, cutoff=0.4)
+                hint = f"did you mean {near[0]!r}?" if near else f"classes = {list(classes)}."
+                raise DataError(f"{index}: {entry.file} has the unknown class {label_found!r}; {hint}")
             if name in files:
                 raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
         except SwashTwinError as cause:
@@ -212,14 +215,6 @@ def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
             raise DataError(f"{index}: entry {number} is not a [[recording]] table.")
         entries.append(Entry.from_mapping({**table.get("defaults", {}), **values}, where=f"{index}: entry {number}"))
     return entries
-
-
-def _check_class(label: str | None, classes: Sequence[str] | None, index: Path, file: str) -> None:
-    if classes is None or label is None or label in classes:
-        return
-    near = get_close_matches(label, classes, n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]!r}?" if near else f"classes = {list(classes)}."
-    raise DataError(f"{index}: {file} has the unknown class {label!r}; {hint}")
 
 
 def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]:

@@ -20,13 +20,8 @@ from swashtwin.recordings.samples import Columns, Samples
 from swashtwin.recordings.scaling import scale, vibration_columns
 from swashtwin.recordings.stated_facts import bare_pressures, contradictions, facts_of_header
 
-_PUMP_KEYS = {
-    "speed": "speed",
-    "pressure": "discharge_pressure",
-    "suction_pressure": "suction_pressure",
-    "case_pressure": "case_pressure",
-    "oil_temperature": "oil_temperature",
-}
+_PUMP_KEYS = {key: key for key in QUANTITIES if key not in ("sample_rate", "resample")}
+_PUMP_KEYS["pressure"] = "discharge_pressure"
 """Keys of an entry, and the fields of an `OperatingCondition` that they state."""
 _RATE_TOLERANCE = 1e-3
 
@@ -119,16 +114,17 @@ def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
         chosen |= {name: raw.columns[name] for name in names}
     rate_in_file(raw, list(chosen), where)
     starts = {name: raw.starts[name] for name in chosen if name in raw.starts}
-    if len(set(starts.values())) > 1:
-        listed = ", ".join(f"{name}: {start}" for name, start in starts.items())
-        raise DataError(
-            f"{where} holds channels that start at different times ({listed}), which are no one recording; name those "
-            "that start together: channels = [...]."
-        )
-    lengths = {name: len(column) for name, column in chosen.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
-        raise DataError(f"{where} holds columns of several lengths ({listed}); name those to read: channels = [...].")
+    lengths = {name: str(len(column)) for name, column in chosen.items()}
+    for values, words, advice in (
+        (starts, "that start at different times", "start together"),
+        (lengths, "of several lengths", "have one length"),
+    ):
+        if len(set(values.values())) > 1:
+            listed = ", ".join(f"{name}: {value}" for name, value in values.items())
+            raise DataError(
+                f"{where} holds channels {words} ({listed}), which are no one recording; name those that {advice}: "
+                "channels = [...]."
+            )
     return chosen
 
 

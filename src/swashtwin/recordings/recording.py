@@ -30,11 +30,7 @@ class Recording:
     Parameters
     ----------
     signal : samples (channel, time) in `unit`.
-    sample_rate : samples per second and channel [Hz].
-    recording_id : unique name within a data set.
-    channels : name of each channel.
-    unit : unit of every channel.
-    label, condition, specimen, synthetic, attributes : facts, as described below.
+    sample_rate, recording_id, channels, unit, label, condition, specimen, synthetic, attributes : as described below.
     speed : angular speed of the shaft at each sample [rad/s], or None where it did not change or was not measured.
 
     Raises

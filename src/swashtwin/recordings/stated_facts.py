@@ -16,7 +16,7 @@ from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.raw import RawFile, plain_unit
 from swashtwin.recordings.formats.registry import stem_of
-from swashtwin.recordings.formats.tables import header_pairs, split_unit
+from swashtwin.recordings.formats.tables import GROUPED, header_pairs, shows_decimal_comma, split_unit
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no usual unit: MPa and bar are both in use."""
@@ -155,9 +155,12 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
     pairs: list[tuple[str, str]] = header_pairs(raw.attributes.get("header", ""))
     pairs += [(name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"]
     texts: dict[str, str] = {}
+    is_decimal = shows_decimal_comma(pairs)
     for name, text in pairs:
         heading, unit = split_unit(name)
         quantity = re.fullmatch(rf"({_NUMBER})\s*[;\t]?\s*(.*?)[;\s]*", str(text))
+        if quantity and GROUPED.fullmatch(quantity[1]) and not is_decimal:
+            continue  # 1,480 rpm
         for key, expression in _IN_HEADERS.items():
             if quantity is None or key in texts or not re.search(expression, heading, re.IGNORECASE):
                 continue

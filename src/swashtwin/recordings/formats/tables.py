@@ -41,7 +41,8 @@ _STEP_NAME = re.compile(
 _UNITS_NAME = re.compile(r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical[ _])?units?|einheit(?:en)?", re.I)
 _SENSITIVITY_NAME = re.compile(r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichkeit(?:en)?)(?:[ _.].*)?", re.IGNORECASE)
 _QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?")
-_GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
+GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
+"""A number that may have marks for thousands, or a decimal comma."""
 """A number that may be one above a thousand, or one with three decimals."""
 _LISTED = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
 """What is between two quantities: a comma before one to three digits may be a decimal one."""
@@ -68,6 +69,24 @@ def header_pairs(header: str) -> list[tuple[str, str]]:
     return pairs
 
 
+def shows_decimal_comma(pairs: Iterable[tuple[str, str]]) -> bool:
+    """Whether a quantity is written with a decimal comma that marks no thousands.
+
+    Examples
+    --------
+    >>> shows_decimal_comma([("Speed", "980,5 1/min")]), shows_decimal_comma([("Speed", "1,480 rpm"), ("Used", "1,2")])
+    (True, False)
+    """
+    matches = [(name, _QUANTITY.fullmatch(text)) for name, text in pairs if "," in text]
+    return any(
+        match is not None
+        and "," in match[1]
+        and not GROUPED.fullmatch(match[1])
+        and known_unit(match[2] or split_unit(name)[1] or "") is not None
+        for name, match in matches
+    )
+
+
 def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
     """Sample rate [Hz] that names and values state, or its inverse; None where none or two do.
 
@@ -76,7 +95,8 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
     >>> header_rate([("Sample Interval", "1.0E-04,s")]), header_rate([("Fs (kHz)", "25,6")])
     (10000.0, 25600.0)
     """
-    rates = set()
+    rates, pairs = set(), list(pairs)
+    is_decimal = shows_decimal_comma(pairs)
     for name, text in pairs:
         heading, unit = split_unit(name)
         if suffix := re.search(r"[_ ](k?hz|[mu]?s)$", heading, re.IGNORECASE):
@@ -86,7 +106,9 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                 continue
             for part in filter(None, map(str.strip, _LISTED.split(text))):
                 match = _QUANTITY.fullmatch(part)
-                if match is None or (_GROUPED.fullmatch(match[1]) and plain_unit(match[2]) in ("", "Hz")):
+                if match is None:
+                    continue
+                if GROUPED.fullmatch(match[1]) and not is_decimal and plain_unit(match[2]) in ("", "Hz"):
                     continue
                 try:
                     value = parse(f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base)

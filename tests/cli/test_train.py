@@ -9,6 +9,7 @@ from commandline import one_line, run, run_json
 
 from swashtwin.cli.options import read_settings
 from swashtwin.diagnosis import load_classifier
+from swashtwin.recordings import load_recordings, narrow_index
 
 
 @pytest.fixture(scope="module")
@@ -113,12 +114,19 @@ def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None
         read_settings(["hidden="], defaults, "a test")
 
 
-def test_train_learns_with_noise_other_gains_and_speeds_where_they_are_set(folder: Path, tmp_path: Path) -> None:
-    out = tmp_path / "m.safetensors"
+def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_training(folder: Path, tmp_path: Path) -> None:
+    out, index, part = tmp_path / "m.safetensors", tmp_path / "german.toml", tmp_path / "part.toml"
+    text = (folder / "recordings.toml").read_text().replace('"piston"', '"Kolbenverschleiss"')
+    head, rest = text.split("[defaults]")
+    root = "" if "root =" in head else f'root = "{folder.as_posix()}"\n'
+    index.write_text(f'{root}{head}[fault_of]\nKolbenverschleiss = "piston"\n[defaults]{rest}')
+    recordings = load_recordings(index)
+    narrow_index(index, recordings, recordings.recording_ids, part)
     texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
-    run("train", folder, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
-    trained = load_classifier(out).settings
-    assert (trained.noise_snr, trained.gain, trained.stretch) == (0.0, 3.0, 0.02)
+    run("train", part, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
+    trained = load_classifier(out)
+    assert trained.fault_of == {"Kolbenverschleiss": "piston"}
+    assert (trained.settings.noise_snr, trained.settings.gain, trained.settings.stretch) == (0.0, 3.0, 0.02)
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         ("format = ", "not valid TOML"),
         ("format = 1\nclases = []", "unknown key 'clases'"),
         ("format = 1\nclasses = 'normal'", "must be a list"),
+        ("format = 1\n[fault_of]\nKolben = 3\n[[recording]]\nfile = 'a.csv'", "must name a fault for each class"),
         ("format = 1\nrecording = [1]", "entry 1 is not a"),
         ('format = 1\n[[recording]]\nunit = "g"', 'needs file = "..."'),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\nsamplerate = "1 kHz"\n{FACTS}', "did you mean 'sample_rate'"),

@@ -82,7 +82,8 @@ def train(
         list[str] | None,
         typer.Option(
             metavar="CLASS=FAULT",
-            help='Fault that a class is, whose synthetic windows join it: "Kolbenverschleiss=piston"; repeatable.',
+            help='Fault that a class is, whose synthetic windows join it: "Kolbenverschleiss=piston"; repeatable, and '
+            "beside what the index states as fault_of.",
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
@@ -112,7 +113,7 @@ def train(
     from swashtwin.foundation import parse
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import declared_classes, load_recordings, several_healthy
+    from swashtwin.recordings import declared_classes, declared_faults, load_recordings, several_healthy
 
     require_output(out, inputs=[source, *(add or ()), checkpoint], own=_MODELS, force=force)
     require_files(add or [])
@@ -139,6 +140,7 @@ def train(
         detector.save(out)
         _tell_detector(detector, out, as_json)
         return
+    declared = {name: fault for name, fault in declared_faults(source).items() if name in recordings.labels}
     for finding in several_healthy(recordings.labels):
         note(f"note: {finding.message}")
     classifier = FaultClassifier(
@@ -148,7 +150,7 @@ def train(
         validation_fraction=validation_fraction,
         group=group,
         error_rate=error_rate,
-        fault_of=read_pairs(fault_of, "--fault-of"),
+        fault_of=declared | read_pairs(fault_of, "--fault-of"),
         device=device,
         seed=seed,
     )

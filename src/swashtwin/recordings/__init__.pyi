@@ -37,6 +37,7 @@ from .grouping import recording_groups as recording_groups
 from .grouping import stated_pressure as stated_pressure
 from .grouping import stated_speed as stated_speed
 from .index import declared_classes as declared_classes
+from .index import declared_faults as declared_faults
 from .index import narrow_index as narrow_index
 from .index import save_index as save_index
 from .index import source_files as source_files

@@ -146,7 +146,7 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
     table.pop("root", None)
     if root != path.parent.resolve():
         table["root"] = path_from(path.parent.resolve(), root)
-    last = ("defaults", "recording")  # tables stand after the plain keys
+    last = ("fault_of", "defaults", "recording")  # tables stand after the plain keys
     return save_index({key: table[key] for key in sorted(table, key=lambda key: key in last)}, path)
 
 
@@ -166,6 +166,11 @@ def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     if is_store(Path(path)):
         return None
     return _classes(_load(index_path(Path(path))))
+
+
+def declared_faults(path: str | Path) -> dict[str, str]:
+    """Fault that each class of an index stands for, as its table ``[fault_of]`` says."""
+    return {} if is_store(Path(path)) else dict(_load(index_path(Path(path))).get("fault_of", {}))
 
 
 def _classes(table: dict[str, Any]) -> tuple[str, ...] | None:
@@ -189,20 +194,22 @@ def _load(index: Path) -> dict[str, Any]:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as cause:  # numbers of thousands of digits, and lists in lists, too
         raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}") from cause
-    unknown = sorted(set(table) - {"format", "classes", "root", "defaults", "recording"})
+    unknown = sorted(set(table) - {"format", "classes", "root", "fault_of", "defaults", "recording"})
     if unknown:
         raise DataError(
-            f"{index}: unknown key {unknown[0]!r}; known: format, classes, root, [defaults], [[recording]]."
+            f"{index}: unknown key {unknown[0]!r}; known: format, classes, root, [fault_of], [defaults], [[recording]]."
         )
     if table.get("format") != 1 or isinstance(table["format"], bool):
         raise DataError(f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1.")
-    kinds = {"classes": list, "root": str, "defaults": dict, "recording": list}
+    kinds = {"classes": list, "root": str, "fault_of": dict, "defaults": dict, "recording": list}
     words = {list: "a list", str: "a text", dict: "a table"}
     for key, kind in kinds.items():
         if key in table and not isinstance(table[key], kind):
             raise DataError(f"{index}: {key} = {table[key]!r} must be {words[kind]}.")
     if not all(isinstance(name, str) and plain_text(name) for name in table.get("classes", [])):
         raise DataError(f"{index}: classes = {table['classes']!r} must be a list of texts.")
+    if not all(isinstance(fault, str) for fault in table.get("fault_of", {}).values()):
+        raise DataError(f"{index}: fault_of = {table['fault_of']!r} must name a fault for each class.")
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")
     return table

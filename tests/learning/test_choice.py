@@ -52,13 +52,6 @@ def test_of_candidates_that_are_as_good_the_most_invariant_is_chosen(fitted) -> 
     assert choice.chosen in choice.sentence()
 
 
-def test_orders_are_tried_where_every_speed_is_stated() -> None:
-    turning = windows()
-    turning = replace(turning, speed=np.full(len(turning), 2 * np.pi * 1e3 * 0.01))
-    choice = choose(turning, candidates=[c for c in CANDIDATES if c.shape and len(c.heads) == 2], budget=100)[1]
-    assert {trial.candidate.split(",")[0] for trial in choice.trials} == {"shapes at orders", "shapes in hertz"}
-
-
 def test_the_confidence_comes_from_the_folds(fitted) -> None:
     assert fitted.confidence.cross_fitted
     assert fitted.confidence.n_recordings == 8
@@ -98,21 +91,6 @@ def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
     assert "too few" in single.choice.sentence()
 
 
-def test_synthetic_windows_train_and_are_never_tested_on() -> None:
-    measured = windows()
-    synthetic = replace(
-        measured.subset(measured.target == 1),
-        synthetic=np.ones(16, dtype=bool),
-        recording_id=np.full(16, "synthetic"),
-        specimen=np.full(16, "A"),
-        content={},
-    )
-    few = [c for c in CANDIDATES if c.axis == "frequency"][:2]
-    _, choice, answers = choose(measured + synthetic, candidates=few)
-    assert choice.n_windows == len(measured)
-    assert "synthetic" not in answers.recording_id
-
-
 @pytest.mark.parametrize("options", [{"budget": -1.0}, {"budget": float("nan")}, {"seed": -1}])
 def test_a_negative_budget_or_seed_is_refused(options) -> None:
     with pytest.raises(InputError, match=r"budget|seed"):
@@ -136,11 +114,15 @@ def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
         fit_chosen(broken)
 
 
-def test_a_fold_does_not_train_on_what_was_made_from_its_own_windows() -> None:
+def test_orders_are_tried_where_speeds_are_stated_and_no_fold_trains_on_what_was_made_from_its_windows() -> None:
     measured = windows()
     names = np.array([f"duplicates of {name}" for name in measured.specimen])
     copies = replace(measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={})
     is_tested = measured.specimen == "A"
+    turning = replace(measured + copies, speed=np.full(2 * len(measured), 2 * np.pi * 1e3 * 0.01))
+    _, choice, answers = choose(turning, candidates=[c for c in CANDIDATES if c.shape and len(c.heads) == 2])
+    assert {trial.candidate.split(",")[0] for trial in choice.trials} == {"shapes at orders", "shapes in hertz"}
+    assert choice.n_windows == len(answers.target) == len(measured), "no synthetic window is tested on"
     views = _Views(measured, copies, seed=0)
     rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
     assert set(views.windows.specimen[rows]) == {*"BCD", *(f"duplicates of {name}" for name in "BCD")}

@@ -3,17 +3,12 @@
 import numpy as np
 import pytest
 from scipy import stats
-from tree_models import fit_trees
 
-from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
-    Classifier,
     WindowSet,
     band_energies,
     cut_windows,
-    evaluate,
     extract_features,
-    split_by_recording,
 )
 from swashtwin.recordings import Recording
 from swashtwin.signals import TIME_STATISTICS, time_statistics
@@ -89,27 +84,3 @@ def test_every_channel_has_its_features_under_its_name_and_silence_has_finite_on
     assert sum(name.startswith("sensor 1 ") for name in table.names) == 82
     assert np.isfinite(time_statistics(np.zeros((2, 64)))).all()
     assert np.isfinite(band_energies(np.zeros((2, 64)))).all()
-
-
-def test_extra_trees_tell_two_tones_apart_on_recordings_they_have_not_seen():
-    train, test = split_by_recording(tones(), test_fraction=0.25)
-    baseline = fit_trees(train, 30)
-    assert isinstance(baseline, Classifier)
-    assert evaluate(baseline, test).accuracy == 1
-    np.testing.assert_allclose(baseline.predict_proba(test).sum(axis=1), 1)
-    assert (baseline.predict(test) == test.label).all()
-
-
-def test_the_same_seed_grows_the_same_trees():
-    train, test = split_by_recording(tones(), test_fraction=0.25)
-    first, second, third = (fit_trees(train, seed=seed).predict_proba(test) for seed in (0, 0, 1))
-    np.testing.assert_array_equal(first, second)
-    assert (first != third).any()
-
-
-def test_extra_trees_refuse_a_class_without_windows_and_other_windows():
-    windows = tones()
-    with pytest.raises(DataError, match="class piston has no training window"):
-        fit_trees(windows.subset(windows.target == 0))
-    with pytest.raises(InputError, match=r"1 channel\(s\) against 2"):
-        fit_trees(windows, 2).predict_proba(tones(n_channels=2))

@@ -77,25 +77,14 @@ def test_more_folds_than_groups_and_one_group_are_refused():
         group_folds(windows, group=dict.fromkeys(recording_groups(recordings, "recording"), "all"), dealing="each")
 
 
-def test_a_condition_is_a_speed_where_no_pressure_is_stated_and_close_speeds_are_one():
+def test_a_condition_is_a_speed_and_a_pressure_where_stated_and_close_speeds_are_one():
     speeds = ["700 rpm", "714 rpm", "703 rpm", "1003 rpm", "1000 rpm", "105 rad/s"]
     recordings = [recording(f"r{number}", attributes={"speed": speed}) for number, speed in enumerate(speeds)]
     groups = recording_groups(recordings, "condition")
     assert groups["r0"] == groups["r1"] == groups["r2"] == "705.7 rev/min"
     assert groups["r3"] == groups["r4"] == groups["r5"] != groups["r0"]
-
-
-def test_a_condition_is_speed_and_pressure_where_both_are_stated():
-    points = [(860, 5), (860, 15), (1500, 15)]
-    recordings = [
-        recording(f"{speed} {pressure}", condition=OperatingCondition(rpm(speed), MPa(pressure)))
-        for speed, pressure in points
-    ]
-    assert list(recording_groups(recordings, "condition").values()) == [
-        "860 rev/min, 5 MPa",
-        "860 rev/min, 15 MPa",
-        "1500 rev/min, 15 MPa",
-    ]
+    point = OperatingCondition(rpm(1500), MPa(15))
+    assert recording_groups([recording("both", condition=point)], "condition") == {"both": "1500 rev/min, 15 MPa"}
 
 
 def test_windows_carry_the_speed_that_only_an_attribute_states_and_split_by_it():
@@ -134,21 +123,10 @@ def test_thinned_windows_do_not_overlap_and_none_could_be_added(stride):
         assert start[0] == 0
 
 
-@pytest.fixture
-def index(tmp_path):
+def test_folds_are_written_one_folder_each_and_test_every_recording_once(tmp_path):
     recordings = rows(["mon", "tue", "wed"])
     files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    return write_index(recordings, files, tmp_path)
-
-
-def test_split_by_an_attribute_writes_indexes_that_share_no_value_of_it(index, tmp_path):
-    answer = run_json("data", "split", index, "--group", "day", "--test-fraction", "0.34")
-    days = [{recording.attributes["day"] for recording in load_recordings(answer[name])} for name in ("train", "test")]
-    assert not days[0] & days[1]
-    assert days[0] | days[1] == {"mon", "tue", "wed"}
-
-
-def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, tmp_path):
+    index = write_index(recordings, files, tmp_path)
     answer = run_json("data", "split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
     tested = [recording.recording_id for fold in answer["folds"] for recording in load_recordings(fold["test"])]
     assert len(answer["folds"]) == 3
@@ -156,7 +134,3 @@ def test_folds_are_written_one_folder_each_and_test_every_recording_once(index, 
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
     again = run("data", "split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)
     assert "exists; replace it with --force" in one_line(again)
-
-
-def test_a_split_by_a_condition_that_nobody_wrote_down_ends_in_one_line(index):
-    assert "no condition written down" in one_line(run("data", "split", index, "--group", "condition", code=3))

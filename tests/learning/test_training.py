@@ -12,7 +12,6 @@ from global_state import global_state
 
 from swashtwin.foundation import ArtifactError, DataError, InputError
 from swashtwin.learning import (
-    PAPER_TRAINING,
     BiTCN,
     FittedClassifier,
     Network,
@@ -54,10 +53,6 @@ def same(first: FittedClassifier, second: FittedClassifier) -> bool:
     return first.history == second.history and all(
         np.array_equal(value, weights(second)[key]) for key, value in weights(first).items()
     )
-
-
-def test_the_defaults_are_the_papers():
-    assert (PAPER_TRAINING.epochs, PAPER_TRAINING.batch_size, PAPER_TRAINING.learning_rate) == (200, 30, 1e-3)
 
 
 def test_training_in_16_bits_comes_near_that_in_32():
@@ -151,18 +146,13 @@ def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, chan
     assert "\n" not in str(caught.value)
 
 
-def test_a_checkpoint_is_neither_overwritten_nor_invented(tmp_path):
+def test_a_checkpoint_is_neither_overwritten_nor_invented_nor_believed_if_damaged(tmp_path):
     path = tmp_path / "run.safetensors"
     fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
     with pytest.raises(InputError, match="resume it, or delete"):
         fit(small(), tones(), settings=SHORT, checkpoint=path)
     with pytest.raises(InputError, match="needs a checkpoint"):
         fit(small(), tones(), settings=SHORT, resume=True)
-
-
-def test_a_damaged_checkpoint_is_refused(tmp_path):
-    path = tmp_path / "run.safetensors"
-    fit(small(), tones(), settings=SHORT, checkpoint=path)
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(ArtifactError, match="damaged"):
         fit(small(), tones(), settings=SHORT, checkpoint=path, resume=True)
@@ -252,21 +242,13 @@ def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(
         assert part.std() == pytest.approx(1, abs=1e-5)
 
 
-def test_normalization_per_window_ignores_gain_and_none_keeps_it():
+def test_normalization_per_window_ignores_gain_and_others_keep_it():
     quiet, loud = tones(), tones(gain=1000.0)
     per_window = [Normalization.fit("window", w).apply(w) for w in (quiet, loud)]
     np.testing.assert_allclose(*per_window, atol=1e-4)
     np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
-
-
-def test_set_statistics_come_from_training_alone():
-    quiet, loud = tones(), tones("test ", gain=50.0)
-    assert Normalization.fit("set", quiet).apply(loud).std() > 20
-
-
-def test_a_window_that_does_not_move_stays_finite():
-    windows = tones()
-    still = replace(windows, signal=np.zeros_like(windows.signal))
+    assert Normalization.fit("set", quiet).apply(loud).std() > 200, "the scale is that of the training"
+    still = replace(quiet, signal=np.zeros_like(quiet.signal))
     for kind in ("window", "recording", "set"):
         assert not Normalization.fit(kind, still).apply(still).any()
 
@@ -292,15 +274,13 @@ def test_settings_that_cannot_be_are_refused(settings):
         TrainingSettings(**settings)
 
 
-@pytest.mark.parametrize("name", ["bitcn"])
-def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one(name):
+def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one():
     """A generator that threads share gave each of them other weights and another dropout."""
-    smaller = {"channels": (2,), "dropout": 0.3}
     windows = tones(per_class=1, windows=2)
     settings = TrainingSettings(epochs=2, batch_size=4, noise_snr=5.0, normalization="set")
 
     def train(seed: int) -> FittedClassifier:
-        return fit(build_network(name, 1, 2, **smaller), windows, settings=settings, seed=seed)
+        return fit(BiTCN(1, 2, channels=(2,), dropout=0.3), windows, settings=settings, seed=seed)
 
     with ThreadPoolExecutor(8) as threads:
         together = list(threads.map(train, range(8)))
@@ -339,11 +319,3 @@ def test_a_gpu_gives_the_same_bits_again_also_after_an_interrupt(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, progress=interrupt)
     assert same(whole, fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, resume=True))
-
-
-@ON_A_GPU
-@pytest.mark.parametrize("name", ["bitcn"])
-def test_every_network_can_be_trained_on_a_gpu(name):
-    classifier = fit(build_network(name, 1, 2), tones(), settings=SHORT, device="cuda")
-    assert np.isfinite([epoch.loss for epoch in classifier.history]).all()
-    assert np.isfinite(classifier.predict_proba(tones())).all()

@@ -43,15 +43,7 @@ def test_a_window_holds_the_readings_from_its_start_on():
     assert windows.start.tolist() == list(range(0, 901, 30))
     for window, start in zip(windows.signal, windows.start, strict=True):
         np.testing.assert_array_equal(window, source.signal[:, start : start + 100].astype(np.float32))
-
-
-def test_windows_do_not_overlap_unless_asked():
-    windows = cut_windows([recording("a", samples=1050)], length=100)
-    assert windows.start.tolist() == list(range(0, 1000, 100))
-
-
-def test_a_duration_is_a_length_at_the_sample_rate():
-    assert cut_windows([recording("a")], duration=0.25).length == 250
+    assert cut_windows([source], duration=0.25).start.tolist() == [0, 250, 500, 750]
 
 
 def test_windows_carry_label_specimen_condition_and_origin():
@@ -61,15 +53,10 @@ def test_windows_carry_label_specimen_condition_and_origin():
     assert windows.specimen.tolist() == ["", "", "pump-2", "pump-2"]
     assert windows.discharge_pressure.tolist() == [15e6, 15e6, 5e6, 5e6]
     assert windows.synthetic.tolist() == [False, False, True, True]
+    unknown = cut_windows([recording("a", None, condition=None)], length=500)
+    assert (unknown.classes, unknown.target.tolist(), unknown.label.tolist()) == ((), [-1, -1], ["", ""])
+    assert np.isnan(unknown.speed).all()
     np.testing.assert_allclose(windows.turns_per_sample * windows.length, 0.5 * 860 / 60)
-
-
-def test_unknown_facts_are_nan_and_an_unlabeled_window_has_target_minus_one():
-    windows = cut_windows([recording("a", None, condition=None)], length=500)
-    assert windows.classes == ()
-    assert windows.target.tolist() == [-1, -1]
-    assert windows.label.tolist() == ["", ""]
-    assert np.isnan(windows.turns_per_sample).all()
 
 
 def test_classes_are_sorted_unless_their_order_is_given():

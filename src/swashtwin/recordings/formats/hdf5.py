@@ -212,15 +212,14 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
                 part = (names[number] if names else str(number)) if len(vectors) > 1 else ""
                 key = "/".join(filter(None, (name, field, part)))
                 columns[key] = obeyed(f"{path}: {item.name}", column, own, options, number)
-                found = {
-                    "units": None if unknown_scale(own) else known_unit(listed[number]) if listed else unit,
-                    "rates": rate,
-                    "starts": next((each[of] for each in facts for of in _STARTS if of in each), None),
-                    "sensitivities": next(iter(stated_sensitivities(facts[0].items())), None),
-                }
-                for values, value in zip((units, rates, starts, sensitivities), found.values(), strict=True):
+                for values, value in (
+                    (units, None if unknown_scale(own) else known_unit(listed[number]) if listed else unit),
+                    (rates, rate),
+                    (starts, next((each[of] for each in facts for of in _STARTS if of in each), None)),
+                    (sensitivities, next(iter(stated_sensitivities(facts[0].items())), None)),
+                ):
                     if value is not None:
-                        values[key] = value  # type: ignore[index]
+                        values[key] = value  # type: ignore[assignment]
 
     file.visititems(visit)
     attributes = {name: text for name, text in _attributes(file).items() if len(text) < _LONGEST_FACT}

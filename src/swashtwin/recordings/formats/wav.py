@@ -32,7 +32,6 @@ def read(path: Path, options: Options) -> RawFile:
     """Channels of a WAV file; integer files yield shares of full scale, which need a calibration factor."""
     with path.open("rb") as file:
         head = file.read(1 << 16)
-    _require_one_story(head, path)
     sound = _opened(path, head)
     require_plausible_size(path, 2 * sound.frames * sound.channels, f"{sound.frames} samples")
 
@@ -53,11 +52,20 @@ def read(path: Path, options: Options) -> RawFile:
 def _opened(path: Path, head: bytes) -> Any:
     """The file as soundfile opens it; where the sizes in its header are wrong, the length of the file is believed.
 
-    A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap.
+    A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap. A rate that does not fit the bytes per
+    second beside it is refused: one of the two is damaged.
     """
     soundfile, size = load_extra("soundfile"), path.stat().st_size
     data, layout = _chunk(head, b"data"), _chunk(head, b"fmt ")
-    if head[:4] != b"RIFF" or data is None or layout is None or len(head) < layout + 16:
+    if head[:4] not in (b"RIFF", b"RF64") or layout is None or len(head) < layout + 16:
+        return soundfile.SoundFile(str(path))
+    kind, channels, rate, per_second, per_frame, bits = struct.unpack_from("<HHIIHH", head, layout)
+    if kind in _UNPACKED and (per_second != rate * per_frame or per_frame != channels * ((bits + 7) // 8)):
+        raise DataError(
+            f"{path} is damaged: {rate} Hz of {channels} channels with {bits} bits are not the {per_second} bytes per "
+            f"second and {per_frame} bytes per sample that its header states beside them."
+        )
+    if head[:4] != b"RIFF" or data is None:
         return soundfile.SoundFile(str(path))
     stated = int.from_bytes(head[data - 4 : data], "little")
     is_unknown = stated == 0 or stated >= _UNKNOWN_SIZE
@@ -68,7 +76,6 @@ def _opened(path: Path, head: bytes) -> Any:
         after = file.read(4)
     if not is_unknown and (not after or (len(after) == 4 and all(32 <= byte < 127 for byte in after))):
         return soundfile.SoundFile(str(path))
-    kind, channels, rate, _, _, bits = struct.unpack_from("<HHIIHH", head, layout)
     if kind == 0xFFFE and len(head) >= layout + 26:
         kind = int.from_bytes(head[layout + 24 : layout + 26], "little")
     subtype = _SUBTYPES.get((kind, bits))
@@ -106,19 +113,6 @@ class _Tail:
     def tell(self) -> int:
         """Offset [byte]."""
         return self._file.tell() - self._first
-
-
-def _require_one_story(head: bytes, path: Path) -> None:
-    """Refuse a header whose rate does not fit the bytes per second beside it: one of the two is damaged."""
-    at = _chunk(head, b"fmt ")
-    if at is None or head[:4] not in (b"RIFF", b"RF64") or len(head) < at + 16:
-        return
-    kind, channels, rate, per_second, per_frame, bits = struct.unpack_from("<HHIIHH", head, at)
-    if kind in _UNPACKED and (per_second != rate * per_frame or per_frame != channels * ((bits + 7) // 8)):
-        raise DataError(
-            f"{path} is damaged: {rate} Hz of {channels} channels with {bits} bits are not the {per_second} bytes per "
-            f"second and {per_frame} bytes per sample that its header states beside them."
-        )
 
 
 def write(recording: Recording, path: Path) -> None:

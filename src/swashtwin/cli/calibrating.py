@@ -134,12 +134,7 @@ def calibrate(
 
 
 def _recordings(
-    source: Path,
-    reading: Reading,
-    speed: str | None,
-    pressures: Sequence[str],
-    label: str,
-    specimen: str | None,
+    source: Path, reading: Reading, speed: str | None, pressures: Sequence[str], label: str, specimen: str | None
 ) -> "Recordings":
     """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
     from swashtwin.recordings import Recordings, load_recordings
@@ -221,20 +216,18 @@ def _bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]] | float:
     parts = [part.strip() for text in texts for part in text.split(",") if part.strip()]
     if len(parts) == 1 and "=" not in parts[0]:
         return (read_list(parts[0], float, "--set") or [0.0])[0]
-    return {name: _limits(name, text) for name, text in read_pairs(parts, "--set").items()}
-
-
-def _limits(name: str, text: str) -> tuple[float, float]:
-    """Least and greatest value of ``1e4..1e8 N*s/m``."""
-    least, dots, rest = (part.strip() for part in text.partition(".."))
-    greatest, _, unit = rest.partition(" ")
-    wanted = "N*s/m" if name.startswith("C") or name.endswith("damping") else "N/m"
-    if not dots:
-        reason = f'{name}={text} must be two limits, such as "bounds={name}=1e4..1e8 {wanted}".'
-        raise typer.BadParameter(reason, param_hint="--set")
-    limits = (least if " " in least else f"{least} {unit or wanted}", f"{greatest} {unit or wanted}")
-    low, high = (parse(limit, wanted, name=f"bounds of {name}") for limit in limits)
-    return low, high
+    bounds = {}
+    for name, text in read_pairs(parts, "--set").items():
+        least, dots, rest = (part.strip() for part in text.partition(".."))
+        greatest, _, unit = rest.partition(" ")
+        wanted = "N*s/m" if name.startswith("C") or name.endswith("damping") else "N/m"
+        if not dots:
+            reason = f'{name}={text} must be two limits, such as "bounds={name}=1e4..1e8 {wanted}".'
+            raise typer.BadParameter(reason, param_hint="--set")
+        limits = (least if " " in least else f"{least} {unit or wanted}", f"{greatest} {unit or wanted}")
+        low, high = (parse(limit, wanted, name=f"bounds of {name}") for limit in limits)
+        bounds[name] = (low, high)
+    return bounds
 
 
 def _interval(estimate: "Estimate") -> str:

@@ -8,7 +8,7 @@ another way (the timing of the ports, the place of a defect) shows in the misfit
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -17,9 +17,9 @@ import torch
 
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.objective.measurement import GRAVITY
-from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import REACH, SCALES, Nuisances, Unknowns
-from swashtwin.physics import Topology, Twin
+from swashtwin.physics import Topology
 
 EXPLAINED = 0.7
 """Share of the misfit that is left at most where a mistake is suspected."""
@@ -96,17 +96,13 @@ def _refit(objective: Objective) -> tuple[np.ndarray, float]:
 def _swap_channels(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     for first, second in combinations(objective.channels, 2):
         names = {first: second, second: first}
-        changed = tuple(_renamed(each, names) for each in objective.comparisons)
-        _, misfit = _refit(replace(objective, comparisons=changed))
+        changed = []
+        for each in objective.comparisons:
+            measurement = replace(each.measurement, channels=tuple(names.get(n, n) for n in each.measurement.channels))
+            searched = tuple(names.get(name, name) for name in each.searched)
+            changed.append(replace(each, measurement=measurement, searched=searched))
+        _, misfit = _refit(replace(objective, comparisons=tuple(changed)))
         yield MisfitHypothesis(f"{first} and {second} have each other's name: look at the wiring", misfit, before)
-
-
-def _renamed(comparison: Comparison, names: Mapping[str, str]) -> Comparison:
-    """With other names of some channels."""
-    channels, searched = (
-        tuple(names.get(name, name) for name in row) for row in (comparison.measurement.channels, comparison.searched)
-    )
-    return replace(comparison, measurement=replace(comparison.measurement, channels=channels), searched=searched)
 
 
 def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -120,14 +116,14 @@ def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypo
     """Other discharge pressures than stated; the factor of least misfit."""
     refits = []
     for factor in PRESSURES:
-        changed = tuple(replace(each, twin=_at_pressure(each.twin, factor)) for each in objective.comparisons)
-        refits.append((_refit(replace(objective, comparisons=changed))[1], factor))
+        changed = []
+        for each in objective.comparisons:
+            condition = each.twin.condition
+            pressure = factor * condition.discharge_pressure
+            changed.append(replace(each, twin=each.twin.at(condition.replaced(discharge_pressure=pressure))))
+        refits.append((_refit(replace(objective, comparisons=tuple(changed)))[1], factor))
     misfit, factor = min(refits)
     yield MisfitHypothesis(f"the discharge pressure is about {factor:g} times the stated one", misfit, before)
-
-
-def _at_pressure(twin: Twin, factor: float) -> Twin:
-    return twin.at(twin.condition.replaced(discharge_pressure=factor * twin.condition.discharge_pressure))
 
 
 def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -166,20 +162,14 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
         unknowns = _freed(objective.unknowns, (name,), twin_value, getattr(WIDE, name))
         index = unknowns.names.index(name)
-        starts = [replace(unknowns, start=_with_entry(unknowns.start, index, twin_value + away)) for away in AWAY[name]]
+        is_it = np.arange(len(unknowns)) == index
+        starts = [replace(unknowns, start=np.where(is_it, twin_value + away, unknowns.start)) for away in AWAY[name]]
         point, misfit = min((_refit(replace(objective, unknowns=start)) for start in starts), key=lambda pair: pair[1])
         factor = float(np.exp(point[index] - twin_value))
-        advice = (
-            IN_G if name == "sensor" and _is_gravity(factor) else ": search it from there, or correct the pump file"
-        )
+        is_unit = name == "sensor" and _is_gravity(factor)
+        advice = IN_G if is_unit else ": search it from there, or correct the pump file"
         mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
         yield MisfitHypothesis(mistake, misfit, before)
-
-
-def _with_entry(row: np.ndarray, index: int, value: float) -> np.ndarray:
-    changed = row.copy()
-    changed[index] = value
-    return changed
 
 
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:

@@ -231,12 +231,9 @@ def test_check_finds_healthy_recordings_alone_enough_for_a_detector(folder: Path
     assert "The data are sound and enough for an anomaly detector." in shown
 
 
-def test_an_option_of_a_classifier_is_refused_where_all_recordings_are_healthy(folder: Path) -> None:
+def test_a_classifier_of_healthy_recordings_alone_is_refused(folder: Path, healthy: list[Recording]) -> None:
     refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=2)
     assert "anomaly" in refused.stderr
-
-
-def test_one_class_given_to_a_classifier_points_to_the_detector(healthy: list[Recording]) -> None:
     with pytest.raises((DataError, InputError), match="AnomalyDetector"):
         st.FaultClassifier(window=512).fit(healthy[:6])
 

@@ -130,8 +130,7 @@ def test_a_network_that_is_not_registered_is_not_saved(classifier, tmp_path):
 
 @pytest.mark.parametrize("label", CLASSES)
 def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
-    unlabeled = recording(f"new {label}", label).relabeled(None)
-    diagnosis = diagnose(classifier, unlabeled)
+    diagnosis = diagnose(classifier, recording(f"new {label}", label).relabeled("a label never trained"))
     assert diagnosis.label == label
     assert diagnosis.n_windows == 6
     assert diagnosis.agreement == pytest.approx(diagnosis.window_labels.count(label) / 6)
@@ -145,10 +144,6 @@ def test_the_diagnosis_decides_as_the_evaluation_does(classifier):
     scores = evaluate(classifier, cut_windows(new, length=80))
     hits = [diagnose(classifier, recording).label == recording.label for recording in new]
     assert scores.recording_accuracy == np.mean(hits)
-
-
-def test_a_label_that_the_classifier_does_not_know_does_not_hinder_a_diagnosis(classifier):
-    assert diagnose(classifier, replace(recording("new", "piston"), label="odd noise")).label == "piston"
 
 
 def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(classifier):
@@ -243,12 +238,8 @@ def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved
     assert "the model is damaged" in diagnose(damaged, recording("new", "normal")).no_verdict
     test = cut_windows([recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES)
     scores = evaluate(damaged, test)
-    assert (scores.accuracy, scores.recording_accuracy, scores.false_alarm_rate, scores.missed_fault_rate) == (
-        0,
-        0,
-        1,
-        1,
-    )
+    assert (scores.accuracy, scores.recording_accuracy) == (0, 0)
+    assert (scores.false_alarm_rate, scores.missed_fault_rate) == (1, 1)
     assert scores.reasons["accuracy"] == "12 of 12 windows have no verdict and count as errors"
     assert scores.confusion.tolist() == [[0, 0, 6], [0, 0, 6]]
     assert "no verdict" in write_report(scores, folder=tmp_path / "page").read_text()

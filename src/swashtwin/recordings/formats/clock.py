@@ -263,8 +263,8 @@ def _unit(path: Path, raw: RawFile, name: str, options: Options) -> float | None
         unit = name
     if unit is not None and plain_unit(unit) not in TIME_UNITS:
         raise DataError(
-            f"{path}: the time column {name!r} is in {unit!r}, which is none of {', '.join(TIME_UNITS)}; state its "
-            "time_unit, or name another time_column."
+            f"{path}: the time column {name!r} is in {unit!r}, which is none of {', '.join(TIME_UNITS)}; say "
+            'time_unit = "ms" or what it is, or name another time_column.'
         )
     return None if unit is None else TIME_UNITS[plain_unit(unit)]
 
@@ -299,7 +299,10 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
     spacing = 2 * (unit or 1.0) * float(np.spacing(abs(first))) if isinstance(first, np.floating) else 0.0
     rate, gaps = _rate(path, time, sparse, usual, max(10.0**-digits, spacing))
     if unit is None and rate is not None and rate <= _SLOW:
-        return None, f"its times have no unit, and would be {rate:.6g} Hz in seconds; state the time_unit, such as ms"
+        return (
+            None,
+            f'its times have no unit, and would be {rate:.6g} Hz in seconds; say time_unit = "ms" or what it is',
+        )
     return rate, gaps
 
 

@@ -111,7 +111,7 @@ def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str,
 
 def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[str, Any], Any]], file: Any) -> RawFile:
     """The columns with their units, rates, starts and sensitivities, by kind of samples, properties and group."""
-    units, rates, starts, sensitivities = {}, {}, {}, {}  # type: ignore[var-annotated]
+    units, rates, starts, moments, sensitivities = {}, {}, {}, {}, {}  # type: ignore[var-annotated]
     for key, (kind, properties, group) in stated.items():
         pairs = [(name, str(value)) for name, value in properties.items()]
         if unit := "ns" if kind == "M" else _unit(pairs):
@@ -126,9 +126,8 @@ def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[s
             sensitivities[key] = texts[0]
         if (moment := _moment(properties)) is not None:
             near = np.timedelta64(round(1e6 * step), "us")  # less than a sample apart is together
-            starts[key] = next(
-                (text for text in starts.values() if abs(np.datetime64(text) - moment) < near), str(moment)
-            )
+            same = next((starts[other] for other, known in moments.items() if abs(known - moment) < near), None)
+            starts[key], moments[key] = same or str(moment).removeprefix("1970-01-01T"), moment
     return replace(raw, units=units, rates=rates, starts=starts, sensitivities=sensitivities)
 
 

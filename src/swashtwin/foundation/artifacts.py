@@ -33,7 +33,8 @@ _KEY = "swashtwin"
 def save_artifact(
     path: Path | str, kind: str, version: int, thing: Any, *, may_be_nan: Sequence[str] | None = ()
 ) -> Path:
-    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors of the file.
+    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors of the file,
+    those of texts lists of the card.
 
     Parameters
     ----------
@@ -49,7 +50,9 @@ def save_artifact(
     """
     arrays: list[Any] = []
 
-    def take(array: Any) -> dict[str, int]:
+    def take(array: Any) -> Any:
+        if isinstance(array, np.ndarray) and array.dtype.kind == "U":
+            return array.tolist()
         arrays.append(array)
         return {_ARRAY: len(arrays) - 1}
 
@@ -91,7 +94,11 @@ def load_artifact(
     """
     card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
     with refuse_misfits(path, kind):
-        return from_table(card, form, to_array=lambda _, entry: arrays[entry[_ARRAY]])
+        return from_table(
+            card,
+            form,
+            to_array=lambda _, entry: np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY]],
+        )
 
 
 def write_artifact(

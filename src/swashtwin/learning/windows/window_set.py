@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -74,15 +74,14 @@ class WindowSet:
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
     """Unit of every channel."""
-    manifest: Manifest | Iterable[str] = field(default_factory=dict)
-    """Recordings that had a part in the windows without standing in them (`swashtwin.recordings.Manifest`, or ids):
+    manifest: Manifest = field(default_factory=dict)
+    """Recordings that had a part in the windows without standing in them (`swashtwin.recordings.Manifest`):
     those that a twin was calibrated on, and those that lent a synthetic window its noise. Training on the windows is
     training on these."""
     content: Manifest = field(default_factory=dict)
     """Hashes of the content of the recordings that the windows were cut from, by id; what is missing goes by name."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "manifest", join_manifests([self.manifest]))
         if self.signal.ndim != 3 or self.signal.shape[1] != len(self.channels):
             raise DataError(
                 f"signal has shape {self.signal.shape}; with {len(self.channels)} channel name(s) it must be "

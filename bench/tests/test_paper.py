@@ -20,6 +20,7 @@ from swashtwin_bench.paper import experiments, identification
 from swashtwin_bench.paper.experiments import convergence_sentence
 from swashtwin_bench.paper.identification import CHOSEN, NOMINAL
 from swashtwin_bench.questions.calibration import Contender
+from swashtwin_bench.results.reported import paper_words
 from swashtwin_bench.results.result import StudyResult
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.rivals.models import Model, train_model
@@ -219,3 +220,20 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(recordings: list[Re
     assert resumed.history == whole.history
     assert [epoch.number for epoch in trained_now] == [2]  # an epoch's time is that of these alone
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "classifier", "expected"),
+    [
+        ("case1", "paper_bitcn", "accuracy 0.812"),
+        ("case1", "tcn", "the paper's BiTCN: accuracy 0.812"),
+        ("algorithms", "bitcn", "the paper's BiTCN: accuracy 0.98"),
+        ("algorithms", "tcn", "more than 8 points below BiTCN"),
+        ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
+        ("case9", "paper_bitcn", ""),
+    ],
+)
+def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(
+    name: str, classifier: str, expected: str
+) -> None:
+    assert paper_words(name, {"classifier": classifier, "training_set": "measured", "level": "L2"}) == expected

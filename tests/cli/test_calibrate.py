@@ -25,33 +25,18 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
         size = RigSize(specimens=2, repeats=1, duration=1.3)
         recordings = [recording for recording, _ in rig_recordings(0, size, labels=("swash_plate",))]
-    write_index(
-        recordings,
-        [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings],
-        folder,
-    )
+    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
+    write_index(recordings, files, folder)
     return folder
 
 
-@pytest.fixture(scope="module")
-def both(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Calibration of specimen A at both pressures together."""
-    path = tmp_path_factory.mktemp("both") / "both.json"
+def test_several_pressures_are_fitted_together_and_windows_take_turns_among_them(rig: Path, tmp_path: Path) -> None:
+    both, out = tmp_path / "both.json", tmp_path / "windows.safetensors"
     points = (*AT_15, "--pressure", "10 MPa", "--specimen", "A")
     quick = ("--set", "starts=1", "--set", "phases=false", "--set", "nuisances=usual")
-    run_json("calibrate", rig, *points, *DEFECT, *quick, "--out", path)
-    return path
-
-
-def test_several_pressures_are_fitted_together(both: Path) -> None:
+    run_json("calibrate", rig, *points, *DEFECT, *quick, "--out", both)
     assert [fit.condition.discharge_pressure for fit in load_calibration(both).fits] == [MPa(15), MPa(10)]
     assert len(load_calibration(both).recording_ids) == 2
-
-
-def test_windows_of_a_calibration_at_several_pressures_take_turns_among_them(
-    rig: Path, both: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "windows.safetensors"
     run("synthesize", both, "--like", rig, "--count", 4, "--out", out)
     windows = load_windows(out)
     assert windows.discharge_pressure.tolist() == [MPa(15), MPa(10)] * 2
@@ -74,15 +59,7 @@ def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> No
 
 
 def test_ipinn_takes_its_settings_and_the_page_says_what_the_recordings_can_tell(rig: Path, tmp_path: Path) -> None:
-    words = (
-        "--method",
-        "ipinn",
-        *SIMPLE,
-        "--set",
-        "epochs=5",
-        "--report",
-        tmp_path / "page",
-    )
+    words = ("--method", "ipinn", *SIMPLE, "--set", "epochs=5", "--report", tmp_path / "page")
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     assert answer["settings"]["epochs"] == 5
     assert "What the measurement can tell" in Path(answer["report"]).read_text(encoding="utf-8")
@@ -96,9 +73,6 @@ def test_ipinn_takes_its_settings_and_the_page_says_what_the_recordings_can_tell
     [
         (("--set", "learning_rate=0.1"), "--method gauss-newton has no setting 'learning_rate'."),
         (("--preset", "paper", "--set", "starts=2"), "--method ipinn has no setting 'starts'."),
-        (("--set", "start=2"), "Did you mean starts?"),
-        (("--set", "starts=2.5"), "starts=2.5 must be a whole number"),
-        (("--set", "starts"), "must be NAME=VALUE"),
         (("--set", "nuisances=all"), "must be none, usual, housing, by-axis"),
     ],
 )
@@ -110,13 +84,8 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
 
 
 def test_bounds_are_stated_by_letter_or_parameter_with_or_without_units(rig: Path, tmp_path: Path) -> None:
-    words = (
-        "--set",
-        "bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m",
-        "--set",
-        "bounds=piston_bore.damping=1e4 .. 1e5",
-        *QUICK,
-    )
+    texts = ("bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m", "bounds=piston_bore.damping=1e4 .. 1e5")
+    words = (*(word for text in texts for word in ("--set", text)), *QUICK)
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     bounds = {estimate["letter"]: estimate["bounds"] for estimate in answer["estimates"]}
     assert bounds["C_sw"] == [1e4, 1e8]

@@ -31,7 +31,7 @@ def test_no_way_out_lets_a_control_character_through(capsys: pytest.CaptureFixtu
     console.note(HOSTILE)
     console.table(HOSTILE, (HOSTILE,), [(f"{HOSTILE}\n",)])
     console.tell({HOSTILE: HOSTILE}, True, lambda: None)
-    console.note_left_out([(HOSTILE, HOSTILE)])
+    console.note_merged([(HOSTILE, HOSTILE)], "left out")
     captured = capsys.readouterr()
     assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(captured.out + captured.err)
     assert json.loads(captured.out.splitlines()[-1]) == {HOSTILE: HOSTILE}

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from commandline import PYTHON_WORDS, one_line, run
+from commandline import AT_15, PYTHON_WORDS, one_line, run
 from typer.main import get_command
 
 import swashtwin
@@ -66,17 +66,6 @@ def test_every_option_that_an_error_names_exists() -> None:
 
 def test_an_error_names_the_option_of_the_argument_that_it_is_about(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("cover_z\n" + "\n".join(str(i % 7) for i in range(4000)))
-    facts = (
-        "--sample-rate",
-        "2 kHz",
-        "--unit",
-        "g",
-        "--speed",
-        "860 rpm",
-        "--pressure",
-        "15 MPa",
-        "--channels",
-        "cover_z",
-    )
+    facts = ("--sample-rate", "2 kHz", "--unit", "g", *AT_15, "--channels", "cover_z")
     line = one_line(run("calibrate", tmp_path / "a.csv", *facts, "--band", "0-90 kHz", code=3))
     assert line.endswith("end it at 980 Hz. (--band)"), line

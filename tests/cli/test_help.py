@@ -30,7 +30,7 @@ HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "
         ("calibrate", "x", *AT_15, "--method", "guess"),
         ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--set", "epochs=5"),
         ("bench", "study", "case1", "x", "--seeds", "a,b"),
-        ("demo", "--jobs", "0"),
+        ("demo", "--seed", "x"),
     ],
 )
 def test_a_wrong_command_line_ends_with_code_2(
@@ -40,19 +40,13 @@ def test_a_wrong_command_line_ends_with_code_2(
     result = run(*words, code=2)
     assert not result.stdout
     assert "Usage" in result.stderr
-
-
-def test_a_wrong_command_is_answered_with_the_nearest() -> None:
-    assert "train" in run("trian", code=2).stderr
+    assert words[0] != "trian" or "train" in result.stderr
 
 
 def test_an_unexpected_error_asks_for_a_report_and_shows_its_traceback_on_request(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def broken(name: str) -> None:
-        raise ZeroDivisionError("division by zero")
-
-    monkeypatch.setattr("swashtwin.pump.load_pump", broken)
+    monkeypatch.setattr("swashtwin.pump.load_pump", lambda name: 1 / 0)
     assert "ZeroDivisionError" in one_line(run("twin", "pump", "show", code=1))
     assert "Traceback" in run("--debug", "twin", "pump", "show", code=1).stderr
 
@@ -82,11 +76,8 @@ def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...])
     assert "--json" in said
 
 
-def test_the_first_screen_has_at_most_twelve_commands_in_the_order_of_a_user_s_work_beside_the_groups() -> None:
-    assert list(FIRST) == [
-        "index", "inspect", "check", "train", "evaluate", "diagnose", "calibrate", "synthesize", "report",
-    ]  # fmt: skip
-    assert len(FIRST) <= 12
+def test_the_first_screen_is_in_the_order_of_a_user_s_work() -> None:
+    assert " ".join(FIRST) == "index inspect check train evaluate diagnose calibrate synthesize report"
     assert list(GROUPS) == ["data", "signal", "twin", "history", "model"]
 
 
@@ -166,8 +157,3 @@ def test_without_the_bench_its_commands_say_the_line_that_installs_it(
     result = CliRunner().invoke(alone.app, words)
     assert isinstance(result.exception, SystemExit)
     assert "pip install swashtwin-bench" in " ".join(result.output.split())
-
-
-def test_a_folder_of_the_bench_is_sent_to_the_benchs_report(tmp_path: Path) -> None:
-    line = one_line(run("report", tmp_path, "--out", tmp_path / "page", code=3))
-    assert f"swashtwin bench report {tmp_path} --out PAGE" in line

@@ -16,7 +16,7 @@ WRITERS = {
         ".x",
         "a.h5 recordings.toml windows.safetensors",
     ),
-    "train on": ("train recordings.toml --network bitcn --checkpoint kept.x --out {}", ".x", "kept.x table.csv"),
+    "train on": ("train recordings.toml --network bitcn --add kept.x --out {}", ".x", "kept.x table.csv"),
     "evaluate": ("evaluate model.safetensors recordings.toml --report {}", ".html", "a.html"),
     "evaluate in": ("evaluate model.safetensors recordings.toml --report {folder}", ".html", ""),
     "diagnose": ("diagnose model.safetensors a.html a.h5 --report {}", ".html", "a.html"),
@@ -35,7 +35,6 @@ WRITERS = {
     "split": ("data split recordings.toml --out {folder}", ".toml", ""),
     "split train": ("data split train.toml", ".toml", "train.toml"),
     "features": ("signal features recordings.toml --out {}", ".csv", "table.csv"),
-    "features of": ("signal features table.csv --out {}", ".csv", "table.csv"),
     "spectrum": ("signal spectrum a.svg --out {}", ".svg", "a.svg"),
     "spectrum data": ("signal spectrum a-data.csv --out a.svg", ".svg", "a-data.csv"),
     "trend": ("signal trend recordings.toml --out {}", ".svg", "a.svg"),
@@ -105,7 +104,7 @@ def test_no_command_replaces_what_it_reads(name: str, read: str, files: Path) ->
 
 
 OWN = {
-    "signal features a.h5 --out own.csv": "own.csv",
+    "signal features pair.toml --out own.csv": "own.csv",
     "signal spectrum a.h5 --out own.svg": "own-data.csv",
     "report healthy.json --out own": "own/results.json",
     "report healthy.json --out own.html": "own.html",

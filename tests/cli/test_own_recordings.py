@@ -45,7 +45,7 @@ def test_public_recordings_go_the_whole_way(
     assert set(answer["classes"]) == classes
     model = tmp_path / "m.safetensors"
     run("train", index, "--out", model, "--test-fraction", 0.4, "--window", length, *TINY)
-    scores = run_json("evaluate", model, index, "--level", "L2")
+    scores = run_json("evaluate", model, index)
     assert set(scores["classes"]) == classes
     assert scores["n_recordings"] >= len(classes)
     for verdict in run_json("diagnose", model, index)["diagnoses"]:

@@ -12,7 +12,7 @@ from typer.main import get_command
 from swashtwin.cli import app
 from swashtwin.cli.options import READING
 
-READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", "signal features", "signal spectrum")
+READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", "signal spectrum")
 ROWS = [f"{number / 1000},{number % 7}.5,{number % 5}.25" for number in range(64)]
 
 

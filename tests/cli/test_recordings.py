@@ -45,7 +45,7 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
     assert [verdict["n_windows"] for verdict in verdicts] == [8] * 4
 
 
-@pytest.mark.parametrize("command", ["inspect", "signal features", "data convert"])
+@pytest.mark.parametrize("command", ["inspect", "data convert"])
 def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(folder: Path, command: str) -> None:
     out = ("--out", folder / "s.h5") if command == "data convert" else ()
     line = one_line(run(*command.split(), folder / "normal_1.csv", *out, code=3))

@@ -30,45 +30,13 @@ def test_simulate_writes_what_it_tells(tmp_path: Path) -> None:
     assert "cover_z" in run("twin", "simulate", *AT_15, *SHORT, "--force", "--out", out).stdout
 
 
-def test_a_file_that_nothing_writes_is_refused_before_the_work(tmp_path: Path) -> None:
-    line = one_line(run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "q", code=3))
-    assert "must end in .h5" in line
-    assert "to " not in run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "Q.H5").stderr
-
-
-@pytest.mark.parametrize("suffix", ["wav", "csv"])
-def test_every_format_holds_the_same_signal(tmp_path: Path, suffix: str) -> None:
-    for out in ("a.h5", f"a.{suffix}"):
-        run("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / out)
-    facts = {"unit": "m/s^2"} if suffix == "wav" else {}
-    other = load_recording(tmp_path / f"a.{suffix}", **facts).signal
-    np.testing.assert_allclose(other, load_recording(tmp_path / "a.h5").signal, rtol=1e-6, atol=1e-7)
-
-
-def test_a_twin_out_of_its_range_says_so(tmp_path: Path) -> None:
-    linear = run("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--out", tmp_path / "s.h5")
-    assert "note: the linear twin pulls at its slippers" in linear.stderr
-
-
-def test_fewer_recordings_than_there_are_leave_all_in_the_index(tmp_path: Path) -> None:
-    words = ("twin", "simulate", *AT_15, *SHORT, "--out", tmp_path / "runs")
-    run(*words, "--count", 4)
-    answer = run_json(*words, "--count", 2)
-    assert answer["new"] == []
-    assert len(load_recordings(answer["index"])) == 4
-
-
-# ---- many
-
-
 def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_many_recordings_differ_in_all_that_varies(tmp_path: Path) -> None:
-    answer = run_json(
-        "twin", "simulate", *AT_15, *DEFECT, *SHORT, "--count", 4, "--seed", 3, "--out", tmp_path / "runs"
-    )
+    words = ("twin", "simulate", *AT_15, *DEFECT, *SHORT, "--seed", 3, "--out", tmp_path / "runs")
+    answer = run_json(*words, "--count", 4)
     back = load_recordings(answer["index"])
     assert answer["new"] == [recording.recording_id for recording in back] == [f"runs-000{i}" for i in range(4)]
     conditions = [recording.condition for recording in back if recording.condition is not None]
@@ -77,6 +45,10 @@ def test_many_recordings_differ_in_all_that_varies(tmp_path: Path) -> None:
         assert len(set(values)) == 4
         assert all(abs(value / center - 1) <= width for value in values)
     assert {recording.label for recording in back} == {"swash_plate"}
+    turn = np.exp(-7j * rpm(860) * back[0].time)
+    assert np.ptp([np.angle((recording.signal[1] * turn).sum()) for recording in back]) > math.pi / 2
+    assert run_json(*words, "--count", 2)["new"] == []
+    assert len(load_recordings(answer["index"])) == 4
 
 
 def test_an_interrupted_run_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,22 +95,13 @@ def test_a_recess_gets_the_law_that_suits_its_depth_and_says_which(fault: str, l
     assert any("pulls at its slippers" in text for text in notes) == (law == "shared")
 
 
-# ---- what is refused
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("--speed", "860", "--pressure", "15 MPa", "--out", "x.h5"), "has no unit"),
-        (("--speed", "14 1/s", "--pressure", "15 MPa", "--out", "x.h5"), '"840 rpm"'),
-        (("--speed", "860 rpm", "--pressure", "15 Pa", "--out", "x.h5"), "15 MPa is MPa(15)"),
         (("--speed", "0 rpm", "--pressure", "15 MPa", "--out", "x.h5"), "must be a positive number"),
         ((*AT_15, "--fault", "swosh_plate", "--out", "x.h5"), "Did you mean 'swash_plate'?"),
-        ((*AT_15, "--fault", "swash_plate:length=-30mm", "--out", "x.h5"), "must be zero or a positive number"),
-        ((*AT_15, "--fault", "swash_plate:width=24 m", "--out", "x.h5"), "exceeds 0.3 m"),
         ((*AT_15, "--fault", "piston:depth=1mm", "--out", "x.h5"), "it has clearance"),
-        ((*AT_15, "--fault", "piston:piston=1.5", "--out", "x.h5"), "must be a whole number"),
-        ((*AT_15, "--fault", "normal:depth=1mm", "--out", "x.h5"), "name a fault"),
         ((*AT_15, "--out", "x.exe"), "must end in .h5 or "),
         ((*AT_15, "--out", "."), "is a folder; name a file"),
         ((*AT_15, "--count", 2, "--out", "."), "not empty; choose a new folder"),
@@ -152,27 +115,10 @@ def test_bad_input_ends_with_one_line_and_code_3(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "kept").touch()
     line = one_line(run("twin", "simulate", *words, code=3))
-    assert any(part in line for part in said.split("|"))
-    assert not [path for path in tmp_path.rglob("*") if path.suffix == ".h5"]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        AT_15,
-        (*AT_15, "--out", "x.h5", "--fault", "piston:depth"),
-        (*AT_15, "--out", "x.h5", "--count", "2"),
-        (*AT_15, "--out", "x.h5", "--count", "0"),
-    ],
-)
-def test_a_wrong_command_line_ends_with_code_2(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = run("twin", "simulate", *words, code=2)
-    assert not result.stdout
-    assert "Usage" in result.stderr
-    assert not list(tmp_path.iterdir())
+    assert said in line
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    for wrong in (("--fault", "piston:depth"), ("--count", "2")):
+        assert "Usage" in run("twin", "simulate", *AT_15, "--out", "x.h5", *wrong, code=2).stderr
 
 
 @pytest.mark.parametrize("out", ["full.h5", "runs"])
@@ -195,11 +141,3 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_half_written(
     assert (tmp_path / "full.h5").read_text() == "old"
     left = sorted(path.name for path in tmp_path.rglob("*") if path.is_file())
     assert left == ["full.h5", *(["series.json"] if out == "runs" else [])]
-
-
-def test_the_phases_of_many_recordings_lie_all_around(tmp_path: Path) -> None:
-    words = ("twin", "simulate", *AT_15, "--duration", "70 ms", "--count", 12, "--out", tmp_path / "runs")
-    back = load_recordings(run_json(*words)["index"])
-    turn = np.exp(-7j * rpm(860) * back[0].time)
-    phases = [np.angle((recording.signal[1] * turn).sum()) for recording in back]
-    assert np.ptp(phases) > math.pi

@@ -19,8 +19,8 @@ COMMANDS = (
     "data convert data --out store.h5",
     "data split data --out split --test-fraction 0.25",
     "train split/train.toml --network bitcn --set epochs=1 --set stride=32 --set channels=4,4 --window 256 "
-    "--test-fraction 0 --checkpoint training --out model.safetensors",
-    "evaluate model.safetensors split/test.toml --level L2",
+    "--test-fraction 0 --out model.safetensors",
+    "evaluate model.safetensors split/test.toml",
     "diagnose model.safetensors data/normal_0.h5 --report 'report of one'",
     "bench report runs --out 'report of all'",
     "signal spectrum data/normal_0.h5 --out spectrum.svg",
@@ -41,15 +41,8 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
     command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr[-3000:]
-    for name in (
-        "store.h5",
-        "model.safetensors",
-        "spectrum.svg",
-        "mine.toml",
-        "report of one/report.html",
-        "report of all/report.html",
-    ):
-        assert (tmp_path / name).is_file()
+    written = "store.h5", "model.safetensors", "spectrum.svg", "mine.toml", "report of one/report.html"
+    assert all((tmp_path / name).is_file() for name in (*written, "report of all/report.html"))
     assert not list(tmp_path.rglob(".swashtwin-*"))
 
 

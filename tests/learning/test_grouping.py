@@ -127,7 +127,7 @@ def test_folds_are_written_one_folder_each_and_test_every_recording_once(tmp_pat
     recordings = rows(["mon", "tue", "wed"])
     files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
     index = write_index(recordings, files, tmp_path)
-    answer = run_json("data", "split", index, "--group", "day", "--dealing", "each", "--out", tmp_path / "folds")
+    answer = run_json("data", "split", index, "--group", "day", "--folds", 3, "--out", tmp_path / "folds")
     tested = [recording.recording_id for fold in answer["folds"] for recording in load_recordings(fold["test"])]
     assert len(answer["folds"]) == 3
     assert len(tested) == len(set(tested)) == 12

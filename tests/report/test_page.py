@@ -47,16 +47,11 @@ def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diag
 
 def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -> None:
     page = page_text(diagnosis(), about={"Model": "model.safetensors"})
-    facts = re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page)
-    assert facts == [
-        ("Machine", "pump 3"),
-        ("Recorded", "2026-03-01"),
-        ("Condition", "860 rev/min, 15 MPa (150 bar absolute)"),
-        ("File", "line/a.h5"),
-        ("Model", "model.safetensors"),
-    ]
-    title = ("Diagnosis of a", "pump 3", "2026-03-01", "860 rev/min, 15 MPa (150 bar absolute)", "line/a.h5")
-    assert f"<title>{' · '.join((*title, 'model.safetensors'))}" in page
+    names, values = zip(*re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page), strict=True)
+    assert names == ("Machine", "Recorded", "Condition", "File", "Model")
+    point = "860 rev/min, 15 MPa (150 bar absolute)"
+    assert values == ("pump 3", "2026-03-01", point, "line/a.h5", "model.safetensors")
+    assert f"<title>{' · '.join(('Diagnosis of a', *values))}" in page
 
 
 def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -> None:
@@ -65,6 +60,9 @@ def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -
     assert order == sorted(order)
     assert "17 % of the bands lie outside the range of the 5 healthy recordings." in page
     assert "20 to 40 Hz, channel x" in page
+    assert "narrow range" not in page
+    few = replace(spectrum(), healthy=spectrum().healthy[:2])
+    assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
 
 
 def test_a_healthy_or_uncertain_recording_has_no_part_marked() -> None:
@@ -121,6 +119,10 @@ def test_a_word_is_explained_where_it_stands_first_and_only_there() -> None:
     assert "&lt;b&gt;above" in first
     assert second == "3 dB"
     assert list(glossary.used) == ["dB", "baseline"]
+    kept = r'<span class="option">\(<button class="term"[^>]*>RMS</button>\),</span> of'
+    assert re.search(kept, Glossary().mark("level (RMS), of windows"))
+    assert '<span class="option">--group</span> specimen' in Glossary().mark("train --group specimen")
+    assert re.search(r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7)))
 
 
 @pytest.mark.parametrize("name", [name for name in CLASSES if not is_healthy(name)])
@@ -129,16 +131,14 @@ def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at
     fault = FAULT_KINDS[name]
     turns, per_turn = 10, 1024
     rate = at_15.shaft_frequency * per_turn
-    lines = {}
+    order = np.arange(1, 36)
+    share = {}
     for label, twin in (("healthy", Twin(pump, at_15)), ("faulty", Twin(pump, at_15, fault))):
         signal = twin.simulate(turns * at_15.period, sample_rate=rate).signal[:, : turns * per_turn]
-        lines[label] = np.abs(np.fft.rfft(signal, axis=1))[:, turns * np.arange(1, 36)].max(axis=0)
-    order = np.arange(1, 36)
-    at_pistons = order % pump.rotating_group.piston_count == 0
-    total = {label: math.sqrt(np.sum(values[~at_pistons] ** 2)) for label, values in lines.items()}
-    has_shaft_lines = total["faulty"] > 0.01 * lines["faulty"].max()
-    assert total["healthy"] < 1e-3 * lines["healthy"].max()
-    assert cutaway.family == ("shaft" if has_shaft_lines else "pistons")
+        lines = np.abs(np.fft.rfft(signal, axis=1))[:, turns * order].max(axis=0)
+        share[label] = math.hypot(*lines[order % pump.rotating_group.piston_count != 0]) / lines.max()
+    assert share["healthy"] < 1e-3
+    assert cutaway.family == ("shaft" if share["faulty"] > 0.01 else "pistons")
 
 
 def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_number() -> None:
@@ -163,6 +163,8 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
     assert facts_of(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
     assert (facts.shaft, facts.pistons) == (pytest.approx(15), 9)
     assert facts_of([]) == RecordingFacts()
+    shown = fact_entries(RecordingFacts(machine="A, B", file="60 files"))
+    assert shown == (("Machines", "A, B"), ("Files", "60"))
 
 
 @pytest.mark.skipif(not shutil.which(CHROMIUM), reason=f"no {CHROMIUM}")
@@ -181,25 +183,11 @@ def test_two_calibrations_or_more_items_of_one_title_are_told_apart() -> None:
         return Part("Calibration of P", (), "", (section,), {}, verdict=verdict, facts=facts)
 
     head = Part("Comparison", ("They differ.",), "", (), {}, verdict="1 value differs")
-    mixed = (head, part("one"), part("two"), scored(0.7))
-    page = page_text(*mixed)
-    assert re.findall(r'<p class="about">(Calibration.*?)</p>', page) == [
-        "Calibration of P (first)",
-        "Calibration of P (second)",
-    ]
-    assert re.findall(r"<h2>(Calibration.*?)</h2>", page) == ["Calibration of P (first)", "Calibration of P (second)"]
+    page = page_text(head, part("one"), part("two"), scored(0.7))
+    titles = ["Calibration of P (first)", "Calibration of P (second)"]
+    assert re.findall(r'<p class="about">(Calibration.*?)</p>', page) == titles
+    assert re.findall(r"<h2>(Calibration.*?)</h2>", page) == titles
     assert re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page) == [("Pump", "P")]
-
-
-def test_numbers_of_files_and_machines_stand_below_names_in_the_plural() -> None:
-    facts = RecordingFacts(machine="A, B", file="60 files")
-    assert fact_entries(facts) == (("Machines", "A, B"), ("Files", "60"))
-    assert fact_entries(RecordingFacts(machine="A", file="a.h5")) == (("Machine", "A"), ("File", "a.h5"))
-
-
-def test_an_option_is_never_broken_and_figures_of_a_table_are_explained() -> None:
-    assert '<span class="option">--group</span> specimen' in Glossary().mark("train --group specimen")
-    assert re.search(r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7)))
 
 
 def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> None:
@@ -209,17 +197,6 @@ def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> Non
     assert "No healthy recording was tested" in page
     healthy = replace(faulty, label="normal", is_healthy=True, n_alarms=1)
     assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(AlarmScores(0.05, (healthy, faulty)))
-
-
-def test_bands_outside_the_range_of_few_healthy_recordings_are_no_sign_of_a_fault() -> None:
-    few = replace(spectrum(), healthy=spectrum().healthy[:2])
-    assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
-    assert "narrow range" not in page_text(diagnosis())
-
-
-def test_a_line_ends_on_neither_side_of_an_explained_word_with_punctuation() -> None:
-    kept = r'<span class="option">\(<button class="term"[^>]*>RMS</button>\),</span> of'
-    assert re.search(kept, Glossary().mark("level (RMS), of windows"))
 
 
 @pytest.mark.nightly

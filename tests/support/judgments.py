@@ -17,18 +17,10 @@ def judgment(number: int, **changes: Any) -> Judgment:
     """Judgment of recording `number`: one each hour."""
     time = START + timedelta(hours=number)
     facts: dict[str, Any] = {
-        "content": hashlib.sha256(str(number).encode()).hexdigest(),
-        "time": time,
-        "received": time + timedelta(seconds=2),
-        "source": "folder",
-        "file": f"{number}.wav",
-        "channels": ["x", "y"],
-        "unit": "m/s^2",
-        "sample_rate": 1000.0,
-        "duration": 0.1,
-        "state": "normal",
-        "point": "1500 rpm, 15 MPa",
-    }
+        "content": hashlib.sha256(str(number).encode()).hexdigest(), "time": time,
+        "received": time + timedelta(seconds=2), "source": "folder", "file": f"{number}.wav", "channels": ["x", "y"],
+        "unit": "m/s^2", "sample_rate": 1000.0, "duration": 0.1, "state": "normal", "point": "1500 rpm, 15 MPa",
+    }  # fmt: skip
     return Judgment(**{**facts, **changes})
 
 
@@ -40,13 +32,6 @@ def waveform(number: int) -> Recording:
 
 def rejection(file: str, content: str, **changes: Any) -> Rejection:
     """Rejection of a broken file."""
-    facts: dict[str, Any] = {
-        "received": START,
-        "source": "folder",
-        "file": file,
-        "machine": "",
-        "content": content,
-        "reason": "broken",
-        "detail": "no header",
-    }
+    facts: dict[str, Any] = {"received": START, "source": "folder", "machine": "", "reason": "broken"}
+    facts |= {"file": file, "content": content, "detail": "no header"}
     return Rejection(**{**facts, **changes})

@@ -49,42 +49,25 @@ def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[
 
 
 def run(
-    name: str,
-    seed: int,
-    skill: float,
-    classifier: str = "spectral_bitcn",
-    levels: tuple[str, ...] = ("L2", "L4"),
-    study: str = "case1",
-    **changes: Any,
-) -> dict[str, Any]:
+    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", levels: tuple[str, ...] = ("L2", "L4"),
+    study: str = "case1", **changes: Any,
+) -> dict[str, Any]:  # fmt: skip
     """A run of the training set `name`, whose classifier is right with the probability `skill`."""
     factors = {"classifier": classifier, "training_set": name}
     is_network = classifier == "spectral_bitcn"
     settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
     task = Task(study, seed, factors, settings, "data", "quick")
     scores = {level: scored(skill, seed, level) for level in levels}
+    rows = [{"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])} for at, each in scores.items()]
     return {
-        "format": FORMAT,
-        "key": task.key,
-        **asdict(task),
-        "rows": [
-            {"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])} for at, each in scores.items()
-        ],
-        "classes": list(CLASSES),
-        "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [],
-        "values": {},
+        "format": FORMAT, "key": task.key, **asdict(task), "rows": rows, "classes": list(CLASSES),
+        "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [], "values": {},
         "roles": {"train": ["trained on"], **{level: ["tested on"] for level in levels}},
         "sha256": {"train": "0" * 64},
-        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}},
-        "calibrations": [],
-        "origin": ORIGIN,
-        "command": "swashtwin bench study case1 --seeds 0,1",
-        "wall_s": 1.0,
-        "cpu_s": 1.0,
-        "device": "cpu",
-        "features": features(name) if is_network else None,
-        **changes,
-    }
+        "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}}, "calibrations": [],
+        "origin": ORIGIN, "command": "swashtwin bench study case1 --seeds 0,1", "wall_s": 1.0, "cpu_s": 1.0,
+        "device": "cpu", "features": features(name) if is_network else None, **changes,
+    }  # fmt: skip
 
 
 def save_run(run: Mapping[str, Any], out: Path) -> Path:

@@ -4,7 +4,7 @@ import gc
 import os
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,10 +42,7 @@ FIRST: Mapping[str, Callable[..., None]] = {
 """Commands of the first screen, in the order of a user's work."""
 
 GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
-    "data": (
-        "Convert and split recordings.",
-        {"convert": data.convert, "split": data.split},
-    ),
+    "data": ("Convert and split recordings.", {"convert": data.convert, "split": data.split}),
     "signal": (
         "Indicators, spectra and trends, without a classifier.",
         {"features": signal.features, "spectrum": signal.spectrum, "trend": signal.trend},
@@ -53,9 +50,7 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
     "twin": (
         "Simulate, compare and use twins of pumps.",
         {
-            "simulate": simulating.simulate,
-            "severity": severity.severity,
-            "next": twin.plan_next,
+            "simulate": simulating.simulate, "severity": severity.severity, "next": twin.plan_next,
             "prior": prior.prior,
         },
     ),
@@ -64,15 +59,12 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
         "Adapt a shipped model to a machine, or use a trained one in other programs.",
         {"adapt": prior.adapt, "export": testing.export},
     ),
-}
+}  # fmt: skip
 """Help and commands of each group."""
 
 WATCH: Mapping[str, Callable[..., None]] = {
-    "run": watching.run,
-    "init": watching.init,
-    "event": watching.event,
-    "user": watching.user,
-}
+    "run": watching.run, "init": watching.init, "event": watching.event, "user": watching.user,
+}  # fmt: skip
 """Commands of ``swashtwin watch``."""
 
 PUMPS: Mapping[str, Callable[..., None]] = {"show": twin.show_pump, "new": twin.new_pump}
@@ -91,25 +83,21 @@ app = typer.Typer(
 )
 
 
-def _group(words: str, commands: Mapping[str, Callable[..., None]]) -> typer.Typer:
-    group = typer.Typer(no_args_is_help=True, help=words)
+def _filled(group: typer.Typer, commands: Mapping[str, Callable[..., None]], **more: Any) -> typer.Typer:
     for name, function in commands.items():
-        group.command(name)(function)
+        group.command(name, **more)(function)
     return group
 
 
-for _name, _function in FIRST.items():
-    app.command(_name, rich_help_panel="Commands")(_function)
-_watch = typer.Typer(
-    cls=watching.WatchGroup, no_args_is_help=True, help="Watch pumps at a plant: swashtwin watch CONFIG starts it."
-)
-for _name, _function in WATCH.items():
-    _watch.command(_name)(_function)
+_filled(app, FIRST, rich_help_panel="Commands")
+_words = "Watch pumps at a plant: swashtwin watch CONFIG starts it."
+_watch = _filled(typer.Typer(cls=watching.WatchGroup, no_args_is_help=True, help=_words), WATCH)
 app.add_typer(_watch, name="watch", rich_help_panel="Commands")
 for _name, (_words, _commands) in GROUPS.items():
-    _members = _group(_words, _commands)
+    _members = _filled(typer.Typer(no_args_is_help=True, help=_words), _commands)
     if _name == "twin":
-        _members.add_typer(_group("Show and write the parameter files of pumps.", PUMPS), name="pump")
+        _words = "Show and write the parameter files of pumps."
+        _members.add_typer(_filled(typer.Typer(no_args_is_help=True, help=_words), PUMPS), name="pump")
     app.add_typer(_members, name=_name, rich_help_panel="More commands")
 
 

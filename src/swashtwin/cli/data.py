@@ -1,40 +1,15 @@
 """Commands of the group data: convert, split."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from swashtwin.cli.console import progress, say, tell
-from swashtwin.cli.options import (
-    GroupName,
-    Index,
-    Json,
-    Reading,
-    Resample,
-    Seed,
-    Sources,
-    present,
-    reads_files,
-)
+from swashtwin.cli.options import GroupName, Index, Json, Reading, Resample, Seed, Sources, present, reads_files
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from swashtwin.recordings import Recording
-
-
-class Dealing(StrEnum):
-    """How groups are dealt into folds."""
-
-    stratified = "stratified"
-    plain = "plain"
-    each = "each"
-    shuffled = "shuffled"
 
 
 @reads_files
@@ -73,10 +48,6 @@ def split(
     folds: Annotated[
         int | None, typer.Option(min=2, help="Write this many folds, fold-1/train.toml and so on, not one split.")
     ] = None,
-    dealing: Annotated[
-        Dealing | None,
-        typer.Option(help="Folds with equal shares of classes, of equal size, one for each group, or drawn at random."),
-    ] = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -85,18 +56,28 @@ def split(
 
     Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
     """
-    from swashtwin.recordings import load_recordings, narrow_index
+    from swashtwin.learning import cut_windows, group_folds, split_by_recording
+    from swashtwin.recordings import load_recordings, narrow_index, recording_groups
 
-    if folds is not None and dealing is Dealing.each:
-        raise typer.BadParameter("each group is a fold with --dealing each; leave it out.", param_hint="--folds")
-    if test_fraction is not None and (folds or dealing) and dealing is not Dealing.shuffled:
-        reason = "the number of folds sets it; only --dealing shuffled draws a share."
-        raise typer.BadParameter(reason, param_hint="--test-fraction")
+    if test_fraction is not None and folds:
+        raise typer.BadParameter("the number of folds sets it.", param_hint="--test-fraction")
     folder = out or (source if source.is_dir() else source.parent)
-    first = folder / ("fold-1" if folds or dealing else "")
+    first = folder / ("fold-1" if folds else "")
     require_output(first / "train.toml", first / "test.toml", inputs=[source], force=force)
     recordings = load_recordings(source)
-    sides = _sides(recordings, 0.2 if test_fraction is None else test_fraction, group, folds, dealing, seed)
+    shortest = min(recording.n_samples for recording in recordings)
+    windows = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
+    groups = recording_groups(recordings, group)
+    if folds is None:
+        share = 0.2 if test_fraction is None else test_fraction
+        pairs = {"": split_by_recording(windows, test_fraction=share, seed=seed, group=groups)}
+    else:
+        dealt = group_folds(windows, group=groups, n_folds=folds, seed=seed)
+        pairs = {f"fold-{n}": (windows.subset(one), windows.subset(other)) for n, (one, other) in enumerate(dealt, 1)}
+    sides = {
+        fold: {name: sorted(set(part.recording_id.tolist())) for name, part in (("train", train), ("test", test))}
+        for fold, (train, test) in pairs.items()
+    }
     targets = [folder / fold / f"{name}.toml" for fold, side in sides.items() for name in side]
     require_output(*targets, inputs=[source], force=force)
     parts: list[dict[str, Any]] = []
@@ -104,7 +85,7 @@ def split(
         paths = {name: folder / fold / f"{name}.toml" for name in side}
         files = {name: narrow_index(source, recordings, side[name], path) for name, path in paths.items()}
         parts.append({**files, **{f"{name}_recordings": ids for name, ids in side.items()}})
-    result = {"seed": seed, "group": group, **({"folds": parts} if folds or dealing else parts[0])}
+    result = {"seed": seed, "group": group, **({"folds": parts} if folds else parts[0])}
 
     def show() -> None:
         for part in parts:
@@ -112,37 +93,3 @@ def split(
                 say(f"{part[name]}: {plural(len(part[f'{name}_recordings']), 'recording')}")
 
     tell(result, as_json, show)
-
-
-def _sides(
-    recordings: "Sequence[Recording]",
-    test_fraction: float,
-    group: str,
-    folds: int | None,
-    dealing: Dealing | None,
-    seed: int,
-) -> dict[str, dict[str, list[str]]]:
-    """Recording ids of each role, by the folder that they are written to."""
-    from swashtwin.learning import cut_windows, group_folds, split_by_recording
-    from swashtwin.recordings import recording_groups
-
-    shortest = min(recording.n_samples for recording in recordings)
-    windows = cut_windows(recordings, length=shortest, allow_partial_revolution=True)
-    groups = recording_groups(recordings, group)
-    if folds is None and dealing is None:
-        pairs = {"": split_by_recording(windows, test_fraction=test_fraction, seed=seed, group=groups)}
-    else:
-        kind: Any = (dealing or Dealing.stratified).value
-        indices = group_folds(
-            windows, group=groups, n_folds=folds or 5, dealing=kind, test_fraction=test_fraction, seed=seed
-        )
-        pairs = {
-            f"fold-{number}": (windows.subset(train), windows.subset(test))
-            for number, (train, test) in enumerate(indices, start=1)
-        }
-    return {
-        name: {
-            role: sorted(set(part.recording_id.tolist())) for role, part in zip(("train", "test"), pair, strict=True)
-        }
-        for name, pair in pairs.items()
-    }

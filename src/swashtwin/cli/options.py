@@ -32,88 +32,61 @@ def _kind_of_file(path: Path) -> str:
     return "a store of recordings" if is_store(path) else "a single recording"
 
 
-def _require_kind(path: Path, kinds: Sequence[str], advice: str) -> Path:
-    """The path, refused where a file is there that is plainly of another kind."""
-    kind = _kind_of_file(path) if path.exists() else ""
-    if kind and not any(word in kind for word in kinds):
-        raise typer.BadParameter(f"{path} is {kind}; {advice}")
-    return path
+def _of_kind(*kinds: str, advice: str) -> Callable[[Any], Any]:
+    """Callback that refuses a path, or one of several, where a file is that is plainly of another kind."""
+
+    def refuse(value: Any) -> Any:
+        for path in value if isinstance(value, list) else [value]:
+            kind = _kind_of_file(path) if path.exists() else ""
+            if kind and not any(word in kind for word in kinds):
+                raise typer.BadParameter(f"{path} is {kind}; {advice}")
+        return value
+
+    return refuse
 
 
-def as_model(path: Path) -> Path:
-    """The path of a model; recordings in its place are refused."""
-    return _require_kind(path, ["model"], "the model that train wrote comes first, then the recordings.")
-
-
-def as_calibration(path: Path) -> Path:
-    """The path of a calibration; anything else in its place is refused."""
-    return _require_kind(path, ["calibration"], "name the file that calibrate wrote, such as calibration.json.")
-
-
-def as_index(path: Path) -> Path:
-    """The path of an index; a single recording, which has no label, is refused."""
-    advice = "name an index of labeled recordings; swashtwin index FOLDER writes one."
-    return _require_kind(path, ["index", "folder", "store"], advice)
-
-
-def as_source(path: Path) -> Path:
-    """The path of recordings; a model or a calibration in their place is refused."""
-    advice = "name recordings here; a model or a calibration comes before them."
-    return _require_kind(path, ["index", "folder", "store", "recording"], advice)
-
-
-def as_sources(paths: list[Path]) -> list[Path]:
-    """The paths of recordings; a model or a calibration among them is refused."""
-    return [as_source(path) for path in paths]
-
+as_model = _of_kind("model", advice="the model that train wrote comes first, then the recordings.")
+as_calibration = _of_kind("calibration", advice="name the file that calibrate wrote, such as calibration.json.")
+_INDEXES = ("index", "folder", "store")
+_as_index = _of_kind(*_INDEXES, advice="name an index of labeled recordings; swashtwin index FOLDER writes one.")
+_as_source = _of_kind(
+    *_INDEXES, "recording", advice="name recordings here; a model or a calibration comes before them."
+)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
-Index = Annotated[
-    Path,
-    typer.Argument(
-        metavar="INDEX", help="Index file, the folder that holds recordings.toml, or a store.", callback=as_index
-    ),
-]
+_INDEX = "Index file, the folder that holds recordings.toml, or a store."
+Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=_as_index)]
+Indexes = Annotated[list[Path], typer.Argument(metavar="INDEX...", help=_INDEX, callback=_as_index)]
 Source = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE|INDEX",
-        help="A file, an index, or a folder with one.",
-        callback=as_source,
-    ),
+    Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.", callback=_as_source)
 ]
 Sources = Annotated[
     list[Path],
-    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.", callback=as_sources),
+    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.", callback=_as_source),
 ]
 GroupName = Annotated[
     str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
 ]
-UsualWindow = Annotated[
-    int | None, typer.Option("--window", help="Samples per window; by default 8192 or as many as recordings allow.")
-]
+_USUAL = "Samples per window; by default 8192 or as many as recordings allow."
+UsualWindow = Annotated[int | None, typer.Option("--window", help=_USUAL)]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
 ModelFile = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.", callback=as_model)
 ]
 CalibrationFile = Annotated[
-    Path,
-    typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.", callback=as_calibration),
+    Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.", callback=as_calibration)
 ]
-
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
 _FAULT = 'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
-FaultText = Annotated[
-    str, typer.Option("--fault", metavar="KIND[:NAME=QUANTITY,...]", help=f"{_FAULT} normal is a healthy pump.")
-]
+_KIND = "KIND[:NAME=QUANTITY,...]"
+FaultText = Annotated[str, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} normal is a healthy pump.")]
 OptionalFault = Annotated[
-    str | None,
-    typer.Option("--fault", metavar="KIND[:NAME=QUANTITY,...]", help=f"{_FAULT} By default the calibration's."),
+    str | None, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} By default the calibration's.")
 ]
 Settings = Annotated[
     list[str] | None,
@@ -251,9 +224,8 @@ def fault_from(text: str) -> "Fault | None":
 
     kind, dimensions = fault_dimensions(text)
     fault = read_fault(kind, **dimensions)
-    return (
-        fault.with_fitting_contact() if isinstance(fault, SwashPlateDefect) and "contact" not in dimensions else fault
-    )
+    is_open = isinstance(fault, SwashPlateDefect) and "contact" not in dimensions
+    return fault.with_fitting_contact() if is_open else fault
 
 
 def band_from(text: str, option: str = "--band") -> tuple[float, float]:

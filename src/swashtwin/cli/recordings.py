@@ -22,7 +22,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_distinct, single_file_options
-from swashtwin.cli.summaries import show_check, show_inspection
+from swashtwin.cli.summaries import class_words, show_check, show_inspection
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def index(
             note(f"note: {remark}")
         for sentence in proposal.facts:
             say(sentence)
-        classes = ", ".join(result["classes"]) or "classes that the files name"
+        classes = ", ".join(map(class_words, result["classes"])) or "classes that the files name"
         say(f"{path}: {plural(len(entries), 'recording')} of {classes}")
         say(f"Check it, then: swashtwin inspect {path}")
 

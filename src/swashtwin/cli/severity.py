@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, note_left_out, progress, say, table, tell
+from swashtwin.cli.console import note, note_merged, progress, say, table, tell
 from swashtwin.cli.options import Index, Json, Specimen, as_calibration, fault_dimensions
 from swashtwin.foundation import plural
 
@@ -103,5 +103,5 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
     notes = [f"{estimate.recording_id}: {text}" for estimate in trend.estimates for text in estimate.notes]
     for text in (*trend.notes, *notes):
         note(f"note: {text}")
-    note_left_out(trend.left_out)
+    note_merged(trend.left_out, "left out")
     say(f"{plural(len(trend.estimates), 'recording')}, against {healthy} healthy ones")

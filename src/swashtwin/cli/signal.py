@@ -10,11 +10,11 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Json, Reading, Sources, band_from, reads_files
+from swashtwin.cli.options import Indexes, Json, Reading, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
 from swashtwin.cli.sources import load_distinct, load_sources
-from swashtwin.cli.summaries import MOST_ROWS, number_or_none, show_medians, show_trend
+from swashtwin.cli.summaries import MOST_ROWS, show_medians, show_trend
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -50,10 +50,8 @@ class Order(StrEnum):
     name = "name"
 
 
-@reads_files
 def features(
-    source: Sources,
-    reading: Reading,
+    source: Indexes,
     out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
     pistons: Pistons = None,
     band: Bands = None,
@@ -69,13 +67,13 @@ def features(
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
     shaft = Shaft(tachometer, track)
-    recordings = load_distinct(source, **reading)
+    recordings = load_distinct(source)
     if out is None:
         indicators = _indicators_of(recordings, pistons, band, shaft)
     else:
         from swashtwin.foundation import partial_results, write_text
 
-        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "facts": reading}
+        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft)}
         partial = out.with_name(f"{out.name}.partial")
         with (
             resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
@@ -108,7 +106,7 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
     ]
     if len({row.recording_id for row in indicators.rows}) <= MOST_ROWS:
         pairs = zip(indicators.rows, values, strict=True)
-        rows = [(row.recording_id, row.channel, *map(number_or_none, numbers)) for row, numbers in pairs]
+        rows = [(row.recording_id, row.channel, *numbers) for row, numbers in pairs]
         table(f"{len(indicators.rows)} rows", ("recording", "channel", *names), rows)
     else:
         show_medians(indicators.rows, values, names)
@@ -174,17 +172,15 @@ def _show_lines(lines: "LineSpectrum", title: str) -> None:
         say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
     axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
     header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
-    rows = [(mark.name, mark.at, *map(number_or_none, lines.at(mark).tolist())) for mark in lines.marks]
+    rows = [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks]
     if rows:
         table(f"{title}, at the expected lines", header, rows)
     else:
         note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
 
 
-@reads_files
 def trend(
-    source: Sources,
-    reading: Reading,
+    source: Indexes,
     indicator: Annotated[
         str, typer.Option(help="Indicator to follow, such as rms; swashtwin signal features lists them.")
     ] = "rms",
@@ -210,7 +206,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source, force)
-    indicators = _indicators_of(load_distinct(source, **reading), None, None, Shaft(None, None))
+    indicators = _indicators_of(load_distinct(source), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

@@ -23,9 +23,9 @@ _FURTHEST = 3
 _STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
 
 
-def number_or_none(value: float) -> float | None:
-    """The value, or None where it is no number."""
-    return value if math.isfinite(value) else None
+def class_words(label: str | None) -> str:
+    """Name of a class as a reader should see it."""
+    return (label or "no class").replace("_", " ")
 
 
 def _group(items: Iterable[T], key: Callable[[T], Hashable]) -> list[list[T]]:
@@ -67,36 +67,32 @@ def _range(values: Iterable[float], digits: int = 4) -> str:
     return least if least == most else f"{least} to {most}"
 
 
-def _whole(value: float) -> float:
-    """The value, as an integer where it is one, so that a table shows all its digits."""
-    return int(value) if value.is_integer() else value
-
-
-def _median(values: Iterable[float]) -> float | None:
-    """Median of the values that are numbers, or None."""
+def _median(values: Iterable[float]) -> float:
+    """Median of the values that are numbers, NaN without any."""
     numbers = [value for value in values if math.isfinite(value)]
-    return statistics.median(numbers) if numbers else None
+    return statistics.median(numbers) if numbers else math.nan
 
 
 def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]") -> None:
     """Print the recordings of an inspection, and what is wrong with them."""
     each = len(recordings) <= MOST_ROWS
     if each:
-        _show_recordings(report.recordings)
+        rows = [
+            (item.recording_id, class_words(item.label),
+             int(item.sample_rate) if item.sample_rate.is_integer() else item.sample_rate, round(item.duration, 3),
+             channel.name, channel.minimum, channel.maximum, channel.rms, item.unit)
+            for item in report.recordings
+            for channel in item.channels
+        ]  # fmt: skip
+        header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
+        table(plural(len(recordings), "recording"), header, rows)
     else:
         _show_recording_summary(report.recordings, recordings)
-    _show_findings(report, each)
-
-
-def _show_recordings(reports: "Sequence[RecordingReport]") -> None:
-    rows = [
-        (report.recording_id, report.label, _whole(report.sample_rate), round(report.duration, 3), channel.name,
-         channel.minimum, channel.maximum, channel.rms, report.unit)
-        for report in reports
-        for channel in report.channels
-    ]  # fmt: skip
-    header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
-    table(plural(len(reports), "recording"), header, rows)
+    sentences = report.merged(by_kind=not each)
+    for severity, text in sentences:
+        say(f"{severity}: {text}")
+    if not sentences:
+        say("Nothing suspicious was found.")
 
 
 def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "Sequence[Recording]") -> None:
@@ -112,24 +108,14 @@ def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "S
     for group in _group(zip(reports, words, strict=True), lambda pair: (pair[0].label, pair[1])):
         members = [report for report, _ in group]
         channels = [channel for report in members for channel in report.channels]
-        rows.append(
-            (
-                members[0].label, group[0][1], len(members), _range((report.sample_rate for report in members), 6),
-                _range(report.duration for report in members), min(channel.minimum for channel in channels),
-                max(channel.maximum for channel in channels), _range(channel.rms for channel in channels),
-                ", ".join(dict.fromkeys(report.unit for report in members)),
-            )
-        )  # fmt: skip
+        rows.append((
+            class_words(members[0].label), group[0][1], len(members),
+            _range((report.sample_rate for report in members), 6), _range(report.duration for report in members),
+            min(channel.minimum for channel in channels), max(channel.maximum for channel in channels),
+            _range(channel.rms for channel in channels), ", ".join(dict.fromkeys(report.unit for report in members)),
+        ))  # fmt: skip
     header = ("class", "condition", "recordings", "rate [Hz]", "length [s]", "least", "greatest", "rms", "unit")
     table(f"{plural(len(reports), 'recording')} by class and condition (--json has each)", header, rows)
-
-
-def _show_findings(report: "InspectionReport", each: bool) -> None:
-    sentences = report.merged(by_kind=not each)
-    for severity, text in sentences:
-        say(f"{severity}: {text}")
-    if not sentences:
-        say("Nothing suspicious was found.")
 
 
 def show_check(check: "DataCheck") -> None:
@@ -141,8 +127,8 @@ def show_check(check: "DataCheck") -> None:
     rows = []
     for label in labels:
         cells = [counts.get((label, condition)) for condition in conditions]
-        rows.append((label or "no class", *(cell.recordings if cell else 0 for cell in cells),
-                     len({name for cell in cells if cell for name in cell.specimens})))  # fmt: skip
+        specimens = {name for cell in cells if cell for name in cell.specimens}
+        rows.append((class_words(label), *(cell.recordings if cell else 0 for cell in cells), len(specimens)))
     if rows:
         names = (condition if condition != "-" else "condition not stated" for condition in conditions)
         table("Recordings by class and condition", ("class", *names, "specimens"), rows)
@@ -153,7 +139,7 @@ def show_check(check: "DataCheck") -> None:
     for copy in check.copies:
         say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
     for label, condition in check.gaps:
-        say(f"warning: {label or 'no class'} was not measured at {condition}.")
+        say(f"warning: {class_words(label)} was not measured at {condition}.")
     for text in check.notes:
         say(f"note: {text}")
 
@@ -176,47 +162,34 @@ def confidence_advice(n_recordings: int) -> str:
 def show_medians(rows: "Sequence[Row]", values: list[list[float]], names: list[str]) -> None:
     """Print the median of each indicator by class, condition and channel."""
     entries = zip(rows, _words(rows), values, strict=True)
-    medians = [
-        (group[0][0].label, group[0][1], group[0][0].channel, len(group),
-         *(_median(column) for column in zip(*(numbers for _, _, numbers in group), strict=True)))
-        for group in _group(entries, lambda entry: (entry[0].label, entry[1], entry[0].channel))
-    ]  # fmt: skip
+    medians: list[tuple[object, ...]] = []
+    for group in _group(entries, lambda entry: (entry[0].label, entry[1], entry[0].channel)):
+        first, condition, _ = group[0]
+        columns = zip(*(numbers for _, _, numbers in group), strict=True)
+        medians.append((class_words(first.label), condition, first.channel, len(group), *map(_median, columns)))
     header = ("class", "condition", "channel", "recordings", *names)
     table(f"{len(rows)} rows, medians by class and condition (--out or --json has each)", header, medians)
 
 
 def show_trend(trend: "Trend") -> None:
     """Print each recording of a trend, or how many lie within their baseline."""
+    factor, unit = trend.indicator.shown
+    name, title = f"{trend.indicator.name} [{unit or '1'}]", f"{trend.indicator.name} of {trend.channel}"
+    rows: list[tuple[object, ...]] = []
     if len(trend.points) <= MOST_ROWS:
-        _show_points(trend)
-    else:
-        _show_trend_summary(trend)
-
-
-def _show_points(trend: "Trend") -> None:
-    factor, unit = trend.indicator.shown
-    rows = []
-    for point in trend.points:
-        shown = (number_or_none(factor * value) for value in (point.value, point.median, point.spread))
-        rows.append((point.row.recording_id, point.row.label, *shown, point.count, point.status))
-    name = f"{trend.indicator.name} [{unit or '1'}]"
-    header = ("recording", "class", name, "baseline", "spread", "healthy", "status")
-    table(f"{trend.indicator.name} of {trend.channel}", header, rows)
-
-
-def _show_trend_summary(trend: "Trend") -> None:
-    factor, unit = trend.indicator.shown
+        for point in trend.points:
+            shown = (factor * value for value in (point.value, point.median, point.spread))
+            rows.append((point.row.recording_id, class_words(point.row.label), *shown, point.count, point.status))
+        table(title, ("recording", "class", name, "baseline", "spread", "healthy", "status"), rows)
+        return
     words = _words([point.row for point in trend.points])
-    rows = []
     for group in _group(zip(trend.points, words, strict=True), lambda pair: (pair[0].row.label, pair[1])):
         points = [point for point, _ in group]
         counts = [sum(point.status == status for point in points) for status in _STATUS]
-        rows.append(
-            (points[0].row.label, group[0][1], len(points), _range(factor * point.value for point in points),
-             _range(factor * point.median for point in points), *counts)
-        )  # fmt: skip
-    header = ("class", "condition", "recordings", f"{trend.indicator.name} [{unit or '1'}]", "baseline", *_STATUS)
-    table(f"{trend.indicator.name} of {trend.channel} by class and condition (--json has each)", header, rows)
+        values, medians = (_range(factor * getattr(point, part) for point in points) for part in ("value", "median"))
+        rows.append((class_words(points[0].row.label), group[0][1], len(points), values, medians, *counts))
+    header = ("class", "condition", "recordings", name, "baseline", *_STATUS)
+    table(f"{title} by class and condition (--json has each)", header, rows)
     distances = {point.row.recording_id: abs(point.value - point.median) / point.spread for point in trend.flagged}
     furthest = sorted(distances, key=lambda name: -distances[name])[:_FURTHEST]
     if furthest:

@@ -11,18 +11,13 @@ from swashtwin.cli.outputs import Force, Report, require_output, require_page, w
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import AlarmScores, FaultClassifier
+    from swashtwin.diagnosis import AlarmScores
     from swashtwin.learning import ConfidenceScores, Scores
-    from swashtwin.recordings import Recording, Recordings
 
 
 def evaluate(
     model: ModelFile,
     source: Index,
-    level: Annotated[str | None, typer.Option(help="Distance of the test from the training: L0 to L5.")] = None,
-    ids: Annotated[
-        list[str] | None, typer.Option("--id", help="Recording to test on; repeatable. By default all that are unseen.")
-    ] = None,
     report: Report = None,
     seed: Seed = 0,
     force: Force = False,
@@ -33,25 +28,23 @@ def evaluate(
     from swashtwin.diagnosis import FaultClassifier, load_model
     from swashtwin.recordings import load_recordings
 
-    if level is not None and level not in learning.LEVELS:
-        raise typer.BadParameter(f"{level!r} is none of {', '.join(learning.LEVELS)}.", param_hint="--level")
     require_page(report, inputs=[model, source], force=force)
     trained, recordings = load_model(model), load_recordings(source)
     confidence: ConfidenceScores | None = None
     scores: Scores | AlarmScores
     with progress("evaluating"):
-        chosen = recordings.where(ids=ids) if ids else learning.unseen_recordings(trained.manifest, recordings)
+        chosen = learning.unseen_recordings(trained.manifest, recordings)
         if isinstance(trained, FaultClassifier):
+            reference = trained.fitted_.training_reference
+            level = None if reference is None else learning.level_between(reference, chosen)
             test = trained.cut_windows(chosen)
             scores = trained.evaluate(test, level=level, seed=seed)
             if trained.fitted_.confidence is not None:
                 confidence = learning.score_confidence(trained.fitted_, test)
         else:
             scores = trained.evaluate(chosen)
-    if not ids and len(chosen) < len(recordings):
+    if len(chosen) < len(recordings):
         note(f"left out: {plural(len(recordings) - len(chosen), 'recording')} that had a part in the model.")
-    if level is not None and isinstance(trained, FaultClassifier):
-        _note_level(trained, chosen, level)
     page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})
 
     def show() -> None:
@@ -65,18 +58,6 @@ def evaluate(
     names = [recording.recording_id for recording in chosen]
     sure = {"confidence": confidence and confidence.to_dict()} if isinstance(trained, FaultClassifier) else {}
     tell({"model": model, "recordings": names, **scores.to_dict(), **sure, "report": page}, as_json, show)
-
-
-def _note_level(trained: "FaultClassifier", tested: "list[Recording] | Recordings", stated: str) -> None:
-    from swashtwin.learning import LEVELS, level_between
-
-    reference = trained.fitted_.training_reference
-    actual = None if reference is None else level_between(reference, tested)
-    if actual not in (None, stated):
-        note(
-            f"level {stated} is stated; by machines and operating points these recordings are {actual}: "
-            f"{LEVELS[str(actual)]}."
-        )
 
 
 def _show_alarms(scores: "AlarmScores") -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files, resumable
+from swashtwin.cli.exits import require_files
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -88,10 +88,6 @@ def train(
     ] = None,
     preset: PresetName = Preset.recommended,
     device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
-    checkpoint: Annotated[
-        Path | None,
-        typer.Option(help="File saved after each epoch of a named network; one that is there is continued."),
-    ] = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -101,7 +97,7 @@ def train(
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     is_chosen = network is None and preset is Preset.recommended
-    given = {"--budget": budget} if not is_chosen else {"--set": settings, "--checkpoint": checkpoint}
+    given = {"--budget": budget} if not is_chosen else {"--set": settings}
     for name in (name for name, value in given.items() if value):
         advice = (
             "belongs to a network; name it with --network, such as bitcn."
@@ -115,7 +111,7 @@ def train(
     from swashtwin.pump import is_healthy
     from swashtwin.recordings import declared_classes, declared_faults, load_recordings, several_healthy
 
-    require_output(out, inputs=[source, *(add or ()), checkpoint], own=_MODELS, force=force)
+    require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
     require_files(add or [])
     recipe = {} if is_chosen else _recipe(network, settings, preset, window)
     if budget is not None:
@@ -125,7 +121,7 @@ def train(
     if not added and recordings and all(map(is_healthy, recordings.labels)):
         classifier_options = {
             "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
-            "--set": settings, "--checkpoint": checkpoint, "--window": window,
+            "--set": settings, "--window": window,
             "--budget": budget, "--preset": preset is Preset.paper, "--group": group != "recording",
         }  # fmt: skip
         for name, value in classifier_options.items():
@@ -154,18 +150,14 @@ def train(
         device=device,
         seed=seed,
     )
-    hint = f"{checkpoint} holds the last whole epoch: the same command continues" if checkpoint else ""
-    with resumable(hint or "nothing is half-written; with --checkpoint FILE a training can be resumed"):
-        with progress("training") as bar:
-            classifier.fit(
-                recordings,
-                synthetic=added,
-                classes=None if added else declared_classes(source),
-                checkpoint=checkpoint,
-                resume=checkpoint is not None,
-                progress=lambda activity, finished, total: bar(finished, total, activity),
-            )
-        classifier.save(out)
+    with progress("training") as bar:
+        classifier.fit(
+            recordings,
+            synthetic=added,
+            classes=None if added else declared_classes(source),
+            progress=lambda activity, finished, total: bar(finished, total, activity),
+        )
+    classifier.save(out)
     for text in classifier.notes_:
         note(f"note: {text}")
     _tell_training(classifier, source, out, seed, as_json)

@@ -72,7 +72,6 @@ def event(
         typer.Option("--maintenance", help="The machine was repaired: learn its healthy state anew, close alarms."),
     ] = False,
     text: Annotated[str, typer.Option("--note", help="What was done.")] = "",
-    who: Annotated[str, typer.Option(help="Who says so.")] = "",
     as_json: Json = False,
 ) -> None:
     """Keep in the history what was done to a machine; after maintenance its baseline is learned anew."""
@@ -82,7 +81,7 @@ def event(
     watch = _config(config)
     history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
-        number = record_event(watch, history, machine, who=who or _user(), note=text, maintenance=maintenance)
+        number = record_event(watch, history, machine, who=_user(), note=text, maintenance=maintenance)
     finally:
         history.close()
     after = "its baseline is learned anew, and its alarms are closed" if maintenance else "kept in the history"

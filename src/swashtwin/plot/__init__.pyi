@@ -14,7 +14,6 @@ from .style import NOMINAL as NOMINAL
 from .style import ON_DARK as ON_DARK
 from .style import ON_SHADE as ON_SHADE
 from .style import WIDTH as WIDTH
-from .style import class_colors as class_colors
 from .style import figure_style as figure_style
 from .style import name_decades as name_decades
 from .style import panels as panels

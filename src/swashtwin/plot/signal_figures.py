@@ -19,7 +19,8 @@ MOST_POINTS = 3000
 _TURNS = 3
 """Revolutions that a waveform shows where the speed is stated."""
 _PISTONS, _SHAFT = CALIBRATED, "#009e73"
-_MARK_KINDS = ((False, _SHAFT, "shaft"), (True, _PISTONS, "piston pass"))
+_MARK_KINDS = {False: (_SHAFT, "shaft"), True: (_PISTONS, "piston pass")}
+"""Color and name of a mark, by whether it is of the pistons."""
 
 
 @figure_style()
@@ -100,13 +101,14 @@ def spectrum(
 @figure_style()
 def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, list[Mark]]:
     """(the figure, the lines that it marks)."""
-    end = _end(spectrum, top)
-    start = spectrum.position[1]
+    start, last = spectrum.position[1], float(spectrum.position[-1])
+    beyond = 1.1 * max((mark.at for mark in spectrum.marks), default=last)
+    end = min(beyond if top is None else top, last)
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     if top is not None and not (end > 0 and is_shown.any()):
         raise InputError(
             f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
-            f"the {spectrum.axis} has lines from {spectrum.position[1]:.4g} to {spectrum.position[-1]:.4g}."
+            f"the {spectrum.axis} has lines from {start:.4g} to {last:.4g}."
         )
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
@@ -121,22 +123,15 @@ def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, 
             title += f", envelope of {low:.0f} to {high:.0f} Hz"
         panel.set_title(title, loc="left")
         for mark in marks:
-            color = _PISTONS if mark.of_pistons else _SHAFT
+            color, _ = _MARK_KINDS[mark.of_pistons]
             panel.axvline(mark.at, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
     axes[0, 0].set_xlim(0, end)
     _name_marks(axes[0, 0], marks, end)
     axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
-    _mark_legend(axes[0, 0], marks)
+    if looks := [_MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})]:
+        lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
+        figure.legend(lines, [name for _, name in looks], loc="outside upper right", ncols=2)
     return figure, marks
-
-
-def _end(spectrum: LineSpectrum, top: float | None) -> float:
-    last = float(spectrum.position[-1])
-    if top is not None:
-        return min(top, last)
-    if not spectrum.marks:
-        return last
-    return min(last, max(mark.at for mark in spectrum.marks) * 1.1)
 
 
 def unit_words(unit: str) -> str:
@@ -169,18 +164,9 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
 def _name_marks(panel: Axes, marks: Sequence[Mark], width: float) -> None:
     spots = spread_labels([mark.at for mark in marks], gap=0.035 * width)
     for mark, spot in zip(marks, spots, strict=True):
-        color = _PISTONS if mark.of_pistons else _SHAFT
         panel.annotate(
             mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-            ha="center", va="bottom", fontsize=8, color=color, annotation_clip=False,
+            ha="center", va="bottom", fontsize=8, color=_MARK_KINDS[mark.of_pistons][0], annotation_clip=False,
         )  # fmt: skip
     if marks:
         panel.set_title(panel.get_title(loc="left"), loc="left", pad=16)
-
-
-def _mark_legend(panel: Axes, marks: Sequence[Mark]) -> None:
-    kinds = {mark.of_pistons for mark in marks}
-    names = [(color, name) for pistons, color, name in _MARK_KINDS if pistons in kinds]
-    if names:
-        lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in names]
-        panel.figure.legend(lines, [name for _, name in names], loc="outside upper right", ncols=2)

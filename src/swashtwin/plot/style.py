@@ -4,7 +4,6 @@ Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind re
 and each class has its own color, and a marker, a line style or a word repeats it.
 """
 
-import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,17 +27,20 @@ ON_SHADE = "#101010"
 ON_DARK = "#fefefe"
 """Text on a dark shade of its own, which stays light."""
 
-TRAINING_SET_COLORS = {"measured": MEASURED, "nominal": NOMINAL, "calibrated": CALIBRATED}
-"""Color of each training set; the twin before and after calibration has the color of its training set."""
-
-CLASS_COLORS = {
+_OF_NAMES = {
+    "measured": MEASURED,
+    "nominal": NOMINAL,
+    "calibrated": CALIBRATED,
     "normal": "#009e73",
     "swash_plate": "#d55e00",
     "cylinder_block": "#aa4499",
     "piston": "#56b4e9",
     "valve_plate": "#a89a1d",
     "loose_slipper": "#000000",
+    "spectral_bitcn": CALIBRATED,
 }
+"""Color of each training set, which is also that of the twin before and after calibration, of each class, and of the
+default network."""
 _MORE_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
 
 INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}
@@ -80,23 +82,10 @@ def figure_style() -> Iterator[None]:
 
 
 def series_colors(names: Sequence[str]) -> dict[str, str]:
-    """Color of each line of a figure; a training set keeps its own, and the default network is blue."""
-    return _colors(names, {**TRAINING_SET_COLORS, "spectral_bitcn": CALIBRATED})
-
-
-def class_colors(classes: Sequence[str]) -> dict[str, str]:
-    """Color of each class: the standard one if it has one."""
-    return _colors(classes, CLASS_COLORS)
-
-
-def _colors(names: Sequence[str], standard_colors: dict[str, str]) -> dict[str, str]:
-    unknown = [name for name in names if name not in standard_colors]
-    return {
-        name: standard_colors[name]
-        if name in standard_colors
-        else _MORE_COLORS[unknown.index(name) % len(_MORE_COLORS)]
-        for name in names
-    }
+    """Color of each line or class of a figure: the standard one if it has one."""
+    unknown = [name for name in names if name not in _OF_NAMES]
+    more = {name: _MORE_COLORS[number % len(_MORE_COLORS)] for number, name in enumerate(unknown)}
+    return {name: (_OF_NAMES | more)[name] for name in names}
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
@@ -110,35 +99,27 @@ def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figu
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def spread_labels(
-    positions: Sequence[float], gap: float, low: float = -math.inf, high: float = math.inf
-) -> list[float]:
-    """Positions moved as little as possible so that labels are `gap` apart, in order, and between `low` and `high`.
+def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
+    """Positions moved as little as possible so that labels are `gap` apart, in order.
 
     Examples
     --------
     >>> spread_labels([0.0, 0.1, 5.0], gap=1.0)
     [-0.45, 0.55, 5.0]
-    >>> spread_labels([0.0, 0.1, 5.0], gap=1.0, low=0.0)
-    [0.0, 1.0, 5.0]
     """
     order = np.argsort(positions, kind="stable")
     clusters: list[tuple[float, int]] = []  # (center, labels), each cluster's labels being `gap` apart
     for position in np.asarray(positions, dtype=float)[order]:
         clusters.append((float(position), 1))
-        while len(clusters) > 1 and _overlap(clusters[-2], clusters[-1], gap):
+        while len(clusters) > 1:
             (below, n_below), (above, n_above) = clusters[-2:]
             count = n_below + n_above
+            if above - below >= gap * count / 2:
+                break
             clusters[-2:] = [((below * n_below + above * n_above) / count, count)]
-    spots = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
-    steps = gap * np.arange(len(spots))
-    moved = np.empty(len(spots))
-    moved[order] = np.maximum(np.minimum(spots, high - steps[::-1]), low + steps)
+    moved = np.empty(len(order))
+    moved[order] = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
     return [round(float(spot), 12) for spot in moved]
-
-
-def _overlap(below: tuple[float, int], above: tuple[float, int], gap: float) -> bool:
-    return above[0] - below[0] < gap * (below[1] + above[1]) / 2
 
 
 def ratio_axis(axes: Axes, along: str, label: str) -> None:

@@ -23,7 +23,6 @@ from .wording import facts_table as facts_table
 from .wording import flatten_settings as flatten_settings
 from .wording import number as number
 from .wording import percent as percent
-from .wording import score as score
 from .writing import page_text as page_text
 from .writing import part_of as part_of
 from .writing import write_report as write_report

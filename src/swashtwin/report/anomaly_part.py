@@ -7,7 +7,7 @@ from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ra
 from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance, spectrum_sentences
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
-from swashtwin.report.wording import fact_entries, number, rig_notice
+from swashtwin.report.wording import fact_entries, number, rig_notice, sentence
 
 _NOT_CHECKED = (
     "Which fault it is: healthy recordings say what is usual, not what a fault looks like.",
@@ -25,35 +25,34 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
         blocks += (_change_table(verdict), Picture(level_drawing(verdict, key)))
     blocks += (Bullets("What was not checked", _NOT_CHECKED),)
     spectrum = spectrum_sentences(verdict.spectrum)
-    answers = {
-        True: (f"It differs from the healthy recordings. Moved: {verdict.moved or 'no single level'}.", *spectrum),
-        False: ("It differs no more from the healthy recordings than these from each other.", *spectrum),
-        None: (f"{(verdict.no_verdict or '')[:1].upper()}{(verdict.no_verdict or '')[1:]}",),
-    }
-    checks = next_checks(unknown=True) if verdict.alarm else ()
-    actions = {
-        True: tuple(check.what for check in checks),
-        False: ("Nothing now. Record again at the same speed and pressure, and keep this recording as a reference.",),
-        None: NO_VERDICT_ACTIONS,
-    }
+    shown: dict[bool | None, tuple[str, Tone, tuple[str, ...], tuple[str, ...]]] = {
+        True: (
+            "Alarm: unlike the healthy recordings", "bad",
+            (f"It differs from the healthy recordings. Moved: {verdict.moved or 'no single level'}.", *spectrum),
+            tuple(check.what for check in next_checks(unknown=True)),
+        ),
+        False: (
+            "No alarm", "good",
+            ("It differs no more from the healthy recordings than these from each other.", *spectrum),
+            ("Nothing now. Record again at the same speed and pressure, and keep this recording as a reference.",),
+        ),
+        None: ("No verdict", "unsure", (sentence(verdict.no_verdict or ""),), NO_VERDICT_ACTIONS),
+    }  # fmt: skip
+    title, tone, answer, actions = shown[verdict.alarm]
     return Part(
         title=f"Deviation of {verdict.recording_id}",
-        answer=answers[verdict.alarm],
+        answer=answer,
         notice=rig_notice(verdict.facts),
         sections=(Section(SectionOrder.VERDICT, "What moved, and what was not checked", blocks),),
         results={"diagnoses": [verdict.to_dict()]},
-        verdict=_VERDICTS[verdict.alarm],
-        tone=_TONES[verdict.alarm],
+        verdict=title,
+        tone=tone,
         certainty=(*(() if verdict.alarm is None else (verdict.sentence(),)), *verdict.notes),
-        actions=actions[verdict.alarm],
+        actions=actions,
         glance=glance(verdict, key, ()),
         subject=verdict.recording_id,
         facts=fact_entries(verdict.facts),
     )
-
-
-_VERDICTS = {True: "Alarm: unlike the healthy recordings", False: "No alarm", None: "No verdict"}
-_TONES: dict[bool | None, Tone] = {True: "bad", False: "good", None: "unsure"}
 
 
 def _change_table(verdict: Diagnosis) -> Table:

@@ -24,7 +24,7 @@ from swashtwin.plot import (
     words,
 )
 from swashtwin.pump import PARAMETERS
-from swashtwin.report.drawing import Drawing, render_drawing, tabulate
+from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.wording import parameter_words
 
 _POINTS = 701
@@ -99,22 +99,14 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
 def spectra(fit: Fit, key: str) -> Drawing:
     """Line amplitudes measured, before and after, a panel for each sensor, in decibels and m/s^2."""
     record = fit.spectra
-    rows = [
-        {
-            "channel": channel,
-            "order": order,
-            "frequency_hz": record.frequency[k],
-            "measured": record.measured[i, k],
-            "deviation": record.deviation[i, k],
-            "nominal": record.nominal[i, k],
-            "calibrated": record.calibrated[i, k],
-            "low": record.low[i, k],
-            "high": record.high[i, k],
-        }
-        for i, channel in enumerate(record.channels)
-        for k, order in enumerate(record.orders)
-    ]
-    figure, axes = panels(len(record.channels), 1, 1.1 + 2.0 * len(record.channels), sharex=True)
+    count, values = len(record.channels), ("measured", "deviation", "nominal", "calibrated", "low", "high")
+    columns = {
+        "channel": np.repeat(record.channels, len(record.orders)),
+        "order": np.tile(record.orders, count),
+        "frequency_hz": np.tile(record.frequency, count),
+        **{name: getattr(record, name).ravel() for name in values},
+    }
+    figure, axes = panels(count, 1, 1.1 + 2.0 * count, sharex=True)
     for i, panel in enumerate(axes[:, 0]):
         _spectrum_panel(panel, record, i)
         panel.set_title(words(record.channels[i]), loc="left")
@@ -128,7 +120,7 @@ def spectra(fit: Fit, key: str) -> Drawing:
         f"{_RANGE_DB:g} dB below the strongest are drawn at the lower edge, as zero is."
     )
     title = f"Spectra before and after calibration, {_pressure(fit)}"
-    return render_drawing(f"{key}_spectra", figure, tabulate(rows), title=title, caption=caption)
+    return render_drawing(f"{key}_spectra", figure, columns, title=title, caption=caption)
 
 
 def _pressure(fit: Fit) -> str:
@@ -147,15 +139,8 @@ def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
         label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
         height = decibel(getattr(record, name)[i])
         panel.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
-    panel.fill_between(
-        record.frequency,
-        decibel(record.low[i]),
-        decibel(record.high[i]),
-        color=CALIBRATED,
-        alpha=0.18,
-        linewidth=0,
-        label="calibrated twin, 90 % of its posterior",
-    )
+    band, label = (decibel(record.low[i]), decibel(record.high[i])), "calibrated twin, 90 % of its posterior"
+    panel.fill_between(record.frequency, *band, color=CALIBRATED, alpha=0.18, linewidth=0, label=label)
     low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
     panel.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
     panel.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
@@ -171,22 +156,11 @@ def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
 @figure_style()
 def estimates(calibration: Calibration, key: str) -> Drawing:
     """The six values over their nominal ones, with intervals, bounds and verdicts."""
-    rows = [
-        {
-            "parameter": estimate.name,
-            "letter": estimate.letter,
-            "unit": estimate.unit,
-            "nominal": estimate.nominal,
-            "value": estimate.value,
-            "interval_low": estimate.interval[0],
-            "interval_high": estimate.interval[1],
-            "bound_low": estimate.bounds[0],
-            "bound_high": estimate.bounds[1],
-            "verdict": estimate.verdict,
-            "traded_with": estimate.traded_with,
-        }
-        for estimate in calibration.estimates
-    ]
+    stated = ("letter", "unit", "nominal", "value", "interval", "bounds", "verdict", "traded_with")
+    shown = {name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated}
+    (low, high), (least, most) = (zip(*shown.pop(name), strict=True) for name in ("interval", "bounds"))
+    ends = {"interval_low": low, "interval_high": high, "bound_low": least, "bound_high": most}
+    columns = {"parameter": [estimate.name for estimate in calibration.estimates], **shown, **ends}
     figure, axes = panels(1, 1, 3.6)
     panel = axes[0, 0]
     for height, estimate in enumerate(reversed(calibration.estimates)):
@@ -202,7 +176,7 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
         "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
         "different values can have the same spectrum, so a good fit does not prove a value."
     )
-    return render_drawing(f"{key}_estimates", figure, tabulate(rows), title="The six values", caption=caption)
+    return render_drawing(f"{key}_estimates", figure, columns, title="The six values", caption=caption)
 
 
 def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
@@ -210,19 +184,13 @@ def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
     low, high = (bound / estimate.nominal for bound in estimate.bounds)
     panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
     panel.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
-    fill = color if estimate.verdict == "identified" else "white"
-    panel.plot(
-        estimate.value / estimate.nominal, height, "o", color=color, markerfacecolor=fill, markersize=7, zorder=3
-    )
-    traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
+    share, is_told = estimate.value / estimate.nominal, estimate.verdict == "identified"
+    panel.plot(share, height, "o", color=color, markerfacecolor=color if is_told else "white", markersize=7, zorder=3)
     panel.annotate(
-        f"{estimate.verdict}{traded}",
-        (1.01, height),
-        xycoords=("axes fraction", "data"),
-        va="center",
-        fontsize=9,
-        fontweight="bold" if estimate.verdict == "identified" else "normal",
-    )
+        f"{estimate.verdict}{f', traded with {estimate.traded_with}' if estimate.traded_with else ''}",
+        (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9,
+        fontweight="bold" if is_told else "normal",
+    )  # fmt: skip
 
 
 @figure_style()
@@ -252,16 +220,12 @@ def search_drawing(calibration: Calibration, key: str) -> Drawing:
         interface, entry = estimate.name.split(".")
         color = INTERFACE_COLORS[interface]
         below.plot(step, ratio[:, i], "-" if entry == "damping" else "--", color=color)
+        line = {"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
+        spot = (1.03, (end - math.log(low)) / math.log(high / low))
         below.annotate(
-            estimate.letter,
-            (step[-1], ratio[-1, i]),
-            xytext=(1.03, (end - math.log(low)) / math.log(high / low)),
-            textcoords="axes fraction",
-            color=color,
-            va="center",
-            fontsize=9,
-            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
-        )
+            estimate.letter, (step[-1], ratio[-1, i]), xytext=spot, textcoords="axes fraction", color=color,
+            va="center", fontsize=9, arrowprops=line,
+        )  # fmt: skip
     caption = (
         f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
         f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best + 1} of "

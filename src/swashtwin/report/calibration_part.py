@@ -20,6 +20,7 @@ from swashtwin.report.wording import (
     parameter_words,
     percent,
     rig_notice,
+    sentence,
 )
 
 FIGURES = MappingProxyType(
@@ -38,44 +39,36 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
-    more = Bullets("More to know", tuple(map(_sentence, calibration.notes[_MOST_NOTES:])))
+    more = Bullets("More to know", tuple(map(sentence, calibration.notes[_MOST_NOTES:])))
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
         answer=calibration_answer(calibration)[:1],
         notice=rig_notice(RecordingFacts(origin=calibration.origin)),
         sections=(
             Section(SectionOrder.CALIBRATION, "Calibration", (more, *calibration_blocks(calibration, key)[1:])),
-            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", calibration_provenance(calibration)),
+            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (_provenance(calibration),)),
         ),
         results={"calibrations": [calibration.to_dict()]},
         verdict=f"Spectrum error {_change(calibration)}; {counts['identified']} of 6 values identified",
         tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
-        certainty=(*calibration_answer(calibration)[:0:-1], *map(_sentence, calibration.notes[:_MOST_NOTES])),
+        certainty=(*calibration_answer(calibration)[:0:-1], *map(sentence, calibration.notes[:_MOST_NOTES])),
         actions=_actions(calibration, has_improved),
-        facts=_facts(calibration),
+        facts=(
+            ("Pump", calibration.twin.pump.name),
+            ("Condition", also_in_bar(condition_words(calibration))),
+            ("Method", calibration.method),
+            ("Recordings", str(len(calibration.recording_ids))),
+        ),
     )
 
 
 _ENOUGH, _MOST_NOTES = 3, 3
 
 
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}"
-
-
 def _change(calibration: Calibration) -> str:
     """Change of the spectrum's error, such as ``fell by 51 %``."""
     share = calibration.improvement.get("spectrum_value_error", math.nan)
     return f"{'fell' if share > 0 else 'rose'} by {percent(abs(share))}" if math.isfinite(share) else "not known"
-
-
-def _facts(calibration: Calibration) -> tuple[tuple[str, str], ...]:
-    return (
-        ("Pump", calibration.twin.pump.name),
-        ("Condition", also_in_bar(condition_words(calibration))),
-        ("Method", calibration.method),
-        ("Recordings", str(len(calibration.recording_ids))),
-    )
 
 
 def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
@@ -110,9 +103,8 @@ def _change_words(calibration: Calibration, name: str) -> str:
 def verdict_counts(calibration: Calibration) -> str:
     """How many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
-    phrases = {"at bound": "at a bound"}
     named = [
-        f"{count} {'is' if count == 1 else 'are'} {phrases.get(verdict, verdict)}"
+        f"{count} {'is' if count == 1 else 'are'} {verdict.replace('at bound', 'at a bound')}"
         for verdict, count in counts.most_common()
     ]
     return ", ".join(named)
@@ -120,9 +112,9 @@ def verdict_counts(calibration: Calibration) -> str:
 
 def condition_words(calibration: Calibration) -> str:
     """Speed and pressure of the twin, or of every operating point where several were fitted together."""
-    several = [fit.condition for fit in calibration.fits] if len(calibration.fits) > 1 else []
+    several = len(calibration.fits) > 1
     points: dict[str, list[str]] = {}
-    for condition in several or [calibration.twin.condition]:
+    for condition in [fit.condition for fit in calibration.fits] if several else [calibration.twin.condition]:
         speed = f"{condition.speed * 30 / math.pi:.4g} rev/min"
         points.setdefault(speed, []).append(f"{condition.discharge_pressure / 1e6:.3g}")
     return "; ".join(f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items())
@@ -167,15 +159,9 @@ def estimates_table(calibration: Calibration) -> Table:
     for estimate in calibration.estimates:
         traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
         unit = estimate.unit.replace("*", "·")
-        rows.append(
-            (
-                Cell(f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]"),
-                number_cell(estimate.nominal),
-                number_cell(estimate.value),
-                Cell(interval_words(estimate)),
-                Cell(f"{estimate.verdict}{traded}"),
-            )
-        )
+        name = Cell(f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]")
+        values = number_cell(estimate.nominal), number_cell(estimate.value)
+        rows.append((name, *values, Cell(interval_words(estimate)), Cell(f"{estimate.verdict}{traded}")))
     return Table(
         "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
         "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
@@ -197,7 +183,7 @@ def interval_words(estimate: Estimate) -> str:
     return sentences[estimate.open_sides]
 
 
-def calibration_provenance(calibration: Calibration) -> tuple:
+def _provenance(calibration: Calibration) -> Table:
     """Settings and recordings needed to repeat the calibration."""
     entries = [
         ("method", calibration.method),
@@ -208,4 +194,4 @@ def calibration_provenance(calibration: Calibration) -> tuple:
         ("swashtwin version", calibration.version),
         ("calibration recordings", list(calibration.recording_ids)),
     ]
-    return (facts_table("How the calibration was made.", entries),)
+    return facts_table("How the calibration was made.", entries)

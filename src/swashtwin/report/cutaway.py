@@ -1,5 +1,6 @@
 """A drawing of the pump, cut open, with the part that a class stands for marked, and the orders that it excites."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
@@ -16,42 +17,33 @@ _MULTIPLES = 3
 _UNKNOWN_PISTONS = 7
 
 
-@dataclass(frozen=True)
-class _Mark:
-    parts: tuple[str, ...]
-    """Parts of the drawing."""
-    family: Family
-    """Which orders rise."""
-    why: str
-    """Why these."""
-
-
-_MARKS = MappingProxyType(
+_MARKS: Mapping[str, tuple[tuple[str, ...], Family, str]] = MappingProxyType(
     {
-        "swash_plate": _Mark(
+        "swash_plate": (
             ("swash plate", "slipper"),
             "pistons",
             "each slipper in turn rides over the same spot of the plate, so it happens once per piston.",
         ),
-        "piston": _Mark(
+        "piston": (
             ("piston",), "shaft", "one piston leaks or knocks more than the others, so it happens once per turn."
         ),
-        "cylinder_block": _Mark(
+        "cylinder_block": (
             ("cylinder block",),
             "shaft",
             "one bore or one side of the block differs from the others, so it happens once per turn.",
         ),
-        "valve_plate": _Mark(
+        "valve_plate": (
             ("valve plate",),
             "pistons",
             "every cylinder passes the same plate, which stands still, so it happens once per piston.",
         ),
-        "loose_slipper": _Mark(
+        "loose_slipper": (
             ("slipper",), "shaft", "one slipper strikes its stop twice per turn, and the others do not."
         ),
     }
-)
-"""By class. A test compares the families with the lines of the twin (docs/explanation/physics.md, section 5)."""
+)  # fmt: skip
+"""Marked parts of the drawing, which orders rise, and why these, by class. A test compares the families with the lines
+of the twin (docs/explanation/physics.md, section 5)."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +61,17 @@ class Cutaway:
     @property
     def parts(self) -> tuple[str, ...]:
         """Parts that are marked."""
-        return _MARKS[self.label].parts
+        return _MARKS[self.label][0]
 
     @property
     def family(self) -> Family:
         """Which orders rise."""
-        return _MARKS[self.label].family
+        return _MARKS[self.label][1]
 
     @property
     def sentence(self) -> str:
         """Which lines rise, and why."""
-        mark = _MARKS[self.label]
-        return f"{_PISTONS if mark.family == 'pistons' else _SHAFT}: {mark.why}"
+        return f"{_PISTONS if self.family == 'pistons' else _SHAFT}: {_MARKS[self.label][2]}"
 
     @property
     def description(self) -> str:

@@ -1,5 +1,7 @@
 """Part of the page about the diagnosis of one recording."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
@@ -9,10 +11,10 @@ from swashtwin.plot import (
     CALIBRATED,
     LIGHT,
     MEASURED,
-    class_colors,
     figure_style,
     panels,
     ratio_axis,
+    series_colors,
     unit_words,
     words,
 )
@@ -22,7 +24,7 @@ from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
 from swashtwin.report.training_part import choice_blocks
-from swashtwin.report.wording import fact_entries, number, percent, rig_notice
+from swashtwin.report.wording import fact_entries, number, percent, rig_notice, sentence
 
 _UNCALIBRATED = "The model's confidence was not calibrated, so the score ranks the classes and is no probability."
 _MOST_NOTES, _MOST_CHECKS = 3, 4
@@ -51,35 +53,51 @@ _NOT_CHECKED_BY_TRUST = (
 
 def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
+    frame = Part(
+        title=f"Diagnosis of {diagnosis.recording_id}",
+        answer=(),
+        notice=rig_notice(diagnosis.facts),
+        sections=(),
+        results={"diagnoses": [diagnosis.to_dict()]},
+        subject=diagnosis.recording_id,
+        facts=fact_entries(diagnosis.facts),
+    )
     if diagnosis.label is None:
-        return _no_verdict_part(diagnosis)
+        reason, title = diagnosis.no_verdict or "", "Why there is no verdict"
+        reasons: tuple = (Bullets(title, (reason,)), Bullets("Notes", diagnosis.notes))
+        return replace(
+            frame,
+            answer=(sentence(reason),),
+            sections=(Section(SectionOrder.VERDICT, title, reasons),),
+            verdict="No verdict",
+            tone="unsure",
+            actions=NO_VERDICT_ACTIONS,
+        )
     unknown, possible = diagnosis.unknown, diagnosis.prediction_set
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
     far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
     certainty = (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
-    checks = next_checks(*labels, unknown=unknown)
+    not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
+    chosen = choice_blocks(diagnosis.choice)
     blocks = (
         Bullets("More to know before trusting it", notes[_MOST_NOTES:]),
         Picture(probability_drawing(diagnosis, key)),
         *(() if diagnosis.kind == "prior" else (Picture(window_drawing(diagnosis, key)),)),
-        *_folded_choice(diagnosis),
-        Bullets("What was not checked", _not_checked(diagnosis)),
+        *((Group("How the model was chosen", chosen, is_open=False),) if chosen else ()),
+        Bullets("What was not checked", _NOT_CHECKED_BY_PRIOR if diagnosis.kind == "prior" else not_checked),
     )
-    return Part(
-        title=f"Diagnosis of {diagnosis.recording_id}",
+    verdict, tone = _verdict(diagnosis)
+    return replace(
+        frame,
         answer=_answer(diagnosis),
-        notice=rig_notice(diagnosis.facts),
         sections=(Section(SectionOrder.VERDICT, "How the verdict came about", blocks),),
-        results={"diagnoses": [diagnosis.to_dict()]},
-        verdict=_verdict(diagnosis),
-        tone=_tone(diagnosis),
+        verdict=verdict,
+        tone=tone,
         certainty=(*certainty, *notes[:_MOST_NOTES]),
-        actions=tuple(check.what for check in checks[:_MOST_CHECKS]),
+        actions=tuple(check.what for check in next_checks(*labels, unknown=unknown)[:_MOST_CHECKS]),
         glance=glance(diagnosis, key, () if unknown or is_healthy(diagnosis.label) else labels[:1]),
-        subject=diagnosis.recording_id,
-        facts=fact_entries(diagnosis.facts),
     )
 
 
@@ -97,26 +115,16 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _not_checked(diagnosis: Diagnosis) -> tuple[str, ...]:
-    if diagnosis.kind == "prior":
-        return _NOT_CHECKED_BY_PRIOR
-    return _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
-
-
-def _verdict(diagnosis: Diagnosis) -> str:
-    """The verdict in a few words."""
+def _verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
+    """The verdict in a few words, and its color."""
     assert diagnosis.label is not None
     if diagnosis.unknown:
-        return "Unknown: unlike every recording of the training"
+        return "Unknown: unlike every recording of the training", "unsure"
     if len(diagnosis.prediction_set) > 1:
-        return f"Not certain: {' or '.join(map(words, diagnosis.prediction_set))}"
-    return "No fault found" if is_healthy(diagnosis.label) else f"Suspected fault: {words(diagnosis.label)}"
-
-
-def _tone(diagnosis: Diagnosis) -> Tone:
-    if diagnosis.unknown or len(diagnosis.prediction_set) > 1:
-        return "unsure"
-    return "good" if is_healthy(diagnosis.label) else "bad"
+        return f"Not certain: {' or '.join(map(words, diagnosis.prediction_set))}", "unsure"
+    if is_healthy(diagnosis.label):
+        return "No fault found", "good"
+    return f"Suspected fault: {words(diagnosis.label)}", "bad"
 
 
 def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -140,33 +148,11 @@ def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Pictu
     return (*(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)), *pictures)
 
 
-def _folded_choice(diagnosis: Diagnosis) -> tuple[Group, ...]:
-    blocks = choice_blocks(diagnosis.choice)
-    return (Group("How the model was chosen", blocks, is_open=False),) if blocks else ()
-
-
-def _no_verdict_part(diagnosis: Diagnosis) -> Part:
-    reason = diagnosis.no_verdict or ""
-    blocks = (Bullets("Why there is no verdict", (reason,)), Bullets("Notes", diagnosis.notes))
-    return Part(
-        title=f"Diagnosis of {diagnosis.recording_id}",
-        answer=(f"{reason[:1].upper()}{reason[1:]}",),
-        notice=rig_notice(diagnosis.facts),
-        sections=(Section(SectionOrder.VERDICT, "Why there is no verdict", blocks),),
-        results={"diagnoses": [diagnosis.to_dict()]},
-        verdict="No verdict",
-        tone="unsure",
-        actions=NO_VERDICT_ACTIONS,
-        subject=diagnosis.recording_id,
-        facts=fact_entries(diagnosis.facts),
-    )
-
-
 @figure_style()
 def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     """Score of each class."""
     classes, shares = list(diagnosis.probabilities), list(diagnosis.probabilities.values())
-    colors = class_colors(classes)
+    colors = series_colors(classes)
     figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
     panel = axes[0, 0]
     panel.barh(range(len(classes)), shares, color=[colors[name] for name in classes], height=0.7)
@@ -174,9 +160,8 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
         panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
     panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
     kind = "score" if diagnosis.error_rate is None else "probability"
-    panel.set_xlabel(
-        "share of the trees" if diagnosis.kind == "prior" else f"{kind} of the class, all windows together"
-    )
+    of_windows = f"{kind} of the class, all windows together"
+    panel.set_xlabel("share of the trees" if diagnosis.kind == "prior" else of_windows)
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     panel.invert_yaxis()
@@ -187,9 +172,8 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     if diagnosis.error_rate is not None:
         possible = ", ".join(words(name) for name in diagnosis.prediction_set)
         caption = (
-            "Pooled over the windows, with the temperature and the dependence of windows by "
-            f"{diagnosis.basis}. Not ruled out at an error rate of {percent(diagnosis.error_rate)}: "
-            f"{possible}."
+            f"Pooled over the windows, with the temperature and the dependence of windows by {diagnosis.basis}. "
+            f"Not ruled out at an error rate of {percent(diagnosis.error_rate)}: {possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}
     return render_drawing(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
@@ -199,28 +183,21 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
 def window_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     """Class of each window in order of time."""
     classes, number = list(diagnosis.probabilities), list(range(1, diagnosis.n_windows + 1))
-    colors = class_colors(classes)
+    colors = series_colors(classes)
     figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
     panel = axes[0, 0]
     labels = [name or "" for name in diagnosis.window_labels]
     heights = [classes.index(name) for name in labels]
     panel.scatter(number, heights, c=[colors[name] for name in labels], marker="s", s=22)
-    panel.set(
-        yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlabel="window, in order of time"
-    )
-    panel.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7))
+    panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes])
+    panel.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7), xlabel="window, in order of time")
     panel.xaxis.get_major_locator().set_params(integer=True)
-    caption = "The likeliest class of each window alone."
-    columns: dict[str, list] = {"window": number, "class": labels}
-    return render_drawing(f"{key}_windows", figure, columns, title="Class of each window", caption=caption)
+    title, caption = "Class of each window", "The likeliest class of each window alone."
+    return render_drawing(f"{key}_windows", figure, {"window": number, "class": labels}, title=title, caption=caption)
 
 
-_MARKS = 4
-"""Multiples of the piston-pass line that are marked."""
-_LOWEST = 5.0
-"""Frequency from which the axis begins at least [Hz]."""
-
-
+_MARKS = 4  # multiples of the piston-pass line
+_LOWEST = 5.0  # frequency from which the axis begins at least [Hz]
 _FEW_HEALTHY = 5
 """Healthy recordings below which their range is too narrow to judge by."""
 
@@ -243,11 +220,11 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     count, first = len(spectrum.channels), max(float(spectrum.low[0]), 1e-3)
     edges = np.append(np.maximum(spectrum.low, first), spectrum.high[-1])
     figure, axes = panels(count, 1, 1.1 + 1.25 * count, sharex=True)
-    healthy = spectrum.healthy
+    healthy, passing = spectrum.healthy, (facts.shaft or 0.0) * (facts.pistons or 0)
     least, median, greatest = healthy.min(axis=0), np.median(healthy, axis=0), healthy.max(axis=0)
     for row, (panel, name) in enumerate(zip(axes[:, 0], spectrum.channels, strict=True)):
-        for line in _marked_lines(facts):
-            panel.axvline(line, color="#888888", linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
+        for multiple in range(1, _MARKS + 1) if passing else ():
+            panel.axvline(multiple * passing, color="#888888", linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
         panel.stairs(greatest[row], edges, baseline=least[row], fill=True, color=LIGHT, label="range of healthy ones")
         panel.stairs(median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median")
         panel.stairs(spectrum.level[row], edges, color=CALIBRATED, linewidth=1.5, baseline=None, label="this recording")
@@ -259,7 +236,7 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     ratio_axis(axes[-1, 0], "x", "frequency [Hz]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    marked = " Dashed: the piston-pass line and its multiples." if _marked_lines(facts) else ""
+    marked = " Dashed: the piston-pass line and its multiples." if passing else ""
     caption = (
         f"Blue: this recording. Gray: {spectrum.basis}; the line is their median, the band reaches from the least to "
         f"the greatest.{marked} 6 dB are twice the amplitude."
@@ -273,18 +250,5 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
         "healthy_median_db": median.ravel(),
         "healthy_greatest_db": greatest.ravel(),
     }
-    return render_drawing(
-        f"{key}_spectrum",
-        figure,
-        columns,
-        title="Spectrum over the healthy recordings",
-        caption=caption,
-        description=spectrum.sentence(),
-    )
-
-
-def _marked_lines(facts: RecordingFacts) -> list[float]:
-    """Frequencies [Hz]; none where the speed or the number of pistons is not stated."""
-    if facts.pistons is None or facts.shaft is None:
-        return []
-    return [facts.shaft * facts.pistons * multiple for multiple in range(1, _MARKS + 1)]
+    title, description = "Spectrum over the healthy recordings", spectrum.sentence()
+    return render_drawing(f"{key}_spectrum", figure, columns, title=title, caption=caption, description=description)

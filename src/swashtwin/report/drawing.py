@@ -41,9 +41,8 @@ class Drawing:
     @property
     def csv(self) -> str:
         """The data as text, every number with all its digits."""
-        return csv_text(
-            tuple(self.columns), zip(*(map(_plain, column) for column in self.columns.values()), strict=True)
-        )
+        columns = (map(_plain, column) for column in self.columns.values())
+        return csv_text(tuple(self.columns), zip(*columns, strict=True))
 
     @property
     def link(self) -> str:
@@ -55,20 +54,15 @@ class Drawing:
     def within_page(self) -> str:
         """The figure as part of a page: without its prolog and size, its ids unique, its colors the page's."""
         body = self.svg[self.svg.index("<svg") :]
-        body = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", body, count=1)
-        body = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", body, count=1)
+        for size in ("width", "height"):
+            body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
         body = re.sub(r'\bid="([^"]+)"', rf'id="{self.name}-\1"', body)
         body = re.sub(r'href="#([^"]+)"', rf'href="#{self.name}-\1"', body)
         body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
-        return re.sub(r'style="[^"]*"', _in_page_colors, body)
-
-
-def _in_page_colors(style: re.Match[str]) -> str:
-    return re.sub(r"#[0-9a-f]{6}\b", lambda color: _page_color(color[0]), style[0])
-
-
-def _page_color(color: str) -> str:
-    return f"var(--{_PAGE_COLORS[color]})" if color in _PAGE_COLORS else color
+        colors = re.compile("|".join(rf"{color}\b" for color in _PAGE_COLORS))
+        return re.sub(
+            r'style="[^"]*"', lambda style: colors.sub(lambda color: f"var(--{_PAGE_COLORS[color[0]]})", style[0]), body
+        )
 
 
 def render_drawing(

@@ -38,10 +38,8 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     pictures: tuple[Picture, ...] = ()
     if evidence.adds_up:
         gap = percent(evidence.gap) if evidence.gap else "0 %"
-        introduction += (
-            f". The figures below divide that change between lines and moments (by integrated gradients; {gap} of it "
-            "is left over)."
-        )
+        introduction += ". The figures below divide that change between lines and moments (by integrated gradients; "
+        introduction += f"{gap} of it is left over)."
         pictures = Picture(line_drawing(evidence, key)), Picture(moment_drawing(evidence, key))
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
@@ -131,14 +129,13 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
     limit = max(float(np.abs(evidence.moments).max()), 1e-12)
     for channel, name in enumerate(channels):
         panel, peaks = axes[channel, 0], evidence.peaks[channel]
-        panel.stairs(peaks, edges, baseline=-peaks, fill=True, color=LIGHT)
         highest = 1.1 * max(float(peaks.max()), 1e-12)
+        panel.stairs(peaks, edges, baseline=-peaks, fill=True, color=LIGHT)
         panel.set_ylim(-highest, highest)
         beside, adds = panel.twinx(), evidence.moments[channel]
         for side, color in ((np.maximum(adds, 0), CALIBRATED), (np.minimum(adds, 0), _AGAINST)):
             beside.stairs(side, edges, fill=True, color=color)
-        beside.set_ylim(-1.1 * limit, 1.1 * limit)
-        beside.set_yticks([])
+        beside.set(ylim=(-1.1 * limit, 1.1 * limit), yticks=[])
         beside.grid(visible=False)
         panel.set_title(words(name), loc="left")
         panel.grid(axis="x", visible=False)
@@ -154,9 +151,8 @@ def moment_drawing(evidence: Evidence, key: str) -> Drawing:
         "adds": evidence.moments.ravel(),
         "peak": evidence.peaks.ravel(),
     }
-    return render_drawing(
-        f"{key}_moments", figure, columns, title="Which moments speak for the verdict", caption=caption
-    )
+    title = "Which moments speak for the verdict"
+    return render_drawing(f"{key}_moments", figure, columns, title=title, caption=caption)
 
 
 def _line_table(evidence: Evidence) -> Table:

@@ -69,7 +69,9 @@ class Glossary:
             if TERMS[term] in self.used.values():
                 continue
             self.used[term] = TERMS[term]
-            parts += [_unbroken(text[end : match.start()]), _kept(before, _BUTTON.format(len(self.used), term), after)]
+            button = Markup("{}{}{}").format(before, _BUTTON.format(len(self.used), term), after)
+            # browsers may end a line at either side of a button, so its punctuation stays in one line with it
+            parts += [_unbroken(text[end : match.start()]), _UNBROKEN.format(button) if before or after else button]
             end = match.end()
         return Markup().join([*parts, _unbroken(text[end:])])
 
@@ -81,8 +83,3 @@ def _unbroken(text: str) -> Markup:
         parts += [escape(text[end : match.start()]), _UNBROKEN.format(match[0])]
         end = match.end()
     return Markup().join([*parts, escape(text[end:])])
-
-
-def _kept(before: str, button: Markup, after: str) -> Markup:
-    """A button with its punctuation in one line, for browsers may end a line at either side of a button."""
-    return _UNBROKEN.format(Markup("{}{}{}").format(before, button, after)) if before or after else button

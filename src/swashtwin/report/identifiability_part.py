@@ -10,28 +10,35 @@ from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
+_NEXT = ("To tell more of them, record more: swashtwin twin next says at which speed and pressure, and how long.",)
+_FEW_COORDINATES = 12
+"""Coordinates whose table is not folded away."""
+
 
 def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
     """Part of the page about one identifiability report."""
+    table: Table | Group = coordinates_table(report)
+    if len(report.names) > _FEW_COORDINATES:
+        table = Group(f"Table of all {len(report.names)} coordinates", (table,), is_open=False)
+    blocks = (
+        Bullets("In words", report.words),
+        directions_table(report),
+        table,
+        Picture(correlations(report, key)),
+        *((Picture(profile_curves(report, key)),) if report.profiles else ()),
+    )
     return Part(
         title="What the measurement can tell",
-        answer=identifiability_answer(report)[:1],
+        answer=(_answer(report),),
         notice="",
-        sections=(
-            Section(SectionOrder.CALIBRATION, "What the measurement can tell", identifiability_blocks(report, key)),
-        ),
+        sections=(Section(SectionOrder.CALIBRATION, "What the measurement can tell", blocks),),
         results={"identifiability": [report.to_dict()]},
         verdict=f"The measurement tells {report.standing[VALUES].count('identified') or 'none'} of 6 values clearly",
         actions=_NEXT,
     )
 
 
-_NEXT = ("To tell more of them, record more: swashtwin twin next says at which speed and pressure, and how long.",)
-_FEW_COORDINATES = 12
-"""Coordinates whose table is not folded away."""
-
-
-def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
+def _answer(report: IdentifiabilityReport) -> str:
     """What came out, in plain words."""
     standing = dict(zip(report.names[VALUES], report.standing, strict=False))
     identified, weak = (
@@ -40,34 +47,13 @@ def identifiability_answer(report: IdentifiabilityReport) -> tuple[str, ...]:
     rest = [name for name in standing if name not in (*identified, *weak)]
     statement = f"The measurement identifies {', '.join(identified) or 'none of the six values'}"
     statement += f" and tells weakly of {', '.join(weak)}." if weak else "."
-    left = f" It does not tell {', '.join(rest)}: no figure for them is a measurement." if rest else ""
-    return (statement + left,)
-
-
-def identifiability_blocks(report: IdentifiabilityReport, key: str) -> tuple:
-    """Sentences, tables and figures of one report."""
-    table: Table | Group = coordinates_table(report)
-    if len(report.names) > _FEW_COORDINATES:
-        table = Group(f"Table of all {len(report.names)} coordinates", (table,), is_open=False)
-    return (
-        Bullets("In words", report.words),
-        directions_table(report),
-        table,
-        Picture(correlations(report, key)),
-        *((Picture(profile_curves(report, key)),) if report.profiles else ()),
-    )
+    return statement + (f" It does not tell {', '.join(rest)}: no figure for them is a measurement." if rest else "")
 
 
 def coordinates_table(report: IdentifiabilityReport) -> Table:
     """Posterior and prior width of each coordinate."""
     rows = [
-        (
-            Cell(coordinate_words(name)),
-            number_cell(post),
-            number_cell(prior),
-            Cell(percent(post / prior)),
-            Cell(word),
-        )
+        (Cell(coordinate_words(name)), number_cell(post), number_cell(prior), Cell(percent(post / prior)), Cell(word))
         for name, post, prior, word in zip(report.names, report.std, report.prior_std, report.standing, strict=True)
     ]
     return Table(
@@ -82,12 +68,8 @@ def coordinates_table(report: IdentifiabilityReport) -> Table:
 def directions_table(report: IdentifiabilityReport) -> Table:
     """Independent combinations of the six values."""
     rows = [
-        (
-            Cell(direction.words),
-            Cell(number(direction.share)),
-            *(Cell(f"{weight:+.2f}") for _, weight in direction.weights),
-        )
-        for direction in report.directions
+        (Cell(item.words), Cell(number(item.share)), *(Cell(f"{weight:+.2f}") for _, weight in item.weights))
+        for item in report.directions
     ]
     return Table(
         "Independent combinations of the six values, the best determined first: remaining share of "
@@ -109,18 +91,16 @@ def coordinate_words(name: str) -> str:
 @figure_style()
 def correlations(report: IdentifiabilityReport, key: str) -> Drawing:
     """Posterior correlation of all coordinates."""
-    count = len(report.names)
-    rows = [
-        {"first": first, "second": second, "correlation": report.correlation[i, j]}
-        for i, first in enumerate(report.names)
-        for j, second in enumerate(report.names)
-    ]
+    count, names = len(report.names), [coordinate_words(name) for name in report.names]
+    columns = {
+        "first": np.repeat(report.names, count), "second": np.tile(report.names, count),
+        "correlation": report.correlation.ravel(),
+    }  # fmt: skip
     figure, axes = panels(1, 1, min(8.5, 2.0 + 0.36 * count))
     panel = axes[0, 0]
     image = panel.imshow(report.correlation, cmap="RdBu_r", vmin=-1, vmax=1)
-    panel.set(xticks=range(count), yticks=range(count))
-    panel.set_xticklabels([coordinate_words(name) for name in report.names], rotation=90)
-    panel.set_yticklabels([coordinate_words(name) for name in report.names])
+    panel.set_xticks(range(count), names, rotation=90)
+    panel.set_yticks(range(count), names)
     panel.grid(False)
     if count <= 12:
         for i, j in np.ndindex(count, count):
@@ -132,9 +112,8 @@ def correlations(report: IdentifiabilityReport, key: str) -> Drawing:
         "Correlation of the estimated logarithms. Near 1: only the ratio of the two is well determined; near −1: only "
         "their product."
     )
-    return render_drawing(
-        f"{key}_correlations", figure, tabulate(rows), title="What can be traded for what", caption=caption
-    )
+    title = "What can be traded for what"
+    return render_drawing(f"{key}_correlations", figure, columns, title=title, caption=caption)
 
 
 @figure_style()
@@ -164,16 +143,10 @@ def profile_curves(report: IdentifiabilityReport, key: str) -> Drawing:
 
 def _draw_profile(panel: Axes, profile: Profile) -> None:
     panel.axhline(THRESHOLD, color=LIGHT, linewidth=2)
-    panel.plot(
-        profile.coordinate - profile.best,
-        profile.rise,
-        ".-",
-        color=_COLOR_OF.get(profile.name, CALIBRATED),
-        markersize=4,
-    )
-    low, high = (bound - profile.best for bound in profile.bounds)
-    reach = np.abs(profile.coordinate - profile.best).max() * 1.1
-    for bound in (low, high):
+    away, color = profile.coordinate - profile.best, _COLOR_OF.get(profile.name, CALIBRATED)
+    panel.plot(away, profile.rise, ".-", color=color, markersize=4)
+    reach = np.abs(away).max() * 1.1
+    for bound in (bound - profile.best for bound in profile.bounds):
         if abs(bound) <= reach:
             panel.axvline(bound, color=MEASURED, linestyle=":", linewidth=1)
     panel.set(

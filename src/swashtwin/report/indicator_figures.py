@@ -1,9 +1,7 @@
 """Figures of indicators with their data: a spectrum with its expected lines, and a trend against its baseline."""
 
 import math
-from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -11,41 +9,27 @@ from matplotlib.patches import Patch
 from swashtwin.foundation import plural
 from swashtwin.plot import LIGHT, MEASURED, figure_style, marked_spectrum, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
-from swashtwin.report.wording import indicator_words
-from swashtwin.signals import LineSpectrum, Mark, Trend, TrendPoint
+from swashtwin.report.wording import indicator_words, sentence
+from swashtwin.signals import LineSpectrum, Trend
 
 _ABOVE, _BELOW = "#d55e00", "#aa4499"
-_TITLES = {
-    "amplitude": "Amplitude spectrum",
-    "envelope": "Envelope spectrum",
-    "order": "Order spectrum",
-}
 
 
 @figure_style()
 def spectrum_drawing(spectrum: LineSpectrum) -> Drawing:
     """A spectrum of each channel with the expected lines of the shaft and the pistons."""
     figure, marks = marked_spectrum(spectrum, None)
-    columns: dict[str, Sequence[float] | np.ndarray] = {
-        f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.position,
-        **{
-            f"{name} [{spectrum.unit or '1'}]": row
-            for name, row in zip(spectrum.channels, spectrum.amplitude, strict=True)
-        },
-    }
-    title = f"{_TITLES[spectrum.kind]} of {spectrum.recording_id}"
-    return render_drawing(
-        f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=_spectrum_caption(spectrum, marks)
-    )
-
-
-def _spectrum_caption(spectrum: LineSpectrum, marks: Sequence[Mark]) -> str:
+    rows = zip(spectrum.channels, spectrum.amplitude, strict=True)
+    columns = {f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.position}
+    columns |= {f"{name} [{spectrum.unit or '1'}]": row for name, row in rows}
     caption = "One-sided peak amplitudes, Hann taper corrected."
     if spectrum.angle_from:
         caption += f" Along the shaft's angle, from {spectrum.angle_from}."
     if marks:
         caption += " Dashed: where lines of the shaft and of the pistons are expected."
-    return f"{caption} The CSV file holds every line."
+    caption += " The CSV file holds every line."
+    title = f"{spectrum.kind.capitalize()} spectrum of {spectrum.recording_id}"
+    return render_drawing(f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=caption)
 
 
 _STATUS = {
@@ -70,51 +54,36 @@ def trend_drawing(trend: Trend) -> Drawing:
         marker, color, _ = _STATUS[point.status]
         face = "white" if point.healthy and marker != "x" else color
         panel.plot(x, factor * point.value, marker, color=face, markeredgecolor=color, markersize=5, zorder=3)
-    _name_recordings(panel, trend.points)
+    every = math.ceil(len(trend.points) / 40)  # names under the axis, as many as fit, shortened in the middle
+    names = [point.row.recording_id for point in trend.points]
+    names = [name if len(name) <= 26 else f"{name[:13]}…{name[-12:]}" for name in names]
+    panel.set_xticks(range(0, len(names), every), names[::every], rotation=90, fontsize=7.5)
+    panel.set_xlim(-0.8, len(names) - 0.2)
     panel.grid(axis="x", visible=False)
     panel.set_ylabel(f"{indicator_words(trend.indicator.name)} [{unit_words(unit)}]")
     _trend_legend(panel, trend)
     rows = [
         {
-            "recording": point.row.recording_id,
-            "class": point.row.label,
-            "specimen": point.row.specimen,
-            "date": point.row.date,
-            "speed [rpm]": _empty(point.row.point[0]),
+            "recording": point.row.recording_id, "class": point.row.label, "specimen": point.row.specimen,
+            "date": point.row.date, "speed [rpm]": _empty(point.row.point[0]),
             "pressure [MPa]": _empty(point.row.point[1]),
-            f"{trend.indicator.name} [{trend.indicator.unit or '1'}]": _empty(point.value),
-            "healthy": point.healthy,
-            "baseline median": _empty(point.median),
-            "baseline spread": _empty(point.spread),
-            "baseline recordings": point.count,
-            "status": point.status,
+            f"{trend.indicator.name} [{trend.indicator.unit or '1'}]": _empty(point.value), "healthy": point.healthy,
+            "baseline median": _empty(point.median), "baseline spread": _empty(point.spread),
+            "baseline recordings": point.count, "status": point.status,
         }
         for point in trend.points
-    ]
-    meaning = trend.indicator.meaning
+    ]  # fmt: skip
     least = min((point.count for point in trend.points if point.status != "no baseline"), default=0)
     baseline = (
         f"Gray: median and {trend.k:g} spreads (1.4826 MAD) of the same machine's other healthy recordings at the same "
         f"speed and pressure, from {plural(least, 'recording')} on. "
     )
     caption = (
-        f"{meaning[:1].upper()}{meaning[1:]}. {baseline if least else ''}"
+        f"{sentence(trend.indicator.meaning)}. {baseline if least else ''}"
         "No limit of a standard is drawn: none is made for axial piston pumps."
     )
     title = f"{indicator_words(trend.indicator.name)} of {words(trend.channel)}"
     return render_drawing("trend", figure, tabulate(rows), title=title, caption=caption)
-
-
-def _name_recordings(panel: Axes, points: Sequence[TrendPoint]) -> None:
-    """Names under the axis, as many as fit, long ones shortened in the middle."""
-    every = math.ceil(len(points) / 40)
-    names = [_short(point.row.recording_id) for point in points]
-    panel.set_xticks(range(0, len(points), every), names[::every], rotation=90, fontsize=7.5)
-    panel.set_xlim(-0.8, len(points) - 0.2)
-
-
-def _short(name: str, most: int = 26) -> str:
-    return name if len(name) <= most else f"{name[: most // 2]}…{name[-(most // 2 - 1) :]}"
 
 
 def _trend_legend(panel: Axes, trend: Trend) -> None:

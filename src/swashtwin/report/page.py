@@ -1,7 +1,7 @@
 """What a page is made of: cards, and sections of blocks. `report.html.jinja` draws each kind of block."""
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, ClassVar, Literal
 
@@ -141,54 +141,37 @@ MOST_CARDS = 2
 """Subjects that each have a card; of more, a table says what came out."""
 
 
-@dataclass(frozen=True, eq=False)
-class Card:
-    """What the first screen says of one subject."""
-
-    about: str
-    """What it is about; empty where the title says it."""
-    verdict: str
-    """The result in a few words."""
-    tone: Tone
-    """Whether that is good news."""
-    answer: tuple[str, ...]
-    """The result in plain words."""
-    certainty: tuple[str, ...]
-    """How sure it is."""
-    actions: tuple[str, ...]
-    """What to do."""
-    glance: tuple[Any, ...]
-    """Blocks right below."""
-
-
-def cards_of(parts: Sequence[Part]) -> list[Card]:
-    """A card for each subject, in the order of the parts."""
+def cards_of(parts: Sequence[Part]) -> list[Part]:
+    """What the first screen says of each subject, in the order of the parts: its parts as one, by a short title."""
     groups: dict[str, list[Part]] = {}
     for number, part in enumerate(parts):
         groups.setdefault(part.subject or f"part {number}", []).append(part)
-    firsts = [group[0] for group in groups.values()]
-    stated = [dict(part.facts) for part in firsts if part.facts]
+    shared, cards = shared_facts([group[0] for group in groups.values()]), []
+    for group in groups.values():
+        first = group[0]
+        differing = (f"{name.lower()} {value}" for name, value in first.facts if name not in shared)
+        about = ", ".join([first.title, *differing]) if len(groups) > 1 else ""
+        cards.append(
+            replace(
+                first,
+                title="" if about == first.verdict else about,
+                answer=tuple(text for part in group for text in part.answer),
+                certainty=tuple(text for part in group for text in part.certainty),
+                actions=tuple(dict.fromkeys(text for part in group for text in part.actions)),
+                glance=tuple(block for part in group for block in part.glance),
+            )
+        )
+    return cards
+
+
+def shared_facts(parts: Sequence[Part]) -> dict[str, str]:
+    """What all parts that state facts agree in."""
+    stated = [dict(part.facts) for part in parts if part.facts]
     first = stated[0] if stated else {}
-    shared = {name for name, value in first.items() if all(facts.get(name) == value for facts in stated)}
-    return [_card(group, shared, len(groups) > 1) for group in groups.values()]
+    return {name: value for name, value in first.items() if all(facts.get(name) == value for facts in stated)}
 
 
-def _card(parts: Sequence[Part], shared: Collection[str], is_named: bool) -> Card:
-    first = parts[0]
-    differing_facts = [f"{name.lower()} {value}" for name, value in first.facts if name not in shared]
-    about = ", ".join([first.title, *differing_facts]) if is_named else ""
-    return Card(
-        "" if about == first.verdict else about,
-        first.verdict,
-        first.tone,
-        tuple(text for part in parts for text in part.answer),
-        tuple(text for part in parts for text in part.certainty),
-        tuple(dict.fromkeys(text for part in parts for text in part.actions)),
-        tuple(block for part in parts for block in part.glance),
-    )
-
-
-def overview_of(parts: Sequence[Part], cards: Sequence[Card]) -> Table | None:
+def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
     """Table of what came out for each subject, where there are many; None otherwise."""
     subjects = list(dict.fromkeys(part.subject for part in parts))
     if len(cards) <= MOST_CARDS or "" in subjects:
@@ -208,7 +191,7 @@ def overview_of(parts: Sequence[Part], cards: Sequence[Card]) -> Table | None:
     return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
 
 
-def folded_section(parts: Sequence[Part], cards: Sequence[Card]) -> Section:
+def folded_section(parts: Sequence[Part], cards: Sequence[Part]) -> Section:
     """One section with a group for each of many subjects, folded away: its card and all of its sections."""
     groups = []
     for card, subject in zip(cards, dict.fromkeys(part.subject for part in parts), strict=True):

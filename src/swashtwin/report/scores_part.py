@@ -44,42 +44,39 @@ def scores_part(scores: Scores, key: str) -> Part:
         f"{100 * scores.accuracy:.1f} % were classified correctly ({interval}); of the recordings, "
         f"{100 * scores.recording_accuracy:.1f} %. {distance}",
     )
-    reasons = tuple(f"{_METRICS.get(name, words(name))}: {why}" for name, why in scores.reasons.items())
+    reasons = tuple(f"{_METRICS.get(name, words(name))}: {words(why)}" for name, why in scores.reasons.items())
+    metrics = tuple(
+        (Cell(label), number_cell(getattr(scores, name), words(scores.reasons.get(name, ""))))
+        for name, label in _METRICS.items()
+    )
+    caption = "Windows of each actual class in percent; rows add up to 100."
+    matrices = {(scores.level or "", ""): scores.confusion}
     blocks = (
         levels_table([scores.level] if scores.level else []),
-        _metrics_table(scores),
+        Table("Scores over the test windows.", ("", scores.level or "level not stated"), metrics),
         Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
-        Picture(
-            confusion_drawing(
-                f"{key}_confusion",
-                {(scores.level or "", ""): scores.confusion},
-                scores.classes,
-                caption="Windows of each actual class in percent; rows add up to 100.",
-            )
-        ),
+        Picture(confusion_drawing(f"{key}_confusion", matrices, scores.classes, caption=caption)),
     )
-    weakest = _weakest(scores)
+    weakest, right = _weakest(scores), round(scores.recording_accuracy * scores.n_recordings)
+    count = "All" if right == scores.n_recordings else f"{right} of"
+    shares = (number(100 * share) for share in (scores.false_alarm_rate, scores.missed_fault_rate))
+    alarms, missed = (text if text == "—" else f"{text} %" for text in shares)
+    mistakes = f"False alarms: {alarms} of the healthy windows. Missed faults: {missed} of the faulty ones."
     return Part(
         title="Test of a model",
         answer=(f"Weakest class: {weakest}.",) if weakest else (),
         notice="",
         sections=(Section(SectionOrder.SCORES, "Scores", blocks),),
         results={"scores": [scores.to_dict()]},
-        verdict=_verdict(scores),
+        verdict=f"{count} {plural(scores.n_recordings, 'recording')} classified correctly",
         tone="good" if scores.recording_accuracy >= _GOOD else "unsure",
-        certainty=(*counted, _mistakes(scores)),
+        certainty=(*counted, mistakes),
         actions=_actions(scores),
     )
 
 
 _GOOD, _FEW = 0.9, 20
-
-
-def _verdict(scores: Scores) -> str:
-    right = round(scores.recording_accuracy * scores.n_recordings)
-    count = "All" if right == scores.n_recordings else f"{right} of"
-    return f"{count} {plural(scores.n_recordings, 'recording')} classified correctly"
 
 
 def _weakest(scores: Scores) -> str:
@@ -94,13 +91,6 @@ def _weakest(scores: Scores) -> str:
     return f"{words(name)}, {100 * value:.0f} % of its windows found, most of the others called {words(other)}"
 
 
-def _mistakes(scores: Scores) -> str:
-    """False alarms and missed faults."""
-    shares = (number(100 * share) for share in (scores.false_alarm_rate, scores.missed_fault_rate))
-    alarms, missed = (text if text == "—" else f"{text} %" for text in shares)
-    return f"False alarms: {alarms} of the healthy windows. Missed faults: {missed} of the faulty ones."
-
-
 def _actions(scores: Scores) -> tuple[str, ...]:
     """What would make the result better, or surer."""
     actions = []
@@ -109,8 +99,6 @@ def _actions(scores: Scores) -> tuple[str, ...]:
     if weakest := _weakest(scores):
         name = weakest.split(",")[0]
         actions.append(f"Record more of the class {name}, or add synthetic windows of it (swashtwin synthesize).")
-    if not scores.level:
-        actions.append("Say with --level how far the test is from the training: another recording, another machine.")
     return (*actions, "Use it: swashtwin diagnose MODEL FILE --report page.html.")
 
 
@@ -123,34 +111,19 @@ def levels_table(levels: Sequence[str]) -> Table:
     )
 
 
-def _metrics_table(scores: Scores) -> Table:
-    rows = [
-        (Cell(label), number_cell(getattr(scores, name), scores.reasons.get(name, "")))
-        for name, label in _METRICS.items()
-    ]
-    return Table("Scores over the test windows.", ("", scores.level or "level not stated"), tuple(rows))
-
-
 def _class_table(scores: Scores) -> Table:
     rows = []
     for cell in scores.cells:
-        pressure = (
-            "unknown" if cell.discharge_pressure is None else also_in_bar(f"{cell.discharge_pressure / 1e6:g} MPa")
-        )
+        pascals = cell.discharge_pressure
+        pressure = "unknown" if pascals is None else also_in_bar(f"{pascals / 1e6:g} MPa")
         rows.append((Cell(words(cell.label)), Cell(pressure), Cell(str(cell.n_windows)), number_cell(cell.recall)))
-    rows += [
-        (Cell(words(label)), Cell("all"), Cell(str(int(scores.confusion[index].sum()))), _recall_cell(scores, label))
-        for index, label in enumerate(scores.classes)
-        if [cell.label for cell in scores.cells].count(label) != 1
-    ]
-    return Table(
-        "Recall by class and discharge pressure.", ("class", "absolute pressure", "windows", "recall"), tuple(rows)
-    )
-
-
-def _recall_cell(scores: Scores, label: str) -> Cell:
-    value = scores.recall[label]
-    return number_cell(value, f"no test window of {label}" if value != value else "")
+    for index, label in enumerate(scores.classes):
+        if [cell.label for cell in scores.cells].count(label) != 1:
+            value, count = scores.recall[label], int(scores.confusion[index].sum())
+            recall = number_cell(value, f"no test window of {words(label)}" if value != value else "")
+            rows.append((Cell(words(label)), Cell("all"), Cell(str(count)), recall))
+    header = ("class", "absolute pressure", "windows", "recall")
+    return Table("Recall by class and discharge pressure.", header, tuple(rows))
 
 
 @figure_style()
@@ -190,22 +163,15 @@ def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) 
     return f"Classified correctly{f' ({where})' if where else ''}: {', '.join(shares)}" if shares else ""
 
 
-def alarms_part(scores: AlarmScores, key: str) -> Part:
-    """Part of the page about the alarms on one test set.
-
-    Parameters
-    ----------
-    key : not used; it has no figures.
-    """
-    healthy = [item for item in scores.classes if item.is_healthy]
+def alarms_part(scores: AlarmScores) -> Part:
+    """Part of the page about the alarms on one test set; it has no figures."""
+    rate, healthy = scores.error_rate, [item for item in scores.classes if item.is_healthy]
     faulty = [item for item in scores.classes if not item.is_healthy]
     alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
     rows = tuple(
         (
             Cell(words(item.label)),
-            Cell(str(item.n_recordings)),
-            Cell(str(item.n_no_verdict)),
-            Cell(str(item.n_alarms)),
+            *(Cell(str(count)) for count in (item.n_recordings, item.n_no_verdict, item.n_alarms)),
             Cell("–" if item.share is None else percent(item.share)),
             Cell(f"{percent(item.interval[0])} to {percent(item.interval[1])}"),
             Cell("–" if item.auroc is None else number(item.auroc)),
@@ -225,9 +191,7 @@ def alarms_part(scores: AlarmScores, key: str) -> Part:
         sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
         results={"alarms": [scores.to_dict()]},
         verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",
-        certainty=()
-        if scores.error_rate is None
-        else (f"The detector states a false-alarm rate of {percent(scores.error_rate)}.",),
+        certainty=() if rate is None else (f"The detector states a false-alarm rate of {percent(rate)}.",),
         actions=(
             *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
             "Use it: swashtwin diagnose MODEL FILE --report page.html.",

@@ -24,6 +24,13 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
         rate = percent(confidence.error_rate)
         basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
     pictures = (Picture(trials_drawing(choice, key)),) if choice is not None and choice.trials else ()
+    summary = {
+        "classes": list(classifier.classes),
+        "network": classifier.network.name,
+        "recordings": sorted(classifier.manifest),
+        "seed": classifier.seed,
+        "choice": None if choice is None else choice.to_dict(),
+    }
     return Part(
         title="Training of a model",
         answer=(() if choice is None else (choice.sentence(),)),
@@ -32,7 +39,7 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
             *((Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),) if pictures else ()),
             Section(SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)),
         ),
-        results={"trainings": [_summary(classifier)]},
+        results={"trainings": [summary]},
         verdict=f"A model of {len(classifier.classes)} classes, from {plural(len(classifier.manifest), 'recording')}",
         certainty=(basis, *filter(None, (few_machines(classifier.training_reference),)), _NO_TEST),
         actions=(
@@ -44,13 +51,8 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
     )
 
 
-def detector_part(detector: AnomalyDetector, key: str) -> Part:
-    """Part of the page about one detector of deviations.
-
-    Parameters
-    ----------
-    key : not used; it has no figures.
-    """
+def detector_part(detector: AnomalyDetector) -> Part:
+    """Part of the page about one detector of deviations; it has no figures."""
     healthy = detector.fitted_
     entries = [
         ("healthy recordings", healthy.n_recordings),
@@ -103,16 +105,6 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     return (Table("Measured recordings of the training, by class and machine.", header, rows), facts)
 
 
-def _summary(classifier: FittedClassifier) -> dict[str, object]:
-    return {
-        "classes": list(classifier.classes),
-        "network": classifier.network.name,
-        "recordings": sorted(classifier.manifest),
-        "seed": classifier.seed,
-        "choice": None if classifier.choice is None else classifier.choice.to_dict(),
-    }
-
-
 _FEW_TRIALS = 12
 """Candidates whose table is not folded away."""
 
@@ -158,18 +150,10 @@ def trials_drawing(choice: Choice, key: str) -> Drawing:
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.grid(axis="y", visible=False)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    columns: dict[str, list] = {
-        "candidate": [trial.candidate for trial in choice.trials],
-        "clean": [trial.clean for trial in choice.trials],
-        "disturbed": [trial.disturbed for trial in choice.trials],
-        "as_good_as_the_best": [trial.is_tied for trial in choice.trials],
-    }
-    return render_drawing(
-        f"{key}_trials",
-        figure,
-        columns,
-        title="What training tried",
-        caption=f"Windows of {choice.group}s that were left out; the {len(trials)} best candidates of "
-        f"{len(choice.trials)}.",
-        description=choice.sentence(),
+    columns = {name: [getattr(trial, name) for trial in choice.trials] for name in ("candidate", "clean", "disturbed")}
+    columns["as_good_as_the_best"] = [trial.is_tied for trial in choice.trials]
+    caption = (
+        f"Windows of {choice.group}s that were left out; the {len(trials)} best candidates of {len(choice.trials)}."
     )
+    texts = {"title": "What training tried", "caption": caption, "description": choice.sentence()}
+    return render_drawing(f"{key}_trials", figure, columns, **texts)

@@ -10,12 +10,11 @@ from swashtwin.report.page import Cell, Table
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-INTERFACES = {
+_INTERFACES = {
     "slipper_swash": "slipper/swash plate",
     "block_valve": "cylinder block/valve plate",
     "piston_bore": "piston/bore",
 }
-"""Name of each interface on the page."""
 
 
 def number(value: float | None) -> str:
@@ -32,24 +31,8 @@ def number(value: float | None) -> str:
         return "0"
     mantissa, exponent = f"{value:.2e}".split("e")
     if not -3 <= int(exponent) <= 4:
-        return f"{mantissa}·10{power(int(exponent))}"
+        return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     return f"{float(f'{value:.3g}'):.{max(0, 2 - int(exponent))}f}"
-
-
-def score(value: float | None) -> str:
-    """Share between 0 and 1 with three decimals, ``—`` for NaN, infinity and none.
-
-    Examples
-    --------
-    >>> score(0.98)
-    '0.980'
-    """
-    return "—" if value is None or not math.isfinite(value) else f"{value:.3f}"
-
-
-def power(exponent: int) -> str:
-    """Exponent in superscript digits."""
-    return str(exponent).translate(_SUPERSCRIPTS)
 
 
 def percent(share: float) -> str:
@@ -86,7 +69,7 @@ def parameter_words(name: str) -> str:
     'slipper/swash plate damping'
     """
     interface, quantity = name.split(".")
-    return f"{INTERFACES[interface]} {quantity}"
+    return f"{_INTERFACES[interface]} {quantity}"
 
 
 def indicator_words(name: str) -> str:
@@ -98,6 +81,11 @@ def indicator_words(name: str) -> str:
     'velocity RMS'
     """
     return " ".join("RMS" if word == "rms" else word for word in name.split("_"))
+
+
+def sentence(text: str) -> str:
+    """A text that begins as a sentence does."""
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:

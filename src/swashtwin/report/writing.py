@@ -1,7 +1,6 @@
 """`write_report` writes results as one page with its data."""
 
-import json
-import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidence, FaultClassifier
-from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, plural, replacing
+from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, json_text, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.anomaly_part import anomaly_part
@@ -22,7 +21,7 @@ from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
-from swashtwin.report.page import Card, Group, Part, Section, Table, cards_of, drawings, folded_section, overview_of
+from swashtwin.report.page import Group, Part, Section, cards_of, drawings, folded_section, overview_of, shared_facts
 from swashtwin.report.scores_part import alarms_part, scores_part
 from swashtwin.report.training_part import detector_part, training_part
 from swashtwin.report.wording import fact_entries, rig_notice
@@ -129,26 +128,22 @@ part_of.register(Diagnosis)(
 part_of.register(Evidence)(evidence_part)
 part_of.register(FittedClassifier)(training_part)
 part_of.register(FaultClassifier)(lambda classifier, key: training_part(classifier.fitted_, key))
-part_of.register(AnomalyDetector)(detector_part)
-part_of.register(AlarmScores)(alarms_part)
+part_of.register(AnomalyDetector)(lambda detector, key: detector_part(detector))
+part_of.register(AlarmScores)(lambda scores, key: alarms_part(scores))
 
 
 @dataclass(frozen=True, eq=False)
 class _Content:
-    """All that a page shows."""
+    """All that a page shows; its facts, notices, cards, overview and sections go by these names in the template."""
 
     parts: list[Part]
-    cards: list[Card]
-    overview: Table | None
-    sections: list[Section]
-    facts: list[tuple[str, str]]
-    notices: list[str]
+    shown: dict[str, Any]
 
     def drawings(self) -> Iterator[Drawing]:
         """Every figure, in the order of the page."""
-        for card in self.cards:
+        for card in self.shown["cards"]:
             yield from drawings(card.glance)
-        for section in self.sections:
+        for section in self.shown["sections"]:
             yield from drawings(section.blocks)
 
 
@@ -156,17 +151,21 @@ def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Map
     if not items:
         raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
     parts = _told_apart([part_of(item, key) for item, key in zip(items, _keys(items), strict=True)])
-    cards, sections = cards_of(parts), _sections(items, parts)
+    cards = cards_of(parts)
     overview = overview_of(parts, cards)
-    if overview is not None:
-        sections = [folded_section(parts, cards)]
     stated = facts_of(_used(items, recordings))
-    facts = _shared_facts(parts) | dict(fact_entries(stated)) | dict(about)
-    notices = [part.notice for part in parts] + [rig_notice(stated)]
-    return _Content(
-        parts, [] if overview else cards, overview, sections, list(facts.items()),
-        list(dict.fromkeys(filter(None, notices))),
-    )  # fmt: skip
+    agreed = shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
+    if sum(bool(part.facts) for part in parts) > 1:
+        agreed.pop("Recordings", None)  # a count of one part alone
+    facts = agreed | dict(fact_entries(stated)) | dict(about)
+    shown = {
+        "facts": list(facts.items()),
+        "notices": list(dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))),
+        "cards": [] if overview else cards,
+        "overview": overview,
+        "sections": [folded_section(parts, cards)] if overview else _sections(items, parts),
+    }
+    return _Content(parts, shown)
 
 
 _ORDINALS = ("first", "second", "third", "fourth")
@@ -192,15 +191,6 @@ def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[
     return [recording for recording in recordings if recording.recording_id in names] if names else recordings
 
 
-def _shared_facts(parts: Sequence[Part]) -> dict[str, str]:
-    """What all parts that state facts agree in; a count of recordings belongs to one part alone."""
-    stated = [dict(part.facts) for part in parts if part.facts]
-    if not stated or len({part.subject for part in parts}) > 1:
-        return {}
-    shared = {name: value for name, value in stated[0].items() if all(facts.get(name) == value for facts in stated)}
-    return shared if len(stated) == 1 else {name: value for name, value in shared.items() if name != "Recordings"}
-
-
 def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
     """Every section by its position; several studies each keep their sections together, under their titles.
 
@@ -208,7 +198,7 @@ def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
     """
     if len(items) > 1 and all(isinstance(item, Part) for item in items):
         return [
-            replace(section, title=f"{_short(part.title)}: {section.title}")
+            replace(section, title=f"{re.split('[,:]', part.title)[0]}: {section.title}")
             for part in parts
             for section in part.sections
         ]
@@ -221,10 +211,6 @@ def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
             groups = tuple(Group(section.title, section.blocks, is_open=False) for section in alike)
             sections.append(replace(alike[0], title=part.title, blocks=groups))
     return sorted(sections, key=lambda section: section.position)
-
-
-def _short(title: str) -> str:
-    return title.split(",")[0].split(":")[0]
 
 
 def _keys(items: Sequence[object]) -> list[str]:
@@ -240,17 +226,9 @@ def _keys(items: Sequence[object]) -> list[str]:
 def _page(content: _Content, *, has_folder: bool) -> str:
     parts = content.parts
     titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
-    page = _template().render(
-        title=parts[0].title if len(titles) == 1 or len({part.subject for part in parts}) == 1 else _joint_title(parts),
-        facts=content.facts,
-        cards=content.cards,
-        overview=content.overview,
-        notices=content.notices,
-        sections=content.sections,
-        glossary=Glossary(),
-        version=VERSION,
-        has_folder=has_folder,
-    )
+    is_one = len(titles) == 1 or len({part.subject for part in parts}) == 1
+    title = parts[0].title if is_one else _joint_title(parts)
+    page = _template().render(content.shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder)
     return escape_controls(page, keep="\n")
 
 
@@ -259,17 +237,14 @@ def _joint_title(parts: Sequence[Part]) -> str:
     subjects = list(dict.fromkeys(part.subject for part in parts))
     if "" not in subjects:
         return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
-    return " and ".join(list(dict.fromkeys(_short(part.title) for part in parts))[:3])
+    return " and ".join(list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3])
 
 
 @cache
 def _template() -> Template:
+    loader = PackageLoader("swashtwin.report", "")
     environment = Environment(
-        loader=PackageLoader("swashtwin.report", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     return environment.get_template("report.html.jinja")
 
@@ -279,13 +254,4 @@ def _results(parts: Sequence[Part], figures: list[str]) -> str:
     for part in parts:
         for kind, entries in part.results.items():
             table.setdefault(kind, []).extend(entries)
-    return json.dumps(_finite(table), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """The same with null in place of NaN and infinity, which JSON does not have."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(name): _finite(entry) for name, entry in value.items()}
-    return [_finite(entry) for entry in value] if isinstance(value, list | tuple) else value
+    return json_text(table, indent=1) + "\n"

@@ -8,7 +8,6 @@ import typer
 
 from swashtwin.cli import (
     Index,
-    Jobs,
     Json,
     Seed,
     Window,
@@ -35,7 +34,6 @@ def demo(
         Path, typer.Option(help="Folder for the rig, the model, the twin and the report.", callback=as_folder)
     ] = Path("swashtwin-demo"),
     seed: Seed = 0,
-    jobs: Jobs = 2,
     as_json: Json = False,
 ) -> None:
     """Diagnose a fault nobody recorded at this pressure: build a virtual rig, calibrate twins, train, write a page.
@@ -52,13 +50,7 @@ def demo(
             note_done_before(activity, out)
             bar(count, total, activity)
 
-        result = run_demo(
-            out,
-            seed=seed,
-            jobs=jobs,
-            progress=show_activity,
-            command=typed_command(),
-        )
+        result = run_demo(out, seed=seed, jobs=2, progress=show_activity, command=typed_command())
     commands = _next_commands(result)
 
     def show() -> None:
@@ -111,24 +103,13 @@ def rig(
         int,
         typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
     ] = 3,
-    file_format: Annotated[
-        str, typer.Option("--format", help="Format of the files: h5, mat, wav, csv or tdms.")
-    ] = "h5",
     as_json: Json = False,
 ) -> None:
     """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
     from swashtwin_bench import build_rig
 
     with resumable("finished recordings are kept; the same command continues"), progress("recording") as bar:
-        index_file = build_rig(
-            out,
-            seed=seed,
-            size=size,
-            version=version,
-            sensors=sensor_count,
-            file_format=file_format,
-            progress=bar,
-        )
+        index_file = build_rig(out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar)
     result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))
 

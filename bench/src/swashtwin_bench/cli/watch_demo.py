@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli import Json, Seed, as_folder, note, say, tell
+from swashtwin.cli import Json, as_folder, note, say, tell
 
 if TYPE_CHECKING:
     from swashtwin.monitoring import Outcome, WatchConfig
@@ -46,7 +46,6 @@ def demo(
     ),
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8642,
     end: Annotated[bool, typer.Option("--end", help="End after the last recording instead of at Ctrl-C.")] = False,
-    seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
     """Watch a pump of the virtual rig that wears over a month, in some minutes: page, history and alarm."""
@@ -58,7 +57,7 @@ def demo(
     if (out / "watch-data").exists():
         raise InputError(f"{out} holds an earlier demo; remove it, or name another folder with --out.")
     config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
-    course = threading.Thread(target=_write_course, args=(config, seed), daemon=True)
+    course = threading.Thread(target=_write_course, args=(config,), daemon=True)
     alarms: list[int] = []
     counts = {"judged": 0}
 
@@ -93,7 +92,7 @@ def demo(
     )
 
 
-def _write_course(config: "WatchConfig", seed: int) -> None:
+def _write_course(config: "WatchConfig") -> None:
     """Write the recordings of a month into the folder that is watched, as fast as they are computed."""
     from swashtwin.recordings import write_recording
     from swashtwin_bench import PlantCourse, plant_course
@@ -101,7 +100,7 @@ def _write_course(config: "WatchConfig", seed: int) -> None:
     folder = config.path.parent / "incoming"
     course = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
     first = time.time() - 86400 * RECORDINGS / PER_DAY
-    for number, (recording, _) in enumerate(plant_course(seed, "A", course, batch=3)):
+    for number, (recording, _) in enumerate(plant_course(0, "A", course, batch=3)):
         path = write_recording(recording.relabeled(None), folder / f".{number + 1:03}.h5")
         os.utime(path, (first + 86400 * number / PER_DAY,) * 2)
         path.rename(folder / f"{number + 1:03}.h5")

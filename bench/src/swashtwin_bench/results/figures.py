@@ -14,7 +14,6 @@ from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
     MEASURED,
-    class_colors,
     figure_style,
     name_decades,
     panels,
@@ -215,7 +214,7 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     runs = [runs[i] for i in _spread_evenly(len(runs), MOST_PANELS)]
     titles = _distinct(list(runs[0]["factors"]), [tuple(run["factors"].values()) for run in runs])
     classes = list(study.classes)
-    colors = class_colors(classes)
+    colors = series_colors(classes)
     levels = sorted({level for run in runs for level in run["features"]["level"]})
     down = math.ceil(len(runs) / _ACROSS)
     figure, axes = panels(down, min(len(runs), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)

@@ -26,7 +26,6 @@ from swashtwin.report import (
     flatten_settings,
     levels_table,
     number,
-    score,
     verdict_counts,
     write_report,
 )
@@ -182,10 +181,12 @@ def _score_cell(spread: dict[str, Any], reason: str) -> Cell:
     finite = [value for value in spread["values"] if value is not None]
     if not finite:
         return Cell("—", reason or "not defined for this test set")
-    text = score(spread["mean"]) + (f" ±\u00a0{score(spread['std'])}" if spread["std"] is not None else "")
+    text = f"{spread['mean']:.3f}" + (f" ±\u00a0{spread['std']:.3f}" if spread["std"] is not None else "")
     if len(finite) < len(spread["values"]):
         text += f" ({len(finite)} of {len(spread['values'])} seeds)"
-    return Cell(f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(map(score, finite)))
+    return Cell(
+        f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(f"{value:.3f}" for value in finite)
+    )
 
 
 def _why(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> str:

@@ -44,7 +44,7 @@ LEARNED: dict[str, float] = {"rtol": 1e-3, "atol": 5e-4}
 COMMANDS: dict[str, Command] = {
     "inspect": Command("inspect pair.toml"),
     "split": Command("data split pair.toml --out split --test-fraction 0.5"),
-    "features": Command(f"signal features {WORN} --pistons 7 --out features.csv", atol=1e-12),
+    "features": Command("signal features worn.toml --pistons 7 --out features.csv", atol=1e-12),
     "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
     "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
     "calibrate": Command(

@@ -1,8 +1,10 @@
 """What the tests of commands share."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from commandline import FACTS, run, write_tones
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -14,3 +16,11 @@ def _no_misfit_hypotheses() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin.calibration.notes.misfit_hypotheses", lambda *_: ())
         yield
+
+
+@pytest.fixture(scope="session")
+def tones(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of three text tables of each of two classes, with their index."""
+    folder = write_tones(tmp_path_factory.mktemp("tones"), 3)
+    run("index", folder, *FACTS)
+    return folder

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commandline import one_line, run, run_json
+from commandline import FACTS, one_line, run, run_json, write_tones
 
 from swashtwin.diagnosis import save_classifier
 from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit
@@ -17,22 +17,14 @@ from swashtwin.recordings import load_recordings
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Four text tables of two classes."""
-    rng = np.random.default_rng(0)
-    for label in ("normal", "piston"):
-        for number in (1, 2):
-            rows = "\n".join(f"{value:.6f}" for value in rng.standard_normal(400))
-            (tmp_path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
-    return tmp_path
-
-
-FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
+    return write_tones(tmp_path, 2)
 
 
 def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Path) -> None:
     run("index", folder, *FACTS)
     store = folder / "store.h5"
     answer = run_json("data", "convert", folder, "--out", store)
-    assert (answer["recordings"], answer["seconds"], answer["bytes"]) == (4, 0.8, store.stat().st_size)
+    assert (answer["recordings"], answer["seconds"], answer["bytes"]) == (4, 1.2, store.stat().st_size)
     for back, recording in zip(load_recordings(store), load_recordings(folder), strict=True):
         assert (back.recording_id, back.label) == (recording.recording_id, recording.label)
         np.testing.assert_array_equal(back.signal, recording.signal)
@@ -42,7 +34,7 @@ def test_convert_writes_a_store_that_inspect_train_and_diagnose_read(folder: Pat
     model = save_classifier(classifier, folder / "m.safetensors")
     verdicts = run_json("diagnose", model, store)["diagnoses"]
     assert verdicts == run_json("diagnose", model, folder)["diagnoses"]
-    assert [verdict["n_windows"] for verdict in verdicts] == [8] * 4
+    assert [verdict["n_windows"] for verdict in verdicts] == [12] * 4
 
 
 @pytest.mark.parametrize("command", ["inspect", "data convert"])

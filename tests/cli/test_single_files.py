@@ -3,36 +3,20 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from commandline import QUICK, TINY, run, run_json
+from commandline import FACTS, QUICK, TINY, run, run_json, write_tone
 from twin_recordings import recording_of
 
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import write_recording
 
-FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
-
-
-def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 2000.0) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draw = np.random.default_rng(sum(path.name.encode()))
-    samples = np.sin(2 * np.pi * frequency / rate * np.arange(count)) + 0.1 * draw.standard_normal(count)
-    np.savetxt(path, samples, header="acc_z", comments="", fmt="%.6f")
-    return path
-
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tones: Path) -> Path:
     """Six text tables of two classes, their index, and a model trained on them."""
-    path = tmp_path_factory.mktemp("tones")
-    for label, frequency in (("normal", 100), ("piston", 300)):
-        for number in range(3):
-            write_tone(path / f"{label}_{number}.csv", frequency)
-    run("index", path, *FACTS)
-    run("train", path, "--out", path / "m.safetensors", "--window", 128, "--test-fraction", 0, *TINY)
-    return path
+    run("train", tones, "--out", tones / "m.safetensors", "--window", 128, "--test-fraction", 0, *TINY)
+    return tones
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(folder: Path, tmp_path: Path) -> None:
@@ -76,14 +60,14 @@ def test_calibrate_takes_a_bare_file_at_the_operating_point_of_its_options(
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("train", "normal_0.csv"), "normal_0.csv is a single recording; name an index of labeled recordings"),
+        (("train", "normal_1.csv"), "normal_1.csv is a single recording; name an index of labeled recordings"),
         (("train", "m.safetensors"), "m.safetensors is a model, or a file of windows; name an index"),
         (("evaluate", "recordings.toml", "m.safetensors"), "recordings.toml is an index; the model that train wrote"),
-        (("diagnose", "normal_0.csv", "m.safetensors"), "normal_0.csv is a single recording; the model that train"),
+        (("diagnose", "normal_1.csv", "m.safetensors"), "normal_1.csv is a single recording; the model that train"),
         (("diagnose", "m.safetensors", "m.safetensors"), "is a model, or a file of windows; name recordings here"),
         (("twin", "severity", "recordings.toml", ".", "--fault", "piston"), "is an index; name the file that"),
         (("inspect", "m.safetensors"), "name recordings here; a model or a calibration comes before them"),
-        (("data", "split", "normal_0.csv"), "is a single recording; name an index"),
+        (("data", "split", "normal_1.csv"), "is a single recording; name an index"),
     ],
 )  # fmt: skip
 def test_a_file_of_a_wrong_kind_or_in_a_wrong_place_is_named(

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import typer
 from commandline import one_line, run, run_json
@@ -10,20 +9,6 @@ from commandline import one_line, run, run_json
 from swashtwin.cli.options import read_settings
 from swashtwin.diagnosis import load_classifier
 from swashtwin.recordings import load_recordings, narrow_index
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An index of six text tables of two classes."""
-    path = tmp_path_factory.mktemp("tones")
-    draw = np.random.default_rng(0)
-    for index, label in enumerate(("normal", "piston")):
-        for number in range(3):
-            tone = np.sin(2 * np.pi * (0.05 + 0.1 * index) * np.arange(600) + draw.uniform(0, 6))
-            rows = "\n".join(f"{value:.6f}" for value in tone + 0.1 * draw.standard_normal(600))
-            (path / f"{label}_{number}.csv").write_text(f"x\n{rows}\n")
-    run("index", path, "--sample-rate", "2 kHz", "--unit", "g")
-    return path
 
 
 def settings(*texts: str) -> list[str]:
@@ -35,24 +20,24 @@ def settings(*texts: str) -> list[str]:
     [("levels", ("hidden=32", "gain=3"), {"hidden": 32}), ("bitcn", ("channels=8,8",), {"channels": (8, 8)})],
 )
 def test_train_takes_any_network_and_its_settings(
-    folder: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]
+    tones: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]
 ) -> None:
     words = ("--network", network, *settings(*texts, "epochs=30"), "--window", 100, "--test-fraction", 0.34)
     out = tmp_path / "model.safetensors"
-    run_json("train", folder, *words, "--out", out)
+    run_json("train", tones, *words, "--out", out)
     trained = load_classifier(out).network
     assert trained.name == network
     assert expected.items() <= trained.settings.items()
-    assert run_json("evaluate", out, folder)["accuracy"] > 0.8
+    assert run_json("evaluate", out, tones)["accuracy"] > 0.8
 
 
-def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(folder: Path, tmp_path: Path) -> None:
+def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(tones: Path, tmp_path: Path) -> None:
     out = tmp_path / "paper.safetensors"
-    run("train", folder, "--window", 100, "--preset", "paper", *settings("epochs=1"), "--out", out)
+    run("train", tones, "--window", 100, "--preset", "paper", *settings("epochs=1"), "--out", out)
     paper = load_classifier(out)
     assert (paper.network.name, paper.settings.batch_size, paper.settings.decay) == ("bitcn", 30, "none")
     out = tmp_path / "chosen.safetensors"
-    answer = run_json("train", folder, "--window", 100, "--budget", "10 s", "--out", out)
+    answer = run_json("train", tones, "--window", 100, "--budget", "10 s", "--out", out)
     chosen = load_classifier(out)
     assert chosen.network.name == "levels"
     assert chosen.choice.to_dict() == answer["choice"]
@@ -130,9 +115,9 @@ def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_trainin
     ],
 )
 def test_a_split_that_cannot_be_is_refused_before_windows_are_cut(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[object, ...], code: int, reason: str
+    tones: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[object, ...], code: int, reason: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delattr("swashtwin.learning.windows.cutting.cut_windows")
     monkeypatch.setattr("swashtwin.learning.cut_windows", None, raising=False)
-    assert reason in " ".join(run("train", folder, *words, code=code).stderr.replace("│", " ").split())
+    assert reason in " ".join(run("train", tones, *words, code=code).stderr.replace("│", " ").split())

@@ -44,7 +44,8 @@ def write_workspace(plant: Sequence[Recording], folder: Path) -> None:
     """Files that the commands start from.
 
     ``recordings/`` with an HDF5 file each; the indexes ``plant.toml``, ``pair.toml``, ``wear.toml`` (a pump before and
-    after), ``worn.toml`` (after) and ``specimen.toml`` (A); and ``csv/`` with the first channel of a few recordings, without an index.
+    after), ``worn.toml`` (after) and ``specimen.toml`` (A); and ``csv/`` with the first channel of a few recordings,
+    without an index.
     """
     indexes = {
         "plant": list(plant),

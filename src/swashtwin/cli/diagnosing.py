@@ -17,7 +17,7 @@ from swashtwin.cli.options import (
     reads_files,
 )
 from swashtwin.cli.outputs import Force, Report, require_page, write_page
-from swashtwin.cli.sources import load_distinct
+from swashtwin.cli.sources import load_sources
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
@@ -52,7 +52,7 @@ def diagnose(
 
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
-    recordings = load_distinct(paths, **reading)
+    recordings = load_sources(paths, **reading)
     rate = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")]
     if pistons is not None:

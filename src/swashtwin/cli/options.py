@@ -266,23 +266,17 @@ def _setting(name: str, text: str, default: Any) -> Any:
         values = json.loads(f"[{text}]")
     except ValueError:
         values = []
-    kind, words = _kind_of(default[0] if isinstance(default, tuple) and default else default)
-    several = default is None or isinstance(default, tuple)
-    if not values or not all(type(value) in kind for value in values) or (len(values) > 1 and not several):
+    several, first = default is None or isinstance(default, tuple), default
+    if isinstance(default, tuple) and default:
+        first = default[0]
+    one = {bool: (bool, "true or false"), int: (int, "a whole number")}.get(type(first))
+    kinds, words = ((one[0],), one[1]) if one else ((int, float), "a number")
+    if not values or not all(type(value) in kinds for value in values) or (len(values) > 1 and not several):
         reason = f"{name}={text} must be {words}{', or several with commas' if several else ''}."
         raise typer.BadParameter(reason, param_hint="--set")
-    if kind == (int, float) and isinstance(default, float):
+    if isinstance(default, float):
         values = [float(value) for value in values]
     return tuple(values) if len(values) > 1 or isinstance(default, tuple) else values[0]
-
-
-def _kind_of(default: Any) -> tuple[tuple[type, ...], str]:
-    """Types that a value may have beside such a default, and these in words."""
-    if isinstance(default, bool):
-        return (bool,), "true or false"
-    if isinstance(default, int):
-        return (int,), "a whole number"
-    return (int, float), "a number"
 
 
 def defaults_of(settings: Any) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from swashtwin.cli.options import (
     reads_files,
 )
 from swashtwin.cli.outputs import Force, require_output
-from swashtwin.cli.sources import load_distinct, single_file_options
+from swashtwin.cli.sources import load_sources, single_file_options
 from swashtwin.cli.summaries import class_words, show_check, show_inspection
 from swashtwin.foundation import plural
 
@@ -108,7 +108,7 @@ def inspect(
 
     with progress("inspecting recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_distinct(paths, unreadable, **reading)
+        recordings = load_sources(paths, unreadable, **reading)
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     tell(result, as_json, lambda: show_inspection(report, recordings))
@@ -129,7 +129,7 @@ def check(
 
     with progress("checking recordings") as bar:
         unreadable: list[Finding] = []
-        recordings = load_distinct([source], unreadable)
+        recordings = load_sources([source], unreadable)
         result = check_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
     tell(result.to_dict(), as_json, lambda: show_check(result))
     if not result.is_sound:

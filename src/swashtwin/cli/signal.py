@@ -13,7 +13,7 @@ from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Indexes, Json, Reading, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
-from swashtwin.cli.sources import load_distinct, load_sources
+from swashtwin.cli.sources import load_sources
 from swashtwin.cli.summaries import MOST_ROWS, show_medians, show_trend
 from swashtwin.foundation import plural
 
@@ -67,7 +67,7 @@ def features(
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
     shaft = Shaft(tachometer, track)
-    recordings = load_distinct(source)
+    recordings = load_sources(source)
     if out is None:
         indicators = _indicators_of(recordings, pistons, band, shaft)
     else:
@@ -206,7 +206,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source, force)
-    indicators = _indicators_of(load_distinct(source), None, None, Shaft(None, None))
+    indicators = _indicators_of(load_sources(source), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

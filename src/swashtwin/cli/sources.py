@@ -36,49 +36,36 @@ def _as_option(match: re.Match[str]) -> str:
 def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
     """Recordings of indexes, folders with an index, stores, and single files with `facts`, read when they are used.
 
+    Those of several paths that share an id get their folders' names before it.
+
     Parameters
     ----------
     unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
     """
-    return [recording for recording, _ in _with_folders(paths, unreadable, facts)]
-
-
-def load_distinct(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
-    """The same as `load_sources`; recordings of several paths that share an id get their folders' names before it."""
-    pairs = _with_folders(paths, unreadable, facts)
-    names = [recording.recording_id for recording, _ in pairs]
-    for name, count in Counter(names).items():
-        alike = [number for number, other in enumerate(names) if other == name] if count > 1 else []
-        for depth in range(1, max((len(pairs[number][1]) for number in alike), default=0) + 1):
-            longer = ["/".join((*pairs[number][1][-depth:], name)) for number in alike]
-            if len(set(longer)) == count:
-                names = [longer[alike.index(number)] if number in alike else old for number, old in enumerate(names)]
-                break
-    return [
-        recording if recording.recording_id == name else recording.replace(recording_id=name)
-        for (recording, _), name in zip(pairs, names, strict=True)
-    ]
-
-
-def _with_folders(
-    paths: list[Path], unreadable: "list[Finding] | None", facts: dict[str, Any]
-) -> "list[tuple[Recording, tuple[str, ...]]]":
-    """Recordings, each with the names of the folders that its source is in."""
     from swashtwin.recordings import load_recordings
 
-    pairs: list[tuple[Recording, tuple[str, ...]]] = []
+    recordings: list[Recording] = []
+    folders: list[tuple[str, ...]] = []
     for path in paths:
-        folder = path.absolute() if path.is_dir() else path.absolute().parent
         if is_collection(path, facts):
-            recordings = load_recordings(path, unreadable=unreadable)
+            loaded = load_recordings(path, unreadable=unreadable)
         else:
             with single_file_options():
-                recordings = load_recordings(path, **facts)
-            contradicted = recordings[0].attributes.get("contradicted")
+                loaded = load_recordings(path, **facts)
+            contradicted = loaded[0].attributes.get("contradicted")
             if contradicted and unreadable is None:  # an inspection says it itself
                 note(f"{path}: {contradicted}.")
-        pairs += [(recording, folder.parts[1:]) for recording in recordings]
-    return pairs
+        recordings += loaded
+        folders += [(path if path.is_dir() else path.parent).absolute().parts[1:]] * len(loaded)
+    for name, count in Counter(recording.recording_id for recording in recordings).items():
+        alike = [i for i, recording in enumerate(recordings) if recording.recording_id == name] if count > 1 else []
+        for depth in range(1, max((len(folders[i]) for i in alike), default=0) + 1):
+            longer = {i: "/".join((*folders[i][-depth:], name)) for i in alike}
+            if len(set(longer.values())) == count:
+                for i, new in longer.items():
+                    recordings[i] = recordings[i].replace(recording_id=new)
+                break
+    return recordings
 
 
 def is_collection(path: Path, facts: dict[str, Any]) -> bool:

@@ -224,8 +224,9 @@ def fault_from(text: str) -> "Fault | None":
 
     kind, dimensions = fault_dimensions(text)
     fault = read_fault(kind, **dimensions)
-    is_open = isinstance(fault, SwashPlateDefect) and "contact" not in dimensions
-    return fault.with_fitting_contact() if is_open else fault
+    if isinstance(fault, SwashPlateDefect) and "contact" not in dimensions:
+        return fault.with_fitting_contact()
+    return fault
 
 
 def band_from(text: str, option: str = "--band") -> tuple[float, float]:

@@ -91,11 +91,11 @@ def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None
         read_settings(["hidden="], defaults, "a test")
 
 
-def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_training(folder: Path, tmp_path: Path) -> None:
+def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_training(tones: Path, tmp_path: Path) -> None:
     out, index, part = tmp_path / "m.safetensors", tmp_path / "german.toml", tmp_path / "part.toml"
-    text = (folder / "recordings.toml").read_text().replace('"piston"', '"Kolbenverschleiss"')
+    text = (tones / "recordings.toml").read_text().replace('"piston"', '"Kolbenverschleiss"')
     head, rest = text.split("[defaults]")
-    root = "" if "root =" in head else f'root = "{folder.as_posix()}"\n'
+    root = "" if "root =" in head else f'root = "{tones.as_posix()}"\n'
     index.write_text(f'{root}{head}[fault_of]\nKolbenverschleiss = "piston"\n[defaults]{rest}')
     recordings = load_recordings(index)
     narrow_index(index, recordings, recordings.recording_ids, part)

@@ -23,11 +23,6 @@ def make(name: str = "a", label: str | None = None, specimen: str | None = None)
     return Recording(signal, 8.0, name, channels=("x", "y", "z"), label=label, specimen=specimen)
 
 
-def test_a_recording_is_left_no_empty_id() -> None:
-    with pytest.raises(InputError, match=r"needs .* and a recording_id"):
-        make().replace(recording_id="")
-
-
 @given(names=st.permutations(["x", "y", "z"]), count=st.integers(1, 3))
 def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: int) -> None:
     recording = make()
@@ -59,6 +54,9 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
 @pytest.mark.parametrize(
     ("facts", "message"),
     [
+        ({"recording_id": ""}, r"needs .* and a recording_id"),
+        ({"channels": ("x", "y")}, "a: 2 channel names for 1 channels"),
+        *(({"sample_rate": rate}, r"a: sample_rate \(.* Hz\) must be") for rate in (0.0, -1.0, math.nan, math.inf)),
         ({"sample_rate": "25 kHz"}, r"sample_rate \('25 kHz' Hz\) must be a positive number"),
         ({"label": 3}, r"label \(3\) must be text"),
         ({"speed": 80.0}, r"speed has shape \(\) for 4 samples"),
@@ -72,17 +70,6 @@ def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], messa
     for stop in ("5", 2.5):
         with pytest.raises(InputError, match="samples are counted by whole numbers, and not from 0 to"):
             make().slice(0, stop)
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
-def test_a_sample_rate_that_is_none_is_refused(rate: float) -> None:
-    with pytest.raises(DataError, match=r"a: sample_rate \(.* Hz\) must be a positive number"):
-        replace(make(), sample_rate=rate)
-
-
-def test_each_channel_needs_one_name() -> None:
-    with pytest.raises(DataError, match="a: 2 channel names for 3 channels"):
-        replace(make(), channels=("x", "y"))
 
 
 def test_a_recording_keeps_its_speed_when_its_label_or_its_channels_change() -> None:

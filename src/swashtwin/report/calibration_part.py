@@ -124,17 +124,11 @@ def calibration_blocks(calibration: Calibration, key: str, *, with_excitation: b
     """Notes, tables and figures of one calibration."""
     pictures = [Picture(drawing) for drawing in calibration_drawings(calibration, key, with_excitation=with_excitation)]
     left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
-    return (
-        Bullets("Look at this first", calibration.notes),
-        fit_table(calibration),
-        estimates_table(calibration),
-        *pictures,
-        Group(
-            f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out",
-            (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out)),
-            is_open=False,
-        ),
-    )
+    title = f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out"
+    recordings = (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out))
+    tables = fit_table(calibration), estimates_table(calibration)
+    notes = Bullets("Look at this first", calibration.notes)
+    return (notes, *tables, *pictures, Group(title, recordings, is_open=False))
 
 
 def fit_table(calibration: Calibration) -> Table:

@@ -55,6 +55,7 @@ from .recording import Recording as Recording
 from .recording import join_blocks as join_blocks
 from .recording import require_distinct as require_distinct
 from .samples import rises_evenly as rises_evenly
+from .scaling import scale as scale
 from .store import is_store as is_store
 from .store import write_series as write_series
 from .store import write_store as write_store

@@ -12,9 +12,10 @@ import pytest
 from mqtt_broker import wait_for
 
 from swashtwin.monitoring.config.settings import MqttSource
-from swashtwin.monitoring.sources.delivery import LARGEST
-from swashtwin.monitoring.sources.message import read_message
+from swashtwin.monitoring.sources.delivery import LARGEST, UnfitError
+from swashtwin.monitoring.sources.message import read_message, samples_recording
 from swashtwin.monitoring.sources.mqtt import MqttWatch
+from swashtwin.recordings import Options
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "speed": "1500 rpm"}
@@ -45,6 +46,8 @@ def test_a_message_states_its_machine_before_its_topic() -> None:
         (b'{"machine": 7, "file": "a.wav"}\n', "machine must be text"),
         (b'{"file": ["a"]}\n', "file must be text"),
         (b'{"color": "red"}\n', "is no fact"),
+        (b'{"type": "float16"}\n', "is none of float32"),
+        (b'{"count": "many"}\n', "number of samples of each"),
         ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "no JSON"),
     ],
 )
@@ -52,6 +55,43 @@ def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(payload
     delivery, content = read_message(payload, "mqtt", NOW, "pump-1")
     assert reason in str(delivery.problem)
     assert content == payload
+
+
+WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "changes", "unit", "factor"),
+    [
+        ("<f4", 1, {}, "m/s^2", 9.80665),
+        ("<f8", 1, {"type": "float64", "count": 32}, "m/s^2", 9.80665),
+        ("<f4", 1, {"unit": "V", "sensitivity": "100 mV/g"}, "m/s^2", 98.0665),
+        ("<i2", 1000, {"type": "int16", "unit": "1", "sensitivity": ["1 mg/count", "1 mg/count"]}, "m/s^2", 9.80665),
+    ],
+)
+def test_a_message_states_type_count_unit_and_sensitivity(tmp_path, kind, scale, changes, unit, factor) -> None:
+    payload = json.dumps(HEADER | changes).encode() + b"\n" + (WAVE * scale).astype(kind).tobytes()
+    delivery, content = read_message(payload, "mqtt", NOW, None)
+    assert delivery.problem is None
+    (path := tmp_path / "message.f32").write_bytes(content)
+    recording = samples_recording(path, delivery.facts, "m", Options())
+    np.testing.assert_allclose(recording.signal, WAVE.T * factor, atol=2e-3 * factor)
+    assert (recording.unit, recording.channels) == (unit, ("x", "y"))
+
+
+@pytest.mark.parametrize(
+    ("content", "changes", "reason"),
+    [
+        (WAVE.astype("<f8").tobytes(), {}, 'state "type": "float64"'),
+        (WAVE.astype("<f4").astype("<f8").tobytes(), {}, 'state "type": "float64"'),
+        (WAVE.astype("<f4").tobytes()[:-4], {}, "no whole number"),
+        (WAVE.astype("<f4").tobytes(), {"count": "31"}, "32 float32 samples of each channel, not 31"),
+    ],
+)
+def test_samples_of_another_type_or_number_than_stated_are_refused(tmp_path, content, changes, reason) -> None:
+    (path := tmp_path / "message.f32").write_bytes(content)
+    with pytest.raises(UnfitError, match=reason):
+        samples_recording(path, {"rate": "25.6 kHz", "unit": "g", "channels": "x,y"} | changes, "m", Options())
 
 
 @contextmanager

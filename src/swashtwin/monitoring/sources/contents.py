@@ -18,7 +18,7 @@ from swashtwin.monitoring.sources.message import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
 from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, load_recording, stem_of
+from swashtwin.recordings import Options, Recording, load_recording, stem_of
 
 _AHEAD = timedelta(minutes=5)
 """How far a recording's time may lie ahead of our clock."""
@@ -78,13 +78,17 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     delivery, stated = file.delivery, entry_facts(file.delivery.facts)
     name = stem_of(Path(safe_name(delivery.file))) or "recording"
     if file.path.name.endswith(SAMPLES):
-        recording = samples_recording(file.path, delivery.facts, name)
+        recording = samples_recording(file.path, delivery.facts, name, Options(sensitivity=machine.sensitivity))
         if missing := [channel for channel in machine.channels if channel not in recording.channels]:
             others = ", ".join(recording.channels)
             raise UnfitError("channels", f"it has no channel {missing[0]!r}; it has {others}.")
         recording = recording.picked(machine.channels or recording.channels)
     else:
+        if "type" in delivery.facts:
+            raise UnfitError("broken", "a type is of samples behind a line of JSON; a file says that of its own.")
         recording = _load_file(file, stated | {"id": name}, machine)
+        if (count := delivery.facts.get("count")) and recording.n_samples != int(count):
+            raise UnfitError("broken", f"it has {recording.n_samples} samples of each channel, not {count}.")
     rate = machine.sample_rate
     if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
         raise UnfitError("rate", f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.")

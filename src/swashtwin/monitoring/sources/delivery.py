@@ -18,8 +18,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "temperature": ("oil_temperature", "K"),
 }
 """Facts that are quantities: the key of an index entry that each is, and its SI unit."""
-FACTS = ("time", "unit", "channels", *QUANTITIES)
+FACTS = ("time", "unit", "sensitivity", "channels", "count", "type", *QUANTITIES)
 """What a message or an upload may state of its recording."""
+TYPES: Mapping[str, str] = {"float32": "<f4", "float64": "<f8", "int16": "<i2", "int32": "<i4"}
+"""Types of samples behind a message's line, and how numpy calls them."""
 LARGEST = 64 << 20
 """Bytes of a recording; larger ones are not taken, so that memory stays bounded."""
 _LONGEST = 2000
@@ -110,10 +112,8 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
             if name == "rate" and not RATES[0] <= value <= RATES[1]:
                 raise InputError(f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz.")
-        if name == "time":
-            read_time(text)
-        if name == "unit":
-            require_sample_unit(text)
+        if name in _CHECKS:
+            _CHECKS[name](text)
     return {name: plain_text(text) for name, text in facts.items()}
 
 
@@ -140,6 +140,21 @@ def read_time(text: str) -> datetime:
     return time
 
 
+def _check_count(text: str) -> None:
+    if not (text.isdecimal() and int(text) > 0):
+        raise InputError(f"count = {_short(text)} must be the number of samples of each channel, such as 8192.")
+
+
+def _check_type(text: str) -> None:
+    if text not in TYPES:
+        raise InputError(f"type = {_short(text)} is none of {', '.join(TYPES)}.")
+
+
+_CHECKS: Mapping[str, Callable[[str], object]] = {
+    "time": read_time, "unit": require_sample_unit, "count": _check_count, "type": _check_type,
+}  # fmt: skip
+
+
 def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:
     """Facts of a delivery as those of an index entry, but for its time.
 
@@ -151,6 +166,8 @@ def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:
     entry: dict[str, Any] = {QUANTITIES[name][0]: text for name, text in facts.items() if name in QUANTITIES}
     if "unit" in facts:
         entry["unit"] = facts["unit"]
+    if "sensitivity" in facts:
+        entry["sensitivity"] = tuple(channel_names(facts["sensitivity"]))
     if "channels" in facts:
         entry["names"] = channel_names(facts["channels"])
     return entry

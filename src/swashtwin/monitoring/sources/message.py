@@ -1,25 +1,36 @@
-"""One message of a broker as a recording: a line of JSON, then float32 samples or a whole file.
+"""One message of a broker as a recording: a line of JSON, then samples or a whole file.
 
 The line states ``machine``, ``rate``, ``unit``, ``channels`` (a list of names) and what else is known by the names of
-`FACTS`. Samples follow as little-endian float32, all channels of the first instant, then of the second. Where the line
-states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
+`FACTS`. Little-endian samples follow, of the ``type`` that it states or float32, all channels of the first instant,
+then of the second. Where the line states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
 """
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, parse
-from swashtwin.monitoring.sources.delivery import LARGEST, Delivery, UnfitError, channel_names, check_facts
-from swashtwin.recordings import Recording, acceleration_factor
+from swashtwin.foundation import DataError, InputError, parse, plural
+from swashtwin.monitoring.sources.delivery import (
+    LARGEST,
+    TYPES,
+    Delivery,
+    UnfitError,
+    channel_names,
+    check_facts,
+    entry_facts,
+)
+from swashtwin.recordings import Options, RawFile, Recording, scale
 
 SAMPLES = ".f32"
 """Suffix of the samples of a message in the spool."""
 _LONGEST_HEADER = 1 << 16
+_WILD = 1e15
+"""No sensor gives such a number."""
 
 
 def read_message(payload: bytes, source: str, received: datetime, machine: str | None) -> tuple[Delivery, bytes]:
@@ -43,8 +54,11 @@ def read_message(payload: bytes, source: str, received: datetime, machine: str |
         name = header.pop("file", None)
         if name is not None and not isinstance(name, str):
             raise InputError('file must be text, such as "a.wav".')
-        if isinstance(channels := header.get("channels"), list):
-            header["channels"] = ",".join(map(str, channels))
+        for key in ("channels", "sensitivity"):
+            if isinstance(texts := header.get(key), list):
+                header[key] = ",".join(map(str, texts))
+        if type(count := header.get("count")) is int:
+            header["count"] = str(count)
         facts = check_facts(header)
         if name is None and (missing := [key for key in ("rate", "unit", "channels") if key not in facts]):
             raise InputError(f"its first line states no {missing[0]}.")
@@ -66,20 +80,42 @@ def _header(payload: bytes) -> tuple[dict[str, Any], bytes]:
     return header, payload[end + 1 :]
 
 
-def samples_recording(path: Path, facts: Mapping[str, str], name: str) -> Recording:
+def samples_recording(path: Path, facts: Mapping[str, str], name: str, options: Options) -> Recording:
     """The recording of a message's samples, in the spool at `path`.
+
+    Parameters
+    ----------
+    options : what the configuration says of the machine's recordings; the message comes first.
 
     Raises
     ------
     UnfitError
-        The samples are no whole number of instants.
+        The samples are no whole number of instants, not as many as stated, or plainly of another type.
+    DataError
+        The unit and the sensitivity do not fit.
     """
-    channels = channel_names(facts["channels"])
-    data = path.read_bytes()
-    if not channels or not data or len(data) % (4 * len(channels)):
-        count = len(channels)
-        raise UnfitError("broken", f"{len(data)} bytes are no whole number of float32 samples of {count} channels.")
-    factor = acceleration_factor(facts["unit"])
-    samples = np.frombuffer(data, "<f4").reshape(-1, len(channels)).T * np.float64(1.0 if factor is None else factor)
-    rate, unit = parse(facts["rate"], "Hz", name="rate"), facts["unit"] if factor is None else "m/s^2"
-    return Recording(samples, rate, name, channels=tuple(channels), unit=unit)
+    channels, kind, data = channel_names(facts["channels"]), facts.get("type", "float32"), path.read_bytes()
+    size = np.dtype(TYPES[kind]).itemsize
+    if not channels or not data or len(data) % (size * len(channels)):
+        raise UnfitError(
+            "broken", f"{len(data)} bytes are no whole number of {kind} samples of {plural(len(channels), 'channel')}."
+        )
+    samples = np.frombuffer(data, TYPES[kind]).reshape(-1, len(channels)).T
+    if "count" in facts and samples.shape[1] != int(facts["count"]):
+        raise UnfitError("broken", f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.")
+    if kind == "float32" and _are_doubles(data):
+        raise UnfitError("broken", 'its samples are float64 by their bits; state "type": "float64".')
+    raw = RawFile(dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"]))
+    sensitivity = entry_facts(facts).get("sensitivity", options.sensitivity)
+    factors, unit = scale(raw, replace(options, sensitivity=sensitivity), channels, "the message")
+    scaled = samples * np.array(factors)[:, None]
+    return Recording(scaled, parse(facts["rate"], "Hz", name="rate"), name, channels=tuple(channels), unit=unit)
+
+
+def _are_doubles(data: bytes) -> bool:
+    """Whether bytes are wild as float32, as halves of doubles are, and tame as float64."""
+    if len(data) % 8:
+        return False
+    with np.errstate(invalid="ignore"):
+        wild, tame = (float(np.abs(np.frombuffer(data, kind)).max()) for kind in ("<f4", "<f8"))
+    return not wild < _WILD and tame < _WILD

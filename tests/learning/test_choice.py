@@ -123,7 +123,7 @@ def test_orders_are_tried_where_speeds_are_stated_and_no_fold_trains_on_what_was
     _, choice, answers = choose(turning, candidates=[c for c in CANDIDATES if c.shape and len(c.heads) == 2])
     assert {trial.candidate.split(",")[0] for trial in choice.trials} == {"shapes at orders", "shapes in hertz"}
     assert choice.n_windows == len(answers.target) == len(measured), "no synthetic window is tested on"
-    views = _Views(measured, copies, seed=0)
+    views = _Views(measured, copies, [], seed=0)
     rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
     assert set(views.windows.specimen[rows]) == {*"BCD", *(f"duplicates of {name}" for name in "BCD")}
 

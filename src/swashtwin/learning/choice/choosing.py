@@ -11,7 +11,7 @@ from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
 from swashtwin.learning.choice.choice import Choice, Trial
 from swashtwin.learning.evaluation.pooling import likeliest_class
 from swashtwin.learning.networks.level_network import LevelNetwork, mean_of_heads
-from swashtwin.learning.networks.window_levels import gain_response, window_levels
+from swashtwin.learning.networks.window_levels import gain_response, levels_along
 from swashtwin.learning.training.classifier import TOGETHER
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import TrainingSettings
@@ -89,7 +89,7 @@ def choose(
     tried, reason = _within_budget(possible, measured, windows, len(folds), budget)
     if len(tried) < 2:
         return tried[0], Choice(tried[0].name, (), "", 0, 0, reason), None
-    views = _Views(measured, windows.subset(windows.synthetic), seed)
+    views = _Views(measured, windows.subset(windows.synthetic), [candidate.axis for candidate in tried], seed)
     with one_thread():
         log_probability = _answers(tried, views, folds, seed, tell)
     groups = window_groups(measured, group)
@@ -183,16 +183,19 @@ _Levels = Float32[np.ndarray, "window channel level"]
 
 
 class _Views:
-    """Levels of all windows, clean and disturbed, each computed once: training passes, and views to test under."""
+    """Levels of all windows, clean and disturbed, each computed once along all axes: training passes, and views to test
+    under."""
 
-    def __init__(self, measured: WindowSet, synthetic: WindowSet, seed: int) -> None:
+    def __init__(self, measured: WindowSet, synthetic: WindowSet, axes: Sequence[str], seed: int) -> None:
+        self._axes = tuple(dict.fromkeys(axes))
         self.windows = measured + synthetic
         self.n_measured = len(measured)
         self.measured = measured
         self.synthetic_specimen = synthetic.specimen
         self._seed = seed
         self._normalization = Normalization.fit("set", self.windows)
-        self._levels: dict[tuple[str, str], _Levels] = {}
+        self._levels: dict[str, dict[str, _Levels]] = {}
+        self._changed: dict[TrainingSettings, tuple[list[dict[str, _Levels]], list[np.ndarray]]] = {}
         self._turns = usual_turns(self.windows)
 
     def network(self, candidate: Candidate) -> LevelNetwork:
@@ -202,20 +205,22 @@ class _Views:
 
     def levels(self, axis: str, view: str) -> _Levels:
         """Levels of the measured windows under one of `_VIEWS`, or of those ``"synthetic"``."""
-        key = (axis, view)
-        if key not in self._levels:
-            self._levels[key] = self._computed(self._viewed(view), axis)
-        return self._levels[key]
+        if view not in self._levels:
+            self._levels[view] = self._computed(self._viewed(view))
+        return self._levels[view][axis]
 
     def training(self, axis: str, training: TrainingSettings) -> tuple[_Levels, np.ndarray]:
         """(levels of every training pass, index of the window behind each row)."""
-        parts, rows = [self.levels(axis, "clean"), self.levels(axis, "synthetic")], [np.arange(len(self.windows))]
-        for number in range(1, training.epochs + 1):
-            which, changed = transform_windows(self.windows, training, self._seed, number)
-            if len(which):
-                parts.append(self._computed(changed, axis))
-                rows.append(which)
-        return np.concatenate(parts), np.concatenate(rows)
+        if training not in self._changed:
+            passes = [transform_windows(self.windows, training, self._seed, n + 1) for n in range(training.epochs)]
+            levels = [self._computed(changed) for which, changed in passes if len(which)]
+            self._changed[training] = levels, [which for which, _ in passes if len(which)]
+        levels, rows = self._changed[training]
+        clean = self.levels(axis, "clean"), self.levels(axis, "synthetic")
+        return (
+            np.concatenate([*clean, *(part[axis] for part in levels)]),
+            np.concatenate([np.arange(len(self.windows)), *rows]),
+        )
 
     def _viewed(self, view: str) -> WindowSet:
         if view == "synthetic":
@@ -227,14 +232,17 @@ class _Views:
             return replace(windows, signal=with_gains(at_other_speeds(windows.signal, STRETCH, rng), GAIN, rng))
         return windows
 
-    def _computed(self, windows: WindowSet, axis: str) -> _Levels:
+    def _computed(self, windows: WindowSet) -> dict[str, _Levels]:
         if not len(windows):
-            return np.zeros((0, windows.n_channels, len(gain_response(axis == "order"))), dtype=np.float32)
+            shapes = {axis: (0, windows.n_channels, len(gain_response(axis == "order"))) for axis in self._axes}
+            return {axis: np.zeros(shape, dtype=np.float32) for axis, shape in shapes.items()}
         samples, turns = self._normalization.apply(windows), windows.turns_per_sample
         parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
-        return np.concatenate(
-            [window_levels(samples[part], turns[part] if axis == "order" else None) for part in parts]
-        )
+        computed = [
+            levels_along(samples[part], [turns[part] if axis == "order" else None for axis in self._axes])
+            for part in parts
+        ]
+        return {axis: np.concatenate(part) for axis, part in zip(self._axes, zip(*computed, strict=True), strict=True)}
 
 
 def _noisy(windows: WindowSet, rng: np.random.Generator) -> np.ndarray:

@@ -5,6 +5,7 @@ much a gain changes it is its gain response, so that a gain can be applied to, o
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -86,21 +87,32 @@ def window_levels(
     turns : turns of the shaft per sample in each window, by which narrow lines are orders; None takes lines of equal
         width over the lowest fifth of the spectrum.
     """
+    return levels_along(windows, [turns])[0]
+
+
+def levels_along(
+    windows: Float32[np.ndarray, "window channel time"], axes: Sequence[Float[np.ndarray, " window"] | None]
+) -> list[Float32[np.ndarray, "window channel _"]]:
+    """`window_levels` for each of several `turns`, whose spectra and envelopes are the same."""
     x = windows - windows.mean(axis=-1, keepdims=True)
     deviation = np.maximum(np.sqrt(_mean_product(x, x)), np.float32(LEAST_DEVIATION))
     x /= deviation
     length = x.shape[-1]
-    counts = line_counts(turns is not None)
-    parts = [*_levels(x, turns, counts[0], LINE_SHARE, BANDS)]
+    counts = [line_counts(turns is not None) for turns in axes]
+    parts = _levels(x, axes, [count[0] for count in counts], LINE_SHARE, BANDS)
     spectrum = transform(x)
     for above in ENVELOPE_FROM:
         envelope = _envelope(x, spectrum, math.floor(above * (length // 2)) + 1)
         mean = envelope.mean(axis=-1, keepdims=True)
         envelope -= mean
-        parts += [*_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), np.log10(mean + FLOOR)]
-    levels = np.concatenate(parts, axis=-1, dtype=np.float32)
-    levels += gain_response(turns is not None) * np.log10(deviation)
-    return levels
+        further = _levels(envelope, axes, [count[1] for count in counts], ENVELOPE_SHARE, ENVELOPE_BANDS)
+        parts = [[*part, *more, np.log10(mean + FLOOR)] for part, more in zip(parts, further, strict=True)]
+    along = []
+    for turns, part in zip(axes, parts, strict=True):
+        levels = np.concatenate(part, axis=-1, dtype=np.float32)
+        levels += gain_response(turns is not None) * np.log10(deviation)
+        along.append(levels)
+    return along
 
 
 def line_counts(orders: bool) -> tuple[int, int]:
@@ -151,23 +163,27 @@ def _envelope(
 
 def _levels(
     x: Float32[np.ndarray, "window channel time"],
-    turns: Float[np.ndarray, " window"] | None,
-    n_lines: int,
+    axes: Sequence[Float[np.ndarray, " window"] | None],
+    n_lines: Sequence[int],
     share: float,
     n_bands: int,
-) -> tuple[np.ndarray, ...]:
-    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands; the mean of `x` is 0."""
+) -> list[list[np.ndarray]]:
+    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands along each axis; the mean of `x` is
+    0."""
     lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
     power = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1])
-    if turns is None:
-        first, last = narrow_edges(power.shape[-1], n_lines, share)
-        total = _running_total(power[..., : last[-1]])
-        narrow = ((total[..., last] - total[..., first]) / (last - first)).astype(np.float32)
-    else:
-        narrow = _order_powers(power, turns * x.shape[-1], n_lines)
-    banded = power @ band_shares(power.shape[-1], n_bands).astype(np.float32)
     floor = np.float32(FLOOR)
-    return *_waveform_shape(x), np.log10(narrow + floor), np.log10(banded + floor)
+    banded = np.log10(power @ band_shares(power.shape[-1], n_bands).astype(np.float32) + floor)
+    shape, along = _waveform_shape(x), []
+    for turns, count in zip(axes, n_lines, strict=True):
+        if turns is None:
+            first, last = narrow_edges(power.shape[-1], count, share)
+            total = _running_total(power[..., : last[-1]])
+            narrow = ((total[..., last] - total[..., first]) / (last - first)).astype(np.float32)
+        else:
+            narrow = _order_powers(power, turns * x.shape[-1], count)
+        along.append([*shape, np.log10(narrow + floor), banded])
+    return along
 
 
 def _waveform_shape(

@@ -17,7 +17,11 @@ def settings(*texts: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("network", "texts", "expected"),
-    [("levels", ("hidden=32", "gain=3"), {"hidden": 32}), ("bitcn", ("channels=8,8",), {"channels": (8, 8)})],
+    [
+        ("levels", ("hidden=32", "gain=3"), {"hidden": 32}),
+        ("bitcn", ("channels=8,8",), {"channels": (8, 8)}),
+        ("extra_trees", ("trees=20",), {"trees": 20}),
+    ],
 )
 def test_train_takes_any_network_and_its_settings(
     tones: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]

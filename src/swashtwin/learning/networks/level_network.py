@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import InputError
@@ -241,6 +242,8 @@ def _discriminant(
     x = levels.astype(np.float64)
     centers = np.stack([x[target == index].mean(axis=0) for index in range(n_classes)])
     covariance = shrunk_covariance(x - centers[target])
-    weight = np.linalg.solve(covariance + _RIDGE * np.eye(len(covariance)), centers.T).T
+    covariance[np.diag_indices(len(covariance))] += _RIDGE
+    factor = scipy.linalg.cho_factor(covariance, overwrite_a=True, check_finite=False)
+    weight = scipy.linalg.cho_solve(factor, centers.T, check_finite=False).T
     bias = -(weight * centers).sum(axis=1) / 2
     return {"discriminant": weight.astype(np.float32), "discriminant.bias": bias.astype(np.float32)}

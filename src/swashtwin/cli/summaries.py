@@ -151,11 +151,11 @@ def confidence_advice(n_recordings: int) -> str:
     plan = plan_validation(n_recordings)
     if plan.n_validation < 2:
         return f"that takes more recordings than the {n_recordings} it was trained on"
-    rate = "" if plan.is_enough else f" --error-rate {plan.error_rate:g}"
+    rate = "" if plan.n_validation >= plan.needed else f" --error-rate {plan.error_rate:g}"
     return (
         "train without --network calibrates it on the recordings it trains on; "
         f"--validation-fraction {plan.fraction:g}{rate} holds back about {plan.n_validation} of the "
-        f"{plural(plan.n_recordings, 'recording')} for it"
+        f"{plural(n_recordings, 'recording')} for it"
     )
 
 

@@ -260,8 +260,8 @@ def hold_out_validation(
         rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
         notes = (
             f"An error rate of {asked:g} needs {plan.needed} validation recordings, and a share of "
-            f"{fraction:g} is about {round(fraction * plan.n_recordings)}; {count} "
-            f"of {plan.n_recordings} recordings are held out for it{rate}.",
+            f"{fraction:g} is about {round(fraction * n_left)}; {count} "
+            f"of {n_left} recordings are held out for it{rate}.",
         )
     return training, learning.without_overlap(validation), allowed, notes
 

@@ -14,14 +14,14 @@ from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confi
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
 from .evaluation.confidence import score_confidence as score_confidence
-from .evaluation.levels import LEVELS as LEVELS
-from .evaluation.levels import level_between as level_between
 from .evaluation.metrics import g_mean as g_mean
 from .evaluation.metrics import recalls as recalls
 from .evaluation.metrics import wilson_interval as wilson_interval
 from .evaluation.pooling import likeliest_class as likeliest_class
 from .evaluation.pooling import pooled_probabilities as pooled_probabilities
+from .evaluation.protocols import LEVELS as LEVELS
 from .evaluation.protocols import Classifier as Classifier
+from .evaluation.protocols import level_between as level_between
 from .evaluation.protocols import unseen_recordings as unseen_recordings
 from .evaluation.scores import Scores as Scores
 from .evaluation.scores import evaluate as evaluate

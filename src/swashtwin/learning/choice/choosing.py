@@ -130,6 +130,7 @@ def _sample(windows: WindowSet) -> WindowSet:
 
 def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:
     """(what the folds keep whole, the folds), or ("", ()) where not even recordings can be dealt."""
+    present = measured.with_classes([measured.classes[index] for index in np.unique(measured.target)])
     for group in ("specimen", "condition", "recording"):
         try:
             groups = window_groups(measured, group)
@@ -140,16 +141,11 @@ def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]
             continue
         for n_folds in range(min(MOST_FOLDS, len(np.unique(groups))), 1, -1):
             try:
-                folds = group_folds(_with_classes_present(measured), group=group, n_folds=n_folds, seed=seed)
+                folds = group_folds(present, group=group, n_folds=n_folds, seed=seed)
             except (DataError, InputError):
                 continue
             return group, folds
     return "", ()
-
-
-def _with_classes_present(measured: WindowSet) -> WindowSet:
-    """Without classes that only synthetic windows have."""
-    return measured.with_classes([measured.classes[index] for index in np.unique(measured.target)])
 
 
 def _within_budget(

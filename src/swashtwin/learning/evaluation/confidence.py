@@ -44,12 +44,6 @@ class RecordingAnswers:
         values = (self.target, self.probability, self.n_windows, self.ood_score)
         return RecordingAnswers(names, *(value[finite] for value in values))
 
-    def require_finite(self) -> None:
-        """Raise a `DataError` that names a recording without a verdict, if there is one."""
-        without = sorted({*self.recording_id} - {*self.with_verdict().recording_id})
-        if without:
-            raise DataError(f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out.")
-
 
 def recording_answers(classifier: FittedClassifier, windows: WindowSet) -> RecordingAnswers:
     """The classifier's answer to each recording among `windows`."""
@@ -110,7 +104,8 @@ def learn_confidence(
     _require_fitting(classifier, validation)
     probability, features = classifier.answer(validation)
     answers = _pooled(classifier, validation, probability, features)
-    answers.require_finite()
+    if without := sorted({*answers.recording_id} - {*answers.with_verdict().recording_id}):
+        raise DataError(f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out.")
     confidence = _confidence(
         [probability[validation.recording_id == name] for name in answers.recording_id],
         answers.target,

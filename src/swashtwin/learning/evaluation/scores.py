@@ -11,9 +11,8 @@ from sklearn.metrics import confusion_matrix, f1_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, plural
 from swashtwin.learning.evaluation import metrics
-from swashtwin.learning.evaluation.levels import LEVELS
 from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
-from swashtwin.learning.evaluation.protocols import Classifier, refuse_seen
+from swashtwin.learning.evaluation.protocols import LEVELS, Classifier, refuse_seen
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 

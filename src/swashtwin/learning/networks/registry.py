@@ -95,7 +95,7 @@ def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Mo
             raise InputError(f"{own.__name__}.name is {own.name!r}; register it under that name.")
         NETWORKS[name] = own
     else:
-        from swashtwin.learning.networks.own_module import OwnModule
+        from swashtwin.learning.networks.network import OwnModule
 
         _require_arguments(name, network)
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})

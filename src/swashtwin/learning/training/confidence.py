@@ -196,8 +196,6 @@ def require_enough(n_recordings: int, error_rate: float) -> None:
 class ValidationPlan:
     """How many of the recordings that are left after the test can calibrate a confidence."""
 
-    n_recordings: int
-    """Recordings to train on and to validate with, together."""
     needed: int
     """Validation recordings that the error rate asked for needs."""
     fraction: float
@@ -206,11 +204,6 @@ class ValidationPlan:
     """About how many recordings that is."""
     error_rate: float
     """Error rate that they allow: the one asked for, or a larger one."""
-
-    @property
-    def is_enough(self) -> bool:
-        """Whether they suffice for the error rate asked for."""
-        return self.n_validation >= self.needed
 
 
 def plan_validation(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> ValidationPlan:
@@ -238,7 +231,7 @@ def plan_validation(n_recordings: int, error_rate: float = 0.1, fraction: float 
         share, count = fraction, round(n_recordings * fraction)
     else:
         share, count = round(1 / folds, 3), n_recordings // folds
-    return ValidationPlan(n_recordings, needed, share, count, allowed_error_rate(count, error_rate))
+    return ValidationPlan(needed, share, count, allowed_error_rate(count, error_rate))
 
 
 def allowed_error_rate(n_validation: int, error_rate: float) -> float:

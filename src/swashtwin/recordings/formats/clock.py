@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import BLOCK, Column, Part
-from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit, snapped_rate
+from swashtwin.recordings.columns import Column, Part
+from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
+from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, TimeColumn, read_time_column
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
@@ -33,17 +34,9 @@ _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
 """Least and, ten times that, greatest count of a unit since 1970 in this century."""
 _DAYS = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
 """Days of a spreadsheet, and of MATLAB, in this century."""
-_COARSE = 5e-3
-"""Relative doubt about a rate beyond which a time column does not state it."""
-_SLOW = 20.0
-"""Rate [Hz] up to which times without a unit are doubted: they may as well be milliseconds, or ticks."""
 _FASTEST = 1e8
 """Rate [Hz] above which a column without a name is no clock."""
 _HEAD = 1000
-_MOST_PARTS = 100
-"""Recordings that one table holds at most; a clock that begins again more often is broken."""
-_ENOUGH = 1 << 18
-"""Samples, spread over the whole column, of which a median is taken."""
 
 
 def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
@@ -73,7 +66,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     found = {name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()}
     breaks: Sequence[int] = ()
     if len(clocks) == 1 and found[clocks[0]][1]:
-        breaks = _TimeColumn(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0).restarts()
+        breaks = TimeColumn(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0).restarts()
     rates, starts, gaps = dict(raw.rates), dict(raw.starts), []
     for name, column in others.items():
         clock = _clock_of(raw, name, column, found)
@@ -104,7 +97,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
 
 def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: str) -> None:
     """Refuse a rate [Hz] by the times in a clock that is another than the one that the file states."""
-    if not math.isclose(rate, stated, rel_tol=_COARSE):
+    if not math.isclose(rate, stated, rel_tol=COARSE):
         raise DataError(
             f"{path} states two sample rates for {name}: {stated:g} Hz, and {rate:g} Hz by the times in {clock}; "
             f'say time_column = "{clock}" if the times are right, or correct the file.'
@@ -209,7 +202,7 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
         return False
     rate = 1 / (usual * TIME_UNITS[_unit_by_size(head) or "s"])
     is_count = usual == 1 and _unit_by_size(head) is None and not may_count
-    sparse = np.asarray(column[0 :: 1 + len(column) // _ENOUGH], dtype=np.float64)
+    sparse = np.asarray(column[0 :: 1 + len(column) // ENOUGH], dtype=np.float64)
     return not is_count and rate <= _FASTEST and bool((np.diff(sparse) > 0).all())
 
 
@@ -267,155 +260,3 @@ def _unit(path: Path, raw: RawFile, name: str, options: Options) -> float | None
             'time_unit = "ms" or what it is, or name another time_column.'
         )
     return None if unit is None else TIME_UNITS[plain_unit(unit)]
-
-
-def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tuple[float | None, str]:
-    """Sample rate [Hz] of a time column, and what is wrong with its spacing (empty where nothing is).
-
-    The column is read in blocks. The rate is None where the times are too coarse to tell it, or have no unit and would
-    give an unlikely one.
-
-    Parameters
-    ----------
-    unit : seconds of one unit of the column; None where nobody says it.
-
-    Raises
-    ------
-    DataError
-        The times do not rise, or the first is missing.
-    """
-    time = _TimeColumn(column, unit or 1.0)
-    sparse = time.every(time.stride)
-    if sparse.size and not np.isfinite(sparse[0]):
-        raise DataError(f"{path}: the time column has no time at its first sample; remove that line.")
-    if not np.isfinite(sparse).all() or not np.isfinite(time.last):
-        return None, f"the time column has no time at {int((~np.isfinite(time.every(1))).sum())} of its samples"
-    usual = float(np.median(time.every(time.stride, steps=True))) if time.count > 2 else 0.0
-    if time.count < 3 or not (time.last > time.first or usual > 0):
-        raise DataError(f"{path}: the time column does not rise from its first to its last sample.")
-    ends = time.part(0, _HEAD), time.part(max(0, time.count - _HEAD), time.count)  # later times may have fewer digits
-    digits = min(next((d for d in range(12) if np.abs(end - np.round(end, d)).max() < 1e-12), 12) for end in ends)
-    first = np.asarray(column[0:1])[0]  # a count of days is not as fine as its digits
-    spacing = 2 * (unit or 1.0) * float(np.spacing(abs(first))) if isinstance(first, np.floating) else 0.0
-    rate, gaps = _rate(path, time, sparse, usual, max(10.0**-digits, spacing))
-    if unit is None and rate is not None and rate <= _SLOW:
-        return (
-            None,
-            f'its times have no unit, and would be {rate:.6g} Hz in seconds; say time_unit = "ms" or what it is',
-        )
-    return rate, gaps
-
-
-def _rate(
-    path: Path, time: "_TimeColumn", sparse: Float[np.ndarray, " time"], usual: float, quantum: float
-) -> tuple[float | None, str]:
-    """Rate [Hz] of times that are written to `quantum` [s], and what is wrong with their spacing."""
-    step = time.step(sparse, quantum)
-    if step > 0 and (regular := time.regular_step(step, quantum)) is not None:
-        if math.isnan(regular):
-            return None, (
-                f"its times are too coarse to tell {1 / usual:.6g} Hz with samples lost from {1 / step:.6g} Hz without"
-            )
-        tolerance = max(1e-6, min(0.01, 0.1 * quantum / regular))
-        return snapped_rate(regular, tolerance), time.spacing(regular, min(quantum, 0.1 * regular))
-    drift = time.drift(sparse, step)
-    if np.isnan(drift):
-        return None, "the time column has samples without a time"
-    if drift <= max(0.5 * step, 1.01 * quantum):
-        tolerance = max(1e-6, min(quantum, 4 * drift) / (time.last - time.first))
-        return (None if tolerance > _COARSE else snapped_rate(step, tolerance)), ""
-    if usual <= 0:
-        raise DataError(f"{path}: most steps of the time column are zero or negative; name another time_column.")
-    steps = time.every(time.stride, steps=True)
-    steps = steps[np.abs(steps - usual) < 0.25 * usual]
-    tolerance = max(1e-6, min(0.01, 4 * quantum / (usual * len(steps))))
-    return snapped_rate(float(steps.mean()), tolerance), time.spacing(usual, quantum)
-
-
-class _TimeColumn:
-    """Times in seconds; never more of them are in memory than a block, and a sparse sample of all."""
-
-    def __init__(self, column: Column, unit: float) -> None:
-        self._column, self._unit = column, unit
-        self.count = len(column)
-        self._origin: Any = 0
-        self.stride = 1 + self.count // _ENOUGH
-        self.first = float(self.part(0, 1)[0]) if self.count else np.nan
-        if abs(self.first) > 1e6:  # since 1970: the digits are needed for the steps
-            self._origin, self.first = np.asarray(column[0:1])[0], 0.0
-        self.last = float(self.part(self.count - 1, self.count)[0]) if self.count else np.nan
-
-    def part(self, start: int, stop: int) -> Float[np.ndarray, " time"]:
-        """Times [s] of some samples."""
-        return np.asarray(self._column[start:stop] - self._origin, dtype=np.float64) * self._unit
-
-    def every(self, stride: int, *, steps: bool = False) -> Float[np.ndarray, " time"]:
-        """Time [s] of every so many samples, or the step from each of these to the next sample."""
-        chosen = []
-        for start in range(0, self.count, BLOCK):
-            part = self.part(start, start + BLOCK + steps)
-            chosen.append((np.diff(part) if steps else part)[-start % stride :: stride])
-        return np.concatenate(chosen) if chosen else np.empty(0)
-
-    def step(self, sparse: Float[np.ndarray, " time"], quantum: float) -> float:
-        """Time between two samples [s]: from the first and the last, unless the others contradict them."""
-        span, half = self.last - self.first, len(sparse) // 2
-        step = span / (self.count - 1)
-        usual = float(np.median(sparse[half:] - sparse[: len(sparse) - half])) / (half * self.stride)
-        return step if abs(step - usual) * self.count <= 4 * quantum + 1e-9 * span else max(usual, 1e-300)
-
-    def regular_step(self, step: float, quantum: float) -> float | None:
-        """Time between neighbors [s], where so many samples are lost that `step`, the mean, is another; else None.
-
-        NaN where steps of one and of two quanta may as well be a lower rate.
-        """
-        steps = self.every(self.stride, steps=True)
-        usual = float(np.median(steps))
-        lost = (steps > 1.5 * usual).mean()
-        is_least = abs(usual / quantum - 1) < 1e-6 and steps.min() > 0
-        if lost < 0.005 or not (usual > 4 * quantum or is_least):
-            return None
-        if is_least and lost > 0.15 and steps.max() < 2.5 * usual:
-            return math.nan
-        usual = float(steps[np.abs(steps - usual) < 0.25 * usual].mean())
-        return usual if step / usual - 1 > 2e-3 else None
-
-    def restarts(self) -> list[int]:
-        """Samples at which the time begins again and goes on from there; none where it does so all the time."""
-        usual = float(np.median(self.every(self.stride, steps=True)))
-        found: list[int] = []
-        for start in range(0, self.count, BLOCK):
-            part = self.part(start, start + BLOCK + 3)
-            back = (part[2:-1] < part[1:-2] - 10 * usual) & (part[2:-1] < part[:-3]) & (part[3:] < part[1:-2])
-            found += (start + 2 + np.flatnonzero(back[:BLOCK])).tolist()
-        return found if len(found) <= _MOST_PARTS else []
-
-    def drift(self, sparse: Float[np.ndarray, " time"], step: float) -> float:
-        """How far the time strays from even steps [s], NaN where a sample has no time."""
-        origin = float(np.median(sparse - step * self.stride * np.arange(len(sparse))))
-        strayed = 0.0
-        for start in range(0, self.count, BLOCK):
-            part = self.part(start, start + BLOCK)
-            strayed = np.maximum(strayed, np.abs(part - origin - step * np.arange(start, start + len(part))).max())
-        return float(strayed)
-
-    def spacing(self, usual: float, quantum: float) -> str:
-        """What is wrong with the steps between samples."""
-        odd, worst, at, least, most = 0, usual, 0.0, np.inf, -np.inf
-        for start in range(0, self.count, BLOCK):
-            part = self.part(start, start + BLOCK + 1)
-            steps = np.diff(part)
-            if not len(steps):
-                continue
-            off = np.abs(steps - usual)
-            odd += int((off > 0.5 * usual + quantum).sum())
-            furthest = int(off.argmax())
-            if off[furthest] > abs(worst - usual):
-                worst, at = float(steps[furthest]), float(part[furthest])
-            least, most = min(least, float(steps.min())), max(most, float(steps.max()))
-        if not odd:
-            return f"steps drift between {least:.6g} s and {most:.6g} s"
-        return (
-            f"{odd} of {self.count - 1} steps differ from the usual {usual:.6g} s; "
-            f"the worst is {worst:.6g} s at {at:.6g} s"
-        )

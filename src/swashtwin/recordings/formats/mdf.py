@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.clock import TIME_UNITS, read_time_column
+from swashtwin.recordings.formats.clock import TIME_UNITS
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.time_column import read_time_column
 from swashtwin.recordings.recording import Recording
 
 _COUNTED = {2: "angle", 3: "distance", 4: "samples"}

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.clock import TIME_UNITS, read_time_column
+from swashtwin.recordings.formats.clock import TIME_UNITS
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, plain_unit, snapped_rate
+from swashtwin.recordings.formats.time_column import read_time_column
 
 _TIME_RESPONSE = 1
 _TIME = 17

@@ -35,6 +35,27 @@ def test_train_takes_any_network_and_its_settings(
     assert run_json("evaluate", out, tones)["accuracy"] > 0.8
 
 
+def test_an_interrupted_training_goes_on_to_the_same_bits(tones: Path, tmp_path: Path, monkeypatch) -> None:
+    from swashtwin.learning.training import loop
+
+    words = ("train", tones, "--network", "bitcn", *settings("channels=4,4", "epochs=2"), "--window", 100)
+    straight, resumed = tmp_path / "straight.safetensors", tmp_path / "resumed.safetensors"
+    run(*words, "--out", straight)
+    save = loop.save_checkpoint
+
+    def save_and_interrupt(*arguments: object) -> None:
+        save(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "save_checkpoint", save_and_interrupt)
+        run(*words, "--out", resumed, code=130)
+    assert not resumed.exists()
+    run(*words, "--out", resumed)
+    assert resumed.read_bytes() == straight.read_bytes()
+    assert {path.name for path in tmp_path.glob("*.safetensors")} == {straight.name, resumed.name}
+
+
 def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(tones: Path, tmp_path: Path) -> None:
     out = tmp_path / "paper.safetensors"
     run("train", tones, "--window", 100, "--preset", "paper", *settings("epochs=1"), "--out", out)

@@ -64,7 +64,10 @@ def train(
     window: UsualWindow = None,
     network: Annotated[
         str | None,
-        typer.Option(help="Train this network, such as the paper's bitcn, instead of choosing by trials."),
+        typer.Option(
+            help="Train this network, such as the paper's bitcn, instead of choosing by trials. Interrupted, it "
+            "goes on when the same command is given again."
+        ),
     ] = None,
     budget: Annotated[
         str | None,
@@ -150,14 +153,19 @@ def train(
         device=device,
         seed=seed,
     )
+    checkpoint = None if is_chosen else out.with_name(f"{out.stem}.checkpoint.safetensors")
     with progress("training") as bar:
         classifier.fit(
             recordings,
             synthetic=added,
             classes=None if added else declared_classes(source),
+            checkpoint=checkpoint,
+            resume=checkpoint is not None,
             progress=lambda activity, finished, total: bar(finished, total, activity),
         )
     classifier.save(out)
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
     for text in classifier.notes_:
         note(f"note: {text}")
     _tell_training(classifier, source, out, seed, as_json)

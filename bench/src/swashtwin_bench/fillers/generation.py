@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -21,6 +21,7 @@ Draw = Callable[[Tensor, torch.Generator], Tensor]
 """Scores of new windows, from the condition of each."""
 
 
+@runtime_checkable
 class Generative(Protocol):
     """Settings of a generative model of scores, and how it is trained."""
 

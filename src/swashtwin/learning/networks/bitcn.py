@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 from torch.nn import functional
@@ -122,7 +123,16 @@ class BiTCN(Network):
         """Fused features of both branches, averaged over the window."""
         short = -windows.shape[-1] % self.settings["stride"]
         x = functional.pad(windows, (short, 0))  # before the branches part, so that both cut the same patches
+        if self.training and can_fuse(x):
+            from swashtwin.learning.networks.fused_branch import fused_encoding  # numba, which no diagnosis needs
+
+            return fused_encoding(self.positive, self.inverse, self.skip, x)
         fused = self.positive(x)
         if self.inverse is not None:
             fused = fused + self.inverse(x.flip(-1)).flip(-1)
         return (fused + self.skip(x)).relu_().mean(dim=-1)
+
+
+def can_fuse(windows: Float[Tensor, "window channel time"]) -> bool:
+    """Whether `fused_encoding` takes such windows."""
+    return windows.device.type == "cpu" and windows.dtype == torch.float32

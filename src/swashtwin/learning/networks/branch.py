@@ -22,8 +22,11 @@ class SqueezeExcitation(nn.Module):
 
     def forward(self, x: Float[Tensor, "window feature time"]) -> Float[Tensor, "window feature time"]:
         """`x` with each channel weighted."""
-        weights = torch.sigmoid(self.excite(torch.relu(self.squeeze(x.mean(dim=-1)))))
-        return x * weights.unsqueeze(-1)
+        return x * self.weights(x.mean(dim=-1)).unsqueeze(-1)
+
+    def weights(self, mean: Float[Tensor, "window feature"]) -> Float[Tensor, "window feature"]:
+        """Weight of each channel, from its mean."""
+        return torch.sigmoid(self.excite(torch.relu(self.squeeze(mean))))
 
 
 class ResidualUnit(nn.Module):

@@ -1,0 +1,136 @@
+"""The network as it is trained on a CPU has the numbers of its plain layers."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional
+
+from swashtwin.learning import BiTCN
+from swashtwin.learning.networks import bitcn
+from swashtwin.learning.networks.fused_branch import _Activation
+
+VARIANTS = pytest.mark.parametrize(
+    "settings",
+    [{}, {"causal": False}, {"attention": False}, {"bidirectional": False}, {"stride": 4}],
+    ids=["full", "ordinary", "no attention", "forward", "patches"],
+)
+
+
+@pytest.fixture(autouse=True)
+def seed() -> None:
+    """Weights that every run draws alike."""
+    torch.manual_seed(0)
+
+
+def windows() -> torch.Tensor:
+    """Six windows of three channels."""
+    return torch.randn(6, 3, 301, generator=torch.Generator().manual_seed(1))
+
+
+def step(network: BiTCN, x: torch.Tensor) -> tuple[float, list[torch.Tensor], list[torch.Tensor]]:
+    """(loss, gradients, running means) after one pass in training."""
+    network = copy.deepcopy(network).train()
+    loss = functional.cross_entropy(network(x).float(), torch.arange(6) % 5)
+    loss.backward()
+    return loss.item(), [weight.grad for weight in network.parameters()], list(network.buffers())
+
+
+def distance(actual: list[torch.Tensor], expected: list[torch.Tensor]) -> float:
+    """Largest deviation over the largest entry, of the worst tensor; one whose entries are rounding counts as 1e-6."""
+    pairs = zip(actual, expected, strict=True)
+    return max(float((first - other).abs().max() / max(1e-6, float(other.abs().max()))) for first, other in pairs)
+
+
+@VARIANTS
+def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_plain_layers(settings, monkeypatch):
+    network = BiTCN(3, 5, dropout=0.0, **settings)
+    fused = step(network, windows())
+    monkeypatch.setattr(bitcn, "can_fuse", lambda x: False)
+    plain, exact = step(network, windows()), step(copy.deepcopy(network).double(), windows().double())
+    assert fused[0] == pytest.approx(exact[0], rel=1e-6)
+    assert distance(fused[1], exact[1]) < max(1e-4, 3 * distance(plain[1], exact[1]))
+    assert distance(fused[2], exact[2]) < 1e-5
+
+
+@VARIANTS
+def test_fused_16_bits_stay_as_near_as_those_of_the_plain_layers(settings, monkeypatch):
+    network = BiTCN(3, 5, dropout=0.0, **settings)
+    exact = step(network, windows())
+    with torch.autocast("cpu", torch.bfloat16):
+        fused = step(network, windows())
+        monkeypatch.setattr(bitcn, "can_fuse", lambda x: False)
+        plain = step(network, windows())
+    assert fused[0] == pytest.approx(exact[0], abs=2e-3)
+    deviations = []
+    for first in (fused, plain):
+        pairs = list(zip(first[1], exact[1], strict=True))
+        deviations.append(sum(float((a - b).square().sum()) for a, b in pairs) ** 0.5)
+    assert deviations[0] < 1.5 * deviations[1]
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_dropout_has_the_gradients_of_the_layers_with_the_same_mask(dtype):
+    torch.manual_seed(0)
+    x, weights = torch.randn(4, 50, 8).to(dtype), torch.randn(4, 50, 8).to(dtype)
+    of_mean = torch.randn(4, 8)
+    normalization = torch.nn.BatchNorm1d(8)
+    with torch.no_grad():
+        normalization.weight.uniform_(0.5, 2)
+        normalization.bias.uniform_(0, 1)
+    inputs = [x.requires_grad_(), torch.zeros(8, requires_grad=True), normalization.weight, normalization.bias]
+    active, mean = _Activation.apply(*inputs, normalization, 0.3)
+    actual = torch.autograd.grad((active * weights).float().sum() + (mean * of_mean).sum(), inputs)
+
+    features = x.float().transpose(1, 2)
+    normalized = torch.relu(functional.batch_norm(features, None, None, *inputs[2:], training=True)).transpose(1, 2)
+    expected = normalized * (active > 0) / 0.7
+    score = (expected * weights.float()).sum() + (expected.mean(dim=1) * of_mean).sum()
+    gradients = torch.autograd.grad(score, [x, *inputs[2:]])
+    tolerance = {"rtol": 1e-4, "atol": 1e-4} if dtype == torch.float32 else {"rtol": 0.02, "atol": 0.02}
+    torch.testing.assert_close(active.float(), expected, **tolerance)
+    torch.testing.assert_close(mean, expected.mean(dim=1), **tolerance)
+    torch.testing.assert_close(actual[0].float(), gradients[0].float(), **tolerance)
+    torch.testing.assert_close(actual[2], gradients[1], **tolerance)
+    torch.testing.assert_close(actual[3], gradients[2], **tolerance)
+    assert actual[1].abs().max() < 1e-2  # normalization takes the convolution's bias away
+
+
+def dropped(share: float) -> np.ndarray:
+    """Which entries dropout takes, of features that ReLU passes."""
+    normalization = torch.nn.BatchNorm1d(64)
+    torch.nn.init.constant_(normalization.bias, 100.0)
+    x = torch.randn(8, 512, 64)
+    active, _ = _Activation.apply(x, torch.zeros(64), normalization.weight, normalization.bias, normalization, share)
+    return (active == 0).numpy()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5])
+def test_dropout_takes_the_share_that_it_is_told_independently_of_place_and_call(share):
+    torch.manual_seed(3)
+    first, second = dropped(share), dropped(share)
+    spread = (share * (1 - share) / first.size) ** 0.5
+    assert first.mean() == pytest.approx(share, abs=5 * spread)
+    assert np.abs(first.mean(axis=(0, 1)) - share).max() <= 5 * (share * (1 - share) / first[..., 0].size) ** 0.5
+    for left, right in [
+        (first, second),
+        (first[:-1], first[1:]),
+        (first[:, :-1], first[:, 1:]),
+        (first[..., :-1], first[..., 1:]),
+        (first[:, :-32], first[:, 32:]),
+    ]:
+        both = (left & right).mean()
+        assert both == pytest.approx(share**2, abs=5 * (share**2 * (1 - share**2) / left.size) ** 0.5)
+
+
+def test_the_same_random_state_drops_the_same():
+    torch.manual_seed(7)
+    first = dropped(0.1)
+    torch.manual_seed(7)
+    assert (dropped(0.1) == first).all()
+
+
+def test_windows_of_64_bits_take_the_plain_layers():
+    assert bitcn.can_fuse(windows())
+    assert not bitcn.can_fuse(windows().double())

@@ -131,10 +131,11 @@ def test_a_speed_alone_is_kept_and_no_pressure_is_invented(deliver: Deliver) -> 
     assert contents.attributes["speed"] == "900.0 rpm"
 
 
-def test_a_time_ahead_of_our_clock_is_replaced_by_that_of_arrival(deliver: Deliver) -> None:
-    contents = read_contents(deliver(recording(), time="2031-01-01T00:00:00Z"), PUMP, None)
+@pytest.mark.parametrize(("year", "note"), [(2031, "lies ahead"), (9999, "lies ahead"), (1980, "before 1990")])
+def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(deliver: Deliver, year: int, note: str) -> None:
+    contents = read_contents(deliver(recording(), time=f"{year}-12-31T23:59:59+00:00"), PUMP, None)
     assert contents.time == NOW
-    assert "lies ahead" in contents.notes[0]
+    assert note in contents.notes[0]
 
 
 def test_a_line_of_tags_that_is_half_written_is_not_used(tmp_path: Path) -> None:

@@ -169,15 +169,16 @@ def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
 
 
-def test_a_file_dated_beyond_the_year_9999_is_taken_at_the_time_of_its_arrival(
-    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("seconds", "year"), [(300_000_000_000, 9999), (315_532_800, 1980), (-86_400, 1970)])
+def test_a_file_is_taken_whatever_its_date(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, seconds: int, year: int
 ) -> None:
-    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, 300_000_000_000 * 10**9, 0))
+    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, seconds * 10**9, 0))
     watch = folder_watch(tmp_path, deliveries)
     put(tmp_path, "a.wav")
     take(watch)
     ((delivery, _),) = deliveries.items
-    assert delivery.facts == {}
+    assert delivery.facts["time"].startswith(f"{year}-")
 
 
 def test_a_sub_folder_that_cannot_be_read_or_is_too_deep_is_said_and_stops_nothing(
@@ -290,7 +291,46 @@ def test_a_restart_after_a_cut_in_what_is_remembered_takes_again_and_misses_noth
 
 def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries, remove=True)
-    (tmp_path / "inbox" / ".a.wav.taken").write_bytes(b"1")
+    put(tmp_path, ".a.wav.swashtwin-taken")
     take(watch)
     take(watch)
     assert taken(deliveries) == ["a.wav"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_late", "name"),
+    [
+        ({"pattern": "*.csv", "remove": True}, False, ".a.wav.swashtwin-taken"),
+        ({"remove": False}, False, ".a.wav.swashtwin-taken"),
+        ({"remove": True}, True, ".a.wav.swashtwin-taken"),
+        ({"remove": True}, False, ".notes.taken"),
+    ],
+)
+def test_a_file_that_another_source_or_a_user_hid_stays_so(tmp_path: Path, deliveries, settings, is_late, name) -> None:
+    watch = folder_watch(tmp_path, deliveries, **settings)
+    if is_late:
+        watch.poll()
+    put(tmp_path, name)
+    take(watch)
+    assert [path.name for path in (tmp_path / "inbox").iterdir()] == [name]
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_file_that_is_put_back_replaces_none(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, has_links: bool
+) -> None:
+    def refuse(*_: Path) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    watch = folder_watch(tmp_path, deliveries, remove=True)
+    put(tmp_path, ".a.wav.swashtwin-taken", "a.wav", ".b.wav.swashtwin-taken")
+    if has_links:
+        monkeypatch.setattr(Path, "exists", lambda path: False)  # the other arrives between a look and a change
+    else:
+        monkeypatch.setattr(folder.os, "link", refuse)
+    take(watch)
+    take(watch)
+    assert sorted(content for _, content in deliveries.items) == [
+        b".a.wav.swashtwin-taken", b".b.wav.swashtwin-taken", b"a.wav",
+    ]  # fmt: skip
+    assert "b.wav" in taken(deliveries)

@@ -131,7 +131,10 @@ def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
     stated = delivery.facts.get("time")
     if stated is None:
         return delivery.received, ()
-    time = read_time(stated)
+    try:
+        time = read_time(stated)
+    except InputError as cause:  # the date of a file; what a message or an upload states was checked
+        return delivery.received, (f"{cause} The time of its arrival counts.",)
     if time - delivery.received > _AHEAD:
         note = f"It says it was recorded at {time:%Y-%m-%d %H:%M:%S}, which lies ahead: the time of its arrival counts."
         return delivery.received, (note,)

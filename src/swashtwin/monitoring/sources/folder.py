@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator, Set
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import NamedTuple
@@ -23,12 +23,14 @@ from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery, Sta
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
 """Suffixes that programs give to files they are still writing."""
-_ASIDE = ".taken"
+_ASIDE = ".swashtwin-taken"
 """Suffix of a file that is about to be removed."""
 _POLLS = 4
 """Looks at the folder in the time for which a file must stand still."""
 _LONGEST_PAUSE = 2.0
 """Longest time [s] between two looks."""
+_LATEST = datetime(9999, 12, 31, tzinfo=UTC).timestamp()
+"""Latest time [s] that is stated of a file; one before 1970 is stated as 1970."""
 _DEEPEST = 8
 """Levels of sub-folders that are looked into."""
 
@@ -59,6 +61,8 @@ class FolderWatch:
         """Files that cannot be read or removed, while they are there."""
         self._left_out: list[str] = []
         """Sub-folders that the last look left out, and why."""
+        self._may_put_back = source.remove
+        """Whether files that lie aside are what a kill left, and not those that a source removes now."""
 
     def run(self, stop: threading.Event) -> None:
         """Look into the folder until `stop` is set."""
@@ -80,6 +84,7 @@ class FolderWatch:
         try:
             self._left_out.clear()
             stamps = dict(self._walk(self._source.path, 0))
+            self._may_put_back = False
         except OSError as cause:
             self.standing.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
             return 0
@@ -129,9 +134,8 @@ class FolderWatch:
         except OSError as cause:  # removed again, or locked by the program that writes it
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
-        facts = {}
-        with suppress(ValueError, OverflowError, OSError):  # dated beyond the year 9999: the time of arrival counts
-            facts["time"] = datetime.fromtimestamp(stamp.changed / 1e9, UTC).isoformat()
+        time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=min(max(stamp.changed / 1e9, 0), _LATEST))
+        facts = {"time": time.isoformat()}
         delivery = Delivery(self._source.name, path.name, datetime.now(UTC), self._machine(path), facts, problem)
         self._accept(delivery, content)
         self._waiting.pop(str(path), None)
@@ -151,6 +155,7 @@ class FolderWatch:
             _put_back(aside)
         except OSError as cause:
             self._problems[str(path)] = f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
+            _put_back(aside)
         return False
 
     def _machine(self, path: Path) -> str | None:
@@ -170,7 +175,7 @@ class FolderWatch:
             self._left_out.append(f"{folder} cannot be read: {cause.strerror or cause}")
             return
         for entry in entries:
-            if entry.name.startswith(".") and entry.name.endswith(_ASIDE):  # a kill came before it was removed
+            if self._may_put_back and entry.name.endswith(_ASIDE) and self._matches(_name_before(entry.name)):
                 _put_back(Path(entry.path))
             if entry.name.startswith((".", "~")) or entry.is_symlink():
                 continue
@@ -237,11 +242,23 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
+def _name_before(name: str) -> str:
+    return name.removeprefix(".").removesuffix(_ASIDE)
+
+
 def _put_back(aside: Path) -> None:
     """Give a file that was set aside its name again, or a name beside it where another has come."""
-    path = aside.with_name(aside.name.removeprefix(".").removesuffix(_ASIDE))
+    path = aside.with_name(_name_before(aside.name))
+    beside = path.with_stem(f"{path.stem}-{time.time_ns()}")
     with suppress(OSError):
-        aside.rename(path.with_stem(f"{path.stem}-{time.time_ns()}") if path.exists() else path)
+        try:
+            os.link(aside, path)  # which replaces nothing, as a change of its name would
+        except FileExistsError:
+            aside.rename(beside)
+        except OSError:  # a disk without links
+            aside.rename(beside if path.exists() else path)
+        else:
+            aside.unlink()
 
 
 def _stamp(stat: os.stat_result) -> Stamp:

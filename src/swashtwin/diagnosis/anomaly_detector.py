@@ -23,7 +23,7 @@ from swashtwin.learning import (
     measure_healthy,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import Manifest, Recording, facts_of, manifest_of, seen_recordings, stated_speed
+from swashtwin.recordings import Manifest, Recording, facts_of, listed_recordings, stated_speed
 
 _VERSION = 2
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
@@ -155,7 +155,7 @@ class AnomalyDetector(Estimator):
         )
         try:
             deviation = healthy.deviation(recording)
-            seen = seen_recordings(self.manifest, manifest_of([recording]))
+            seen = listed_recordings(self.manifest, {recording.recording_id: recording.content_hashes()})
         except DataError as cause:
             return replace(result, no_verdict=str(cause))
         if not math.isfinite(deviation.score):

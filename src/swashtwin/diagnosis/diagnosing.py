@@ -23,7 +23,7 @@ from swashtwin.learning import (
     signal_facts,
     window_batches,
 )
-from swashtwin.recordings import Recording, facts_of, manifest_of, seen_recordings, stated_speed
+from swashtwin.recordings import Recording, facts_of, listed_recordings, stated_speed
 
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
@@ -194,7 +194,7 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
 
 def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
     notes = []
-    if seen := seen_recordings(classifier.manifest, manifest_of([recording])):
+    if seen := listed_recordings(classifier.manifest, {recording.recording_id: recording.content_hashes()}):
         listed = seen[recording.recording_id]
         under = "" if listed == recording.recording_id else f", under the name {listed}"
         notes.append(

@@ -37,8 +37,8 @@ from swashtwin.recordings import (
     Recording,
     facts_of,
     join_manifests,
+    listed_recordings,
     manifest_of,
-    seen_recordings,
     stated_pressure,
 )
 from swashtwin.signals import OrderBands
@@ -205,7 +205,7 @@ class PriorClassifier:
         result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
         try:
             change, notes = self.change(recording)
-            seen = seen_recordings(self.manifest, manifest_of([recording]))
+            seen = listed_recordings(self.manifest, {recording.recording_id: recording.content_hashes()})
         except DataError as cause:
             return replace(result, no_verdict=str(cause))
         if seen:

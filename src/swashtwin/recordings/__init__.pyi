@@ -46,6 +46,7 @@ from .loading import load_recording as load_recording
 from .loading import recording_of as recording_of
 from .manifest import Manifest as Manifest
 from .manifest import join_manifests as join_manifests
+from .manifest import listed_recordings as listed_recordings
 from .manifest import manifest_of as manifest_of
 from .manifest import repeated_recordings as repeated_recordings
 from .manifest import say_seen as say_seen

@@ -7,7 +7,7 @@ the signs, and reversing the time conjugates them.
 """
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Complex64, Float
@@ -28,6 +28,8 @@ _TAPER, _NEAR = 0.25, 8.0
 """Rise of the taper [s], and width over which the median is taken [Hz]."""
 _SHORTEST, _LONGEST = 1.0, 20.0
 """Seconds in a row that must agree, and that are looked at."""
+_BLOCK = 64
+"""Listed fingerprints that are compared at a time, which bounds the memory."""
 _SMALLEST = 2e-5
 """Noise in a band over the greatest line from which there is any; what is less may be a tone's, by the taper."""
 
@@ -67,6 +69,11 @@ def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
     return f"{MARK}{used}.{int(duration * _RATE)}.{base64.b64encode(bits).decode()}"
 
 
+def _length(text: str) -> int:
+    """Number of values of a fingerprint in each band."""
+    return int(text.split(".")[1])
+
+
 def _signs(text: str) -> Complex64[np.ndarray, "band time"]:
     """The values of a fingerprint, of size 1; zeros in bands that it does not have."""
     pairs, length, bits = text[len(MARK) :].split(".")
@@ -89,40 +96,43 @@ def near_copies(listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Se
     ----------
     listed, recordings : fingerprints by id.
     """
-    by_length: dict[int, list[tuple[str, np.ndarray]]] = {}
+    by_length: dict[int, list[tuple[str, str]]] = {}
     for name, texts in listed.items():
         for text in texts:
-            signs = _signs(text)
-            by_length.setdefault(signs.shape[1], []).append((name, signs))
-    stacks = [([name for name, _ in items], np.stack([signs for _, signs in items])) for items in by_length.values()]
-    found = {}
+            by_length.setdefault(_length(text), []).append((name, text))
+    sought: dict[int, list[tuple[str, np.ndarray]]] = {}
     for name, texts in recordings.items():
-        agreements = [
-            (agreement, other)
-            for names, signs in (stacks if texts else ())
-            for agreement, other in zip(_agreement(signs, _signs(texts[0])), names, strict=True)
-        ]
-        best = max(agreements, default=(0.0, ""))
-        if best[0] >= ALIKE:
-            found[name] = best[1]
-    return found
+        if texts:
+            sought.setdefault(_length(texts[0]), []).append((name, _signs(texts[0])))
+    best = {name: (0.0, "") for group in sought.values() for name, _ in group}
+    blocks = (items[start : start + _BLOCK] for items in by_length.values() for start in range(0, len(items), _BLOCK))
+    for block in blocks if sought else ():
+        signs = np.stack([_signs(text) for _, text in block])
+        for group in sought.values():
+            for name, agreements in zip((name for name, _ in group), _agreements(signs, group), strict=True):
+                first = int(agreements.argmax())
+                best[name] = max(best[name], (float(agreements[first]), block[first][0]))
+    return {name: other for name, (agreement, other) in best.items() if agreement >= ALIKE}
 
 
-def _agreement(
-    listed: Complex64[np.ndarray, "channel band time"], signs: Complex64[np.ndarray, "band part"]
-) -> Float[np.ndarray, " channel"]:
-    """Greatest correlation of each with `signs` over all shifts, forward and backward, in one pair of bands."""
-    sizes = listed.shape[-1], signs.shape[-1]
+def _agreements(
+    listed: Complex64[np.ndarray, "channel band time"], sought: Sequence[tuple[str, np.ndarray]]
+) -> Iterator[Float[np.ndarray, " channel"]]:
+    """Greatest correlation with each sought one, all of a length, over all shifts, forward and backward, in one pair of
+    bands.
+    """
+    sizes = listed.shape[-1], sought[0][1].shape[-1]
     size = fft.next_fast_len(sum(sizes))
     ones = [fft.rfft(np.ones(count), size) for count in sizes]
     count = np.round(fft.irfft(ones[0] * np.conj(ones[1]), size))
     valid = count > 0.9 * _SHORTEST * _RATE
-    best = np.zeros(len(listed))
-    for pair in (slice(0, 2), slice(2, 4)):
-        if not (listed[:, pair].any() and signs[pair].any()):
-            continue
-        spectra = fft.fft(listed[:, pair], size)
-        for other in (signs[pair], np.conj(signs[pair, ::-1])):
-            correlation = np.abs(fft.ifft(spectra * np.conj(fft.fft(other, size)))).mean(axis=1)
-            best = np.maximum(best, (correlation[:, valid] / count[valid]).max(axis=1))
-    return best
+    spectra = fft.fft(listed, size)
+    for _, signs in sought:
+        best = np.zeros(len(listed))
+        for pair in (slice(0, 2), slice(2, 4)):
+            if not (listed[:, pair].any() and signs[pair].any()):
+                continue
+            for other in (signs[pair], np.conj(signs[pair, ::-1])):
+                correlation = np.abs(fft.ifft(spectra[:, pair] * np.conj(fft.fft(other, size)))).mean(axis=1)
+                best = np.maximum(best, (correlation[:, valid] / count[valid]).max(axis=1))
+        yield best

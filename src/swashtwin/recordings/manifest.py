@@ -36,16 +36,16 @@ def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str,
     return {name: tuple(sorted(joined[name])) for name in sorted(joined)}
 
 
-def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
-    """Those of `recordings` that are in `manifest`: id there, by id here.
+def listed_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
+    """Those of `recordings` whose samples, as they are, stand in `manifest`: id there, by id here.
 
-    A recording is in it if it shares the content of a channel with one of the manifest, whatever both are called, or is
-    a copy of one that was cut, filtered, scaled, resampled or reversed (`near_copies`); where the content of either is
-    not known, if the names are the same.
+    A recording is in it if it shares the content of a channel with one of the manifest, whatever both are called; where
+    the content of either is not known, if the names are the same. Altered copies are those of `seen_recordings`, whose
+    cost grows with the manifest.
 
     Examples
     --------
-    >>> seen_recordings({"a": ("1f",), "twin": ()}, {"a": ("2e",), "copy of a": ("1f",), "twin": ("3d",)})
+    >>> listed_recordings({"a": ("1f",), "twin": ()}, {"a": ("2e",), "copy of a": ("1f",), "twin": ("3d",)})
     {'copy of a': 'a', 'twin': 'twin'}
     """
     listed = join_manifests([manifest])
@@ -57,6 +57,16 @@ def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) 
             seen[name] = same
         elif name in listed and not (hashes and listed[name]):
             seen[name] = name
+    return seen
+
+
+def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
+    """Those of `recordings` that are in `manifest`, as they are or altered: id there, by id here.
+
+    Besides `listed_recordings` these are copies that were cut, filtered, scaled, resampled or reversed (`near_copies`).
+    """
+    listed = join_manifests([manifest])
+    seen = listed_recordings(listed, recordings)
     others = {name: hashes for name, hashes in recordings.items() if name not in seen}
     known, new = (
         {name: [text for text in entries if text.startswith(MARK)] for name, entries in manifest.items()}

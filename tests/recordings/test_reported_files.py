@@ -105,13 +105,13 @@ def universal(kind: str, *, tail: bytes = b"", even: bool = True) -> Callable[[P
     return write
 
 
-def wav(stated: int) -> Callable[[Path], Path]:
+def wav(stated: int, tail: bytes = b"") -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         soundfile.write(folder / "a.wav", NOISE / 8, int(RATE), subtype="FLOAT")
         content = bytearray((folder / "a.wav").read_bytes())
         at = content.index(b"data") + 4
         content[4:8], content[at : at + 4] = struct.pack("<I", stated & 0xFFFFFFFF), struct.pack("<I", stated)
-        (folder / "a.wav").write_bytes(content)
+        (folder / "a.wav").write_bytes(content[: at + 4 + 401 * 4] + tail if tail else content)
         return folder / "a.wav"
 
     return write
@@ -130,10 +130,11 @@ def mat(**variables: Any) -> Callable[[Path], Path]:
     return write
 
 
-def hdf5(values: np.ndarray, **facts: Any) -> Callable[[Path], Path]:
+def hdf5(values: np.ndarray, of_file: dict[str, Any] | None = None, **facts: Any) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         with h5py.File(folder / "a.h5", "w") as file:
             file["x"] = values
+            file.attrs.update(of_file or {})
             file["x"].attrs.update({"sampling_rate": "10 kHz", "units": "g", **facts})
         return folder / "a.h5"
 
@@ -210,6 +211,8 @@ LISTS = mat(data=NOISE[:, None] * [1, 2], names=np.array(["x", "p"], object), un
             Ts=1e-4)  # fmt: skip
 CHART = mat(data=COUNTS, datastart=[[1.0]], dataend=[[401.0]], samplerate=[[RATE]], titles=np.array(["x"]),
             unittext=np.array(["g"]), unittextmap=[[1.0]], scaleunits=[[1e-4]], scaleoffset=[[0.0]])  # fmt: skip
+SENSED = text("a.csv", "Sensitivity: 100 mV/g", "t [s],x", *rows(",", TIMES, VOLTS))
+LATE = [str(x) if number < 399 else f"{x:.6e}".replace("e", "D") for number, x in enumerate(NOISE)]
 RECORDS = np.rec.fromarrays([TIME, NOISE], names="t,x")
 
 
@@ -298,6 +301,30 @@ READ += [
      "2 sensors by turns"),
     ("rate with a suffix", hdf5(NOISE, sampling_rate=[], fs_khz=10.0), {}, NOISE),
     ("gain that is applied", hdf5(NOISE / 2, gain=2.0), {"sensitivity": "2 g"}, NOISE),
+    ("time beside a stated rate", mat(data=np.stack([TIME, NOISE], axis=1), fs=RATE), {"unit": "g"}, NOISE),
+    ("ramp beside a stated rate", mat(data=np.stack([0.3 * TIME, NOISE], axis=1), fs=RATE), {"unit": "g"}, NOISE),
+    ("frequency of the mains", text("a.csv", "Frequency: 50 Hz", "Unit: g", "x", *rows(",", NOISE)), {},
+     "does not say its sample rate"),
+    ("angle", text("a.csv", "angle,x [g]", *rows(",", 36 * TIME, NOISE)), {}, "does not say its sample rate"),
+    ("angle", text("a.csv", "angle,x [g]", *rows(",", 36 * TIME, NOISE)), {"sample_rate": RATE}, NOISE),
+    ("sensitivity without volts", SENSED, {}, 'unit = "V" or "mV"'),
+    ("sensitivity without volts", SENSED, {"unit": "g"}, "is for volts, and unit says g"),
+    ("sensitivity without volts", SENSED, {"unit": "V"}, NOISE),
+    ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {}, r'gain = 0.0001 g.* sensitivity = "0.0001 g"'),
+    ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {"sensitivity": "0.0001 g"}, NOISE),
+    ("scale of the file", hdf5(COUNTS, of_file={"scale_factor": 1e-4}), {}, NOISE),
+    ("one unit for two", text("a.csv", "Sensitivity: 100, 10.2 mV/g", "t [s],x [V],y [V]",
+                              *rows(",", TIMES, VOLTS, VOLTS)), {"channels": ["x"]}, NOISE),
+    ("sensitivity without a unit", hdf5(VOLTS, units="V", Sensitivity=100), {}, "sensitivity 100 of 'x' without"),
+    ("two names for three", hdf5(np.stack([NOISE] * 3), channel_names=["acc", "acc", "ref"]), {"channels": ["x/2"]},
+     NOISE),
+    ("one bound", hdf5(NOISE, valid_range=[4.0]), {}, "states 1 numbers as valid_range, and not 2"),
+    ("two scales", hdf5(np.stack([COUNTS] * 3), scale_factor=[1e-4, 1.0]), {}, "2 numbers as scale_factor, and not 1"),
+    ("zeros behind the samples", wav(401 * 4, b"\0" * 4096), {"unit": "g"}, NOISE / 8),
+    ("half a frame behind", wav(401 * 4, b"\1\2"), {"unit": "g"}, NOISE / 8),
+    ("late exponents", text("a.csv", "t [s],x [g]", *rows(",", TIMES, LATE)), {}, NOISE),
+    ("typographic minus", text("a.csv", "t [s],x [g]",
+                               *rows(",", TIMES, [str(x).replace("-", "\u2212") for x in NOISE])), {}, NOISE),
     ("lists beside a matrix", hdf5(np.stack([NOISE, NOISE]), names=["x", "tach"], units=["g", "V"]),
      {"channels": ["x/x"]}, NOISE),
 ]  # fmt: skip

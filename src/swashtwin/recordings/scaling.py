@@ -100,6 +100,11 @@ def _scale_of(
     """Quantity that one unit of a channel's numbers stands for: a factor and its unit."""
     in_file = raw.units.get(name, raw.facts.get("unit"))
     if sensitivity is None:
+        if name in raw.sensitivities and name not in raw.units and options.unit is None:
+            raise DataError(
+                f"{where} states the sensitivity {raw.sensitivities[name]} of {name!r} and not its unit; add unit = "
+                '"V" or "mV", or sensitivity = "1 g" where it is applied already.'
+            )
         return 1.0, _unit(raw.units.get(name), options.unit, name, where)
     unit = None if in_file is None and options.unit is None else _unit(in_file, options.unit, name, where)
     if sensitivity.per is None:
@@ -126,11 +131,7 @@ def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where:
     """The sensitivity of each channel that has one."""
     stated = options.sensitivity
     if stated is None:
-        in_file = {
-            name: _Sensitivity.read(raw.sensitivities[name], where) for name in chosen if name in raw.sensitivities
-        }
-        units = {name: raw.units.get(name, options.unit) for name in in_file}
-        return {name: each for name, each in in_file.items() if (unit := units[name]) and each.of(unit) is not None}
+        return _sensitivities_in_file(raw, options, chosen, where)
     texts = (stated,) if isinstance(stated, str) else stated
     if not any("=" in text for text in texts):
         if len(texts) not in (1, len(chosen)):
@@ -154,6 +155,32 @@ def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where:
             )
         sensitivities |= dict.fromkeys(names, _Sensitivity.read(quantity, where))
     return sensitivities
+
+
+def _sensitivities_in_file(
+    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+) -> dict[str, _Sensitivity]:
+    """The sensitivities that the file states of channels that are in volts."""
+    found: dict[str, _Sensitivity] = {}
+    for name in (name for name in chosen if name in raw.sensitivities):
+        text, unit = raw.sensitivities[name], raw.units.get(name, options.unit)
+        is_scaled = unit is not None and acceleration_factor(unit) is not None
+        if is_scaled and name in raw.units:
+            continue
+        if re.fullmatch(r"[\d.eE+-]+", text):
+            raise DataError(
+                f"{where} states the sensitivity {text} of {name!r} without its unit; say sensitivity = "
+                f'"{text} mV/g" or what it is, or "1 g" where it is applied already.'
+            )
+        if is_scaled:
+            raise DataError(
+                f"{where} states the sensitivity {text} of {name!r}, which is for volts, and unit says {unit}; say "
+                'unit = "V" or "mV", or sensitivity = "1 g" in place of the unit where it is applied already.'
+            )
+        sensitivity = _Sensitivity.read(text, where)
+        if unit and sensitivity.of(unit) is not None:
+            found[name] = sensitivity
+    return found
 
 
 def vibration_columns(raw: RawFile, options: Options) -> list[str]:

@@ -42,6 +42,8 @@ _IN_HEADERS = {
     "pressure": r"^(?:discharge|outlet|high|system)?[ _-]?pressure|(?:förder|hoch|betriebs|^)druck",
     "oil_temperature": r"oil[ _-]?temp|öltemp",
 }
+_OTHER_THING = re.compile(r"[\W_](?!pump|shaft|welle|motor|actual|ist\b|mean)[a-zäöüß]", re.IGNORECASE)
+"""A word after that of a quantity, such as sensor or channel, whose number is none of the quantity."""
 _ENTRY_KEYS = {field.name for field in fields(Entry)}
 _LEAST_PRESSURE = 2e5
 """What a header calls a pressure is that of the air below this [Pa]."""
@@ -156,17 +158,21 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
     pairs += [(name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"]
     texts: dict[str, str] = {}
     is_decimal = shows_decimal_comma(pairs)
-    for name, text in pairs:
+    for name, text in sorted(pairs, key=lambda pair: "motor" in pair[0].lower()):  # its speed is that of the pump, too
         heading, unit = split_unit(name)
         quantity = re.fullmatch(rf"({_NUMBER})\s*[;\t]?\s*(.*?)[;\s]*", str(text))
         if quantity and GROUPED.fullmatch(quantity[1]) and not is_decimal:
             continue  # 1,480 rpm
         for key, expression in _IN_HEADERS.items():
-            if quantity is None or key in texts or not re.search(expression, heading, re.IGNORECASE):
+            match = re.search(expression, heading, re.IGNORECASE)
+            if quantity is None or key in texts or match is None:
                 continue
             if re.search(r"nominal|nenn|rated|set[ _-]?point|soll|max|limit", heading, re.IGNORECASE):
                 continue
             suffix = re.search(r"(rpm|hz|bar|mpa|kpa|psi)$", heading, re.IGNORECASE)
+            is_bare = not (quantity[2] or unit or suffix or "rpm" in match[0].lower())
+            if is_bare and _OTHER_THING.search(heading[match.end() :]):
+                continue
             texts[key] = f"{quantity[1]} {quantity[2] or unit or (suffix[1] if suffix else '')}".strip()
     facts = facts_of_texts(texts)
     return {

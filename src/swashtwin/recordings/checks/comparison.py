@@ -75,6 +75,7 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
     for key, kind, words in (
         ("text_columns", "left_out", "columns that hold text or dates were left out: "),
         ("blank_columns", "left_out", "columns that are blank were left out: "),
+        ("clock_columns", "left_out", "columns without a unit that rise evenly were taken for the time: "),
         ("other_columns", "left_out", "columns that are no vibration were left out: "),
         ("contradicted", "contradicted", ""),
     ):

@@ -15,7 +15,7 @@ from swashtwin.foundation import DataError
 from swashtwin.recordings.columns import Column, Part
 from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
-from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, TimeColumn, read_time_column
+from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, TimeColumn, read_time_column
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
@@ -29,6 +29,11 @@ _TIME_NAME = re.compile(
 _COUNTER_NAME = re.compile(
     r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|", re.IGNORECASE
 )
+OTHER_AXIS = re.compile(
+    r"(?:^|[^a-z])(?:angle|winkel|distance|weg|position|order|ordnung|freq(?:uency)?|frequenz)(?:[^a-z]|$)",
+    re.IGNORECASE,
+)
+"""Names of columns that rise as the time does and are another quantity."""
 _FIRST_OF_MATRIX = re.compile(r"\(:,1\)$|\(1,:\)$|/0$")
 _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
 """Least and, ten times that, greatest count of a unit since 1970 in this century."""
@@ -73,8 +78,9 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         if clock is None:
             continue
         rate, gap = found[clock]
-        gaps += [gap] if gap and gap not in gaps else []
         stated = raw.rates.get(name, raw.sample_rate)
+        is_settled = gap.startswith(NO_UNIT) and (stated or options.sample_rate is not None)
+        gaps += [gap] if gap and gap not in gaps and not is_settled else []
         if rate and stated and options.time_column is None:
             require_one_rate(path, name, stated, rate, clock)
         if rate and (not stated or options.time_column is not None):
@@ -83,7 +89,13 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
             starts[name] = f"{float(raw.columns[clock][0:1][0]):.9g}"
     if counters and not clocks and (lost := _lost(raw.columns[counters[0]])):
         gaps.append(f"{counters[0]} skips {lost[0]} samples at {lost[1]} places")
-    found_facts = {"counter_columns": ", ".join(counters), "time_gaps": "; ".join(gaps)}
+    guessed = [name for name in clocks if not named_as_time(name) and options.time_column is None]
+    guessed = [name for name in guessed if _own_unit(raw, name) is None]
+    found_facts = {
+        "clock_columns": ", ".join(guessed),
+        "counter_columns": ", ".join(counters),
+        "time_gaps": "; ".join(gaps),
+    }
     attributes = dict(raw.attributes) | {name: text for name, text in found_facts.items() if text}
     sample_rate = raw.sample_rate
     if not raw.rates and len(rates) == len(others) and len(set(rates.values())) == 1:
@@ -149,10 +161,15 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
         return []
     called, rising = [], []
     for name in names:
-        is_rated = raw.rates.get(name, raw.sample_rate) is not None
-        if named_as_time(name) and ((_is_of_time(raw, name) and not is_rated) or _is_clock(raw, name)):
+        stated = raw.rates.get(name, raw.sample_rate)
+        if named_as_time(name) and ((_is_of_time(raw, name) and stated is None) or _is_clock(raw, name)):
             called.append(name)
-        elif not is_rated and _is_of_time(raw, name) and _is_clock(raw, name, may_count=options.time_unit is not None):
+        elif (
+            _is_of_time(raw, name)
+            and not OTHER_AXIS.search(name)
+            and _is_clock(raw, name, may_count=options.time_unit is not None)
+            and (stated is None or _steps_at(stated, raw.columns[name]))
+        ):
             rising.append(name)
     chosen = ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else []) or called or rising
     return chosen if len(chosen) < len(names) else chosen[:1]
@@ -206,6 +223,12 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
     return not is_count and rate <= _FASTEST and bool((np.diff(sparse) > 0).all())
 
 
+def _steps_at(rate: float, column: Column) -> bool:
+    """Whether a column rises as seconds do at a rate [Hz]."""
+    usual = float(np.median(np.diff(np.asarray(column[0:_HEAD], dtype=np.float64))))
+    return math.isclose(usual * rate, 1.0, rel_tol=COARSE)
+
+
 def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
     """Whether a column holds whole numbers that rise by one, from the beginning again or not, or rises evenly.
 
@@ -231,8 +254,11 @@ def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 
 
 def _lost(counter: Column) -> tuple[int, int] | None:
-    """How many samples a counter skips, and at how many places; None where it skips none."""
-    steps = _counted(np.asarray(counter[:], dtype=np.float64))
+    """How many samples a counter by ones skips, and at how many places; None where it skips none."""
+    counts = np.asarray(counter[:], dtype=np.float64)
+    steps = _counted(counts)
+    if np.median(steps) != 1 or not (counts == np.round(counts)).all():
+        return None  # a ramp
     places = int((steps != 1).sum())
     return (int((steps - 1).sum()), places) if places else None
 

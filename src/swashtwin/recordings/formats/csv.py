@@ -21,6 +21,7 @@ from swashtwin.recordings.formats.clock import require_one_rate, time_name, time
 from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
 from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
+from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
 
@@ -130,7 +131,7 @@ class _Table:
         """The fields of whole lines as a table of polars; a blank field is null."""
         polars = load_extra("polars")
         comma = self._dialect.decimal == ","
-        if _FORTRAN.search(body[:4096]):
+        if (b"D" in body or b"d" in body) and _FORTRAN.search(body):
             body = _FORTRAN.sub(b"e", body)
         numbers = polars.String if comma and b"." in body else polars.Float64  # polars takes a point for a comma, too
         kinds = {Kind.number: numbers, Kind.blank: polars.Float64}
@@ -286,10 +287,11 @@ class _Table:
         if raw.sample_rate and of_samples and options.time_column is None:
             clock = next(iter(columns.keys() - raw.columns.keys()))
             require_one_rate(self._path, channels[0], of_samples, raw.sample_rate, clock)
-        rate = raw.sample_rate or header_rate(pairs)
-        return replace(
-            raw, units=units, sample_rate=rate, sensitivities=sensitivities, breaks=tuple(self._breaks) or raw.breaks
-        )
+        rate, attributes = raw.sample_rate or header_rate(pairs), dict(raw.attributes)
+        if rate and attributes.get("time_gaps", "").startswith(NO_UNIT):
+            del attributes["time_gaps"]
+        facts: dict[str, Any] = {"units": units, "sample_rate": rate, "sensitivities": sensitivities}
+        return replace(raw, attributes=attributes, breaks=tuple(self._breaks) or raw.breaks, **facts)
 
 
 def _last_value(frame: Any) -> int:
@@ -338,7 +340,9 @@ def _chunks(path: Path) -> Iterator[bytes]:
 
 def _with_line_feeds(data: bytes) -> bytes:
     data = data.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
-    return data.replace("∞".encode(), b"inf") if b"\xe2\x88\x9e" in data else data
+    for sign, ascii_sign in (("∞", b"inf"), ("\u2212", b"-")):
+        data = data.replace(sign.encode(), ascii_sign) if sign.encode() in data else data
+    return data
 
 
 def _decode(data: bytes) -> str:

@@ -16,9 +16,16 @@ import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
 from swashtwin.recordings.columns import Column, SideBySide
-from swashtwin.recordings.formats.clock import timed
+from swashtwin.recordings.formats.clock import named_as_time, timed
 from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, known_unit, require_plausible_size
-from swashtwin.recordings.formats.tables import LISTS, header_rate, obeyed, stated_sensitivities, unknown_scale
+from swashtwin.recordings.formats.tables import (
+    LISTS,
+    SCALE_NAMES,
+    header_rate,
+    obeyed,
+    stated_sensitivities,
+    unknown_scale,
+)
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -202,18 +209,21 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         unit = next((unit for text in stated if (unit := known_unit(text or ""))), None)
         rate = next((rate for each in facts if (rate := _rate(path, item.name, each)) is not None), None)
         own = {key.lower(): value for key, value in item.attrs.items()}
+        around = [] if named_as_time(name) else reversed(facts[1:])
+        scales = {key: value for each in around for key, value in each.items() if key in SCALE_NAMES} | own
         for field in (field for field in fields if kinds[field] in "fiu"):
             vectors = _vectors_in(item, field)
             names, listed = (
                 next((texts for each in keys if len(texts := _texts(own.get(each))) == len(vectors) > 1), [])
                 for keys in LISTS
             )
+            names = names if len(set(names)) == len(names) else []
             for number, column in enumerate(vectors):
                 part = (names[number] if names else str(number)) if len(vectors) > 1 else ""
                 key = "/".join(filter(None, (name, field, part)))
-                columns[key] = obeyed(f"{path}: {item.name}", column, own, options, number)
+                columns[key] = obeyed(f"{path}: {item.name}", column, scales, options, number, len(vectors))
                 for values, value in (
-                    (units, None if unknown_scale(own) else known_unit(listed[number]) if listed else unit),
+                    (units, None if unknown_scale(scales) else known_unit(listed[number]) if listed else unit),
                     (rates, rate),
                     (starts, next((each[of] for each in facts for of in _STARTS if of in each), None)),
                     (sensitivities, next(iter(stated_sensitivities(facts[0].items())), None)),

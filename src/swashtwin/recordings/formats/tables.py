@@ -33,6 +33,9 @@ _RATE_NAME = re.compile(
     r"|samples[ _]?(?:per|/)[ _]?s(?:ec(?:ond)?)?",
     re.IGNORECASE,
 )
+_BARE_RATE = re.compile(r"rate|freq\w*", re.IGNORECASE)
+_LEAST_BARE_RATE = 200.0
+"""What is called a frequency only is that of the mains, a filter or the shaft up to this [Hz]."""
 _STEP_NAME = re.compile(
     r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:sampl\w*|time)[ _-]?(?:interval|period|step|increment|time)|increment"
     r"|h[ _-]?resolution",
@@ -42,7 +45,6 @@ _UNITS_NAME = re.compile(r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical
 _SENSITIVITY_NAME = re.compile(r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichkeit(?:en)?)(?:[ _.].*)?", re.IGNORECASE)
 _QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?")
 GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
-"""A number that may have marks for thousands, or a decimal comma."""
 """A number that may be one above a thousand, or one with three decimals."""
 _LISTED = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
 """What is between two quantities: a comma before one to three digits may be a decimal one."""
@@ -114,7 +116,7 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                     value = parse(f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base)
                 except UnitError:
                     continue
-                if value > 0:
+                if value > (_LEAST_BARE_RATE if _BARE_RATE.fullmatch(heading.strip()) else 0.0):
                     rates.add(float(f"{value if base == 'Hz' else 1 / value:.9g}"))
     return rates.pop() if len(rates) == 1 else None
 
@@ -129,7 +131,7 @@ def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str |
 
 
 def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """Sensitivities in volts that names and values state, one or several.
+    """Sensitivities in volts that names and values state, one or several; numbers where no unit is beside them.
 
     Examples
     --------
@@ -145,6 +147,9 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
         match = re.match(r".*[\[(](.*/.*?)[\])]$", name)
         unit = match[1] if match else unit or next(iter(beside), "")
         matches = [_QUANTITY.fullmatch(part) for part in map(str.strip, _LISTED.split(text)) if part]
+        unit = unit or next((part[2] for part in reversed(matches) if part and part[2]), "")
+        if matches and not unit and all(matches):
+            return [q[1].replace(",", ".") for q in matches if q]
         units = [_PER_VOLT.fullmatch(plain_unit(part[2] or unit)) if part else None for part in matches]
         if units and all(each and known_unit(each[2]) for each in units):
             return [
@@ -177,39 +182,55 @@ LISTS = (
     ("unit", "units", "unit_string", "quantity.label"),
 )
 """What a list of names, and one of units, is called that has a text for each vector of a matrix."""
+_DATE = re.compile(r"\d{4}-\d\d|\d[./]\d{1,2}[./]\d{2}")
+"""When something was calibrated is no scale."""
 SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
 
 
 def unknown_scale(facts: Mapping[str, Any]) -> str:
     """What the facts beside a column state of a scale that may be applied already or not; empty where nothing."""
-    found = {name: _numbers(facts.get(name)) for name in _UNKNOWN_SCALES}
-    stated = (
-        f"{name} = {found[name][0]:g}" for name, neutral in _UNKNOWN_SCALES.items() if (found[name] != neutral).any()
-    )
-    return next(stated, "")
+    for name, neutral in _UNKNOWN_SCALES.items():
+        value = facts.get(name)
+        text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+        numbers = _numbers(value)
+        if (numbers != neutral).any():
+            return f"{name} = {numbers[0]:g}"
+        if value is not None and not numbers.size and re.search(r"\d", text) and not _DATE.search(text):
+            return f"{name} = {text}"
+    return ""
 
 
-def obeyed(where: str, column: Column, facts: Mapping[str, Any], options: Options, number: int = 0) -> Column:
+def obeyed(
+    where: str, column: Column, facts: Mapping[str, Any], options: Options, number: int = 0, count: int = 1
+) -> Column:
     """A column with the scale, the offset and the missing values that the facts beside it state.
 
     Parameters
     ----------
     facts : by their names in small letters.
-    number : which of several columns it is, where the facts state a scale for each.
+    number, count : which of how many columns it is, where the facts state a scale for each.
 
     Raises
     ------
     DataError
-        A scale is stated in words that are not those of the CF conventions, and no sensitivity in the options.
+        A scale is stated in words that are not those of the CF conventions, and no sensitivity in the options; or more
+        or fewer numbers than there are columns.
     """
     if options.sensitivity is None and (scale := unknown_scale(facts)):
+        quantity = re.search(r"\d[\d.eE+-]*", scale.partition("=")[2])
         raise DataError(
             f"{where} states {scale}, and not whether it is applied; say what one of its numbers stands for, such as "
-            f'sensitivity = "{scale.split()[-1]} g", or "1 g" where it is applied.'
+            f'sensitivity = "{quantity[0] if quantity else 1} g", or "1 g" where it is applied.'
         )
     numbers = {name: values for name in SCALES if (values := _numbers(facts.get(name))).size}
     if not numbers:
         return column
+    for name, sizes in (("scale_factor", {1, count}), ("add_offset", {1, count}), ("valid_range", {2})):
+        if name in numbers and numbers[name].size not in sizes:
+            raise DataError(
+                f"{where} states {numbers[name].size} numbers as {name}, and not "
+                f"{' or '.join(map(str, sorted(sizes)))}; correct the file."
+            )
     factor, offset = (
         float(values[number if values.size > 1 else 0])
         for values in (numbers.get("scale_factor", np.ones(1)), numbers.get("add_offset", np.zeros(1)))

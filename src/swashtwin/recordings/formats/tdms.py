@@ -1,6 +1,7 @@
 """TDMS files of National Instruments."""
 
 import logging
+import threading
 import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_
 from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
 from swashtwin.recordings.recording import Recording
 
+_ONE_AT_A_TIME = threading.Lock()
+"""Held while the reader and the loggers of npTDMS, which all threads share, are changed."""
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
 
@@ -30,7 +33,7 @@ def read(path: Path, options: Options) -> RawFile:
     nptdms = load_extra("nptdms")
     stream = path.open("rb")
     try:
-        with _logged("nptdms") as messages, _noted_properties(nptdms) as history:
+        with _ONE_AT_A_TIME, _logged("nptdms") as messages, _noted_properties(nptdms) as history:
             file = nptdms.TdmsFile.open(stream)
             if file.file_status.incomplete_final_segment:
                 raise DataError(f"{path} is cut off: its last segment is incomplete.")
@@ -51,14 +54,16 @@ def _logged(name: str) -> Iterator[list[str]]:
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
     loggers = [logging.getLogger(each) for each in list(logging.root.manager.loggerDict) if each.startswith(name)]
+    before = [logger.propagate for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)
         logger.propagate = False
     try:
         yield messages
     finally:
-        for logger in loggers:
+        for logger, propagate in zip(loggers, before, strict=True):
             logger.removeHandler(handler)
+            logger.propagate = propagate
 
 
 @contextmanager

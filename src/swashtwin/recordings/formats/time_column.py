@@ -17,6 +17,8 @@ _SLOW = 20.0
 """Rate [Hz] up to which times without a unit are doubted: they may as well be milliseconds, or ticks."""
 _MOST_PARTS = 100
 """Recordings that one table holds at most; a clock that begins again more often is broken."""
+NO_UNIT = "its times have no unit"
+"""How the doubt about times begins that a stated rate removes."""
 ENOUGH = 1 << 18
 """Samples, spread over the whole column, of which a median is taken."""
 _HEAD = 1000
@@ -54,7 +56,7 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
     if unit is None and rate is not None and rate <= _SLOW:
         return (
             None,
-            f'its times have no unit, and would be {rate:.6g} Hz in seconds; say time_unit = "ms" or what it is',
+            f'{NO_UNIT}, and would be {rate:.6g} Hz in seconds; say time_unit = "ms" or what it is',
         )
     return rate, gaps
 

@@ -29,7 +29,7 @@ _UNKNOWN_SIZE = 0x7FFFF000
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Channels of a WAV file; integer files yield shares of full scale, which need a calibration factor."""
+    """Channels of a WAV file; integer files yield shares of full scale, which need a sensitivity."""
     with path.open("rb") as file:
         head = file.read(1 << 16)
     sound = _opened(path, head)
@@ -73,8 +73,14 @@ def _opened(path: Path, head: bytes) -> Any:
         raise DataError(f"{path} is cut off: its header states {stated} bytes of samples, it has {size - data}.")
     with path.open("rb") as file:
         file.seek(data + stated + stated % 2)
-        after = file.read(4)
-    if not is_unknown and (not after or (len(after) == 4 and all(32 <= byte < 127 for byte in after))):
+        after = file.read(1 << 20)
+        is_chunk = len(after) >= 4 and all(32 <= byte < 127 for byte in after[:4])
+        is_padding = len(after) < channels * bits // 8
+        if not is_unknown and not is_chunk and not is_padding:
+            while after and not after.strip(b"\0"):
+                after = file.read(1 << 20)
+            is_padding = not after
+    if not is_unknown and (is_chunk or is_padding):
         return soundfile.SoundFile(str(path))
     if kind == 0xFFFE and len(head) >= layout + 26:
         kind = int.from_bytes(head[layout + 24 : layout + 26], "little")

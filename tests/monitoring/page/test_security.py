@@ -197,12 +197,12 @@ def test_a_changed_password_ends_the_sessions_of_the_one_before(guarded: TestCli
 def test_a_file_of_users_that_root_writes_belongs_to_the_owner_of_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    owners: list[tuple[int, int]] = []
+    owners: dict[str, tuple[int, int]] = {}
     monkeypatch.setattr(os, "geteuid", lambda: 0)
-    monkeypatch.setattr(os, "chown", lambda path, user, group: owners.append((user, group)))
+    monkeypatch.setattr(os, "chown", lambda path, *ids, **_: owners.update({path.name.split("-")[0]: ids}))
     add_token(tmp_path / "users.json", "grafana")
     status = tmp_path.stat()
-    assert owners == [(status.st_uid, status.st_gid)]
+    assert owners == dict.fromkeys((".users.json.lock", ".users.json"), (status.st_uid, status.st_gid))
 
 
 def test_a_program_with_a_token_reads_and_changes_nothing(guarded: TestClient, users: Path, plant) -> None:

@@ -58,6 +58,9 @@ def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(payload
 
 
 WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
+GAP = np.where(np.arange(64) == 5, np.nan, WAVE.ravel()).reshape(-1, 2)
+GLITCH = np.where(np.arange(64) == 5, 1e20, WAVE.ravel()).reshape(-1, 2)
+DEAD = np.abs(WAVE) * [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -84,6 +87,9 @@ def test_a_message_states_type_count_unit_and_sensitivity(tmp_path, kind, scale,
     [
         (WAVE.astype("<f8").tobytes(), {}, 'state "type": "float64"'),
         (WAVE.astype("<f4").astype("<f8").tobytes(), {}, 'state "type": "float64"'),
+        (GAP.astype("<f8").tobytes(), {}, 'state "type": "float64"'),
+        (np.round(9 * WAVE).astype("<f8").tobytes(), {}, 'state "type": "float64" or "float32"'),
+        (DEAD.astype("<f4").tobytes(), {}, 'state "type": "float64" or "float32"'),
         (WAVE.astype("<f4").tobytes()[:-4], {}, "no whole number"),
         (WAVE.astype("<f4").tobytes(), {"count": "31"}, "32 float32 samples of each channel, not 31"),
     ],
@@ -92,6 +98,17 @@ def test_samples_of_another_type_or_number_than_stated_are_refused(tmp_path, con
     (path := tmp_path / "message.f32").write_bytes(content)
     with pytest.raises(UnfitError, match=reason):
         samples_recording(path, {"rate": "25.6 kHz", "unit": "g", "channels": "x,y"} | changes, "m", Options())
+
+
+@pytest.mark.parametrize(
+    ("wave", "changes"),
+    [(GAP, {}), (GLITCH, {}), (0 * WAVE, {}), (DEAD, {"type": "float32"}), (DEAD, {"count": "32"})],
+)
+def test_float32_samples_with_odd_values_are_taken_for_what_they_are(tmp_path, wave, changes) -> None:
+    (path := tmp_path / "message.f32").write_bytes(wave.astype("<f4").tobytes())
+    facts = {"rate": "25.6 kHz", "unit": "m/s^2", "channels": "x,y"} | changes
+    recording = samples_recording(path, facts, "m", Options())
+    np.testing.assert_array_equal(recording.signal, wave.T.astype("<f4"))
 
 
 @contextmanager

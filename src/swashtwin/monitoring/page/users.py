@@ -172,7 +172,9 @@ def _replace(path: Path, new: Entry) -> None:
 def _changing(path: Path) -> Iterator[list[Entry]]:
     """Entries of the file, to be changed in the block; two commands at once change it one after the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with lock_file(path.with_name(f".{path.name}.lock")):
+    lock = path.with_name(f".{path.name}.lock")
+    with lock_file(lock):
+        _give(lock, path)
         entries = _read(path) if path.exists() else []
         yield entries
         _write(path, entries)
@@ -185,8 +187,14 @@ def _read(path: Path) -> list[Entry]:
         raise DataError(f"{path} is no file of users; write one with swashtwin watch user.") from cause
 
 
+def _give(made: Path, path: Path) -> None:
+    """Let what root made belong to the owner of the file at `path`, or of its folder: a service's user needs it."""
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        owner = (path if path.exists() else path.parent).stat()
+        os.chown(made, owner.st_uid, owner.st_gid, follow_symlinks=False)
+
+
 def _write(path: Path, entries: list[Entry]) -> None:
-    owner = (path if path.exists() else path.parent).stat()
     temporary = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)  # never readable by others
@@ -194,8 +202,7 @@ def _write(path: Path, entries: list[Entry]) -> None:
             json.dump(to_table(entries), file, indent=1)
             file.flush()
             os.fsync(file.fileno())
-        if hasattr(os, "geteuid") and os.geteuid() == 0:  # else the user of a service could not read what root wrote
-            os.chown(temporary, owner.st_uid, owner.st_gid)
+        _give(temporary, path)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

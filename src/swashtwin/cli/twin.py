@@ -1,4 +1,4 @@
-"""Commands of the group twin that use a twin or a pump file: next, pump show, new and list."""
+"""Commands of the group twin that use a twin or a pump file: next, pump show and pump new."""
 
 import math
 from collections.abc import Iterator

@@ -1,6 +1,7 @@
 """A delivered file becomes a recording at its operating point, or the reason why it cannot."""
 
 import json
+import os
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -142,10 +143,13 @@ def test_a_line_of_tags_that_is_half_written_is_not_used(tmp_path: Path) -> None
     path = tmp_path / "tags.csv"
     path.write_text("time,speed\n2026-11-23T13:50:00Z,1200\n2026-11-23T13:55:00Z,149")
     time = datetime(2026, 11, 23, 14, tzinfo=UTC)
-    assert Tags(path).at(time) == {"speed": "1200.0 rpm"}
+    tags = Tags(path)
+    assert tags.at(time) == {"speed": "1200.0 rpm"}
     with path.open("a") as file:
-        file.write("8\n")
-    assert Tags(path).at(time) == {"speed": "1498.0 rpm"}
+        file.write("8")
+    assert tags.at(time) == {"speed": "1200.0 rpm"}
+    os.utime(path, (path.stat().st_mtime - 11,) * 2)
+    assert tags.at(time) == {"speed": "1498.0 rpm"}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Operating points that another system wrote down: a CSV of times with speeds and pressures."""
 
 import csv
+import time as clock
 from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import suppress
@@ -12,6 +13,8 @@ from swashtwin.monitoring.sources.delivery import QUANTITIES, read_time
 
 _OLDEST = timedelta(hours=1)
 """Age of a tag up to which it still holds."""
+_SETTLED = 10.0
+"""Time [s] since its last change after which a file's last line is whole, with a line break or without."""
 _USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
 
 
@@ -24,7 +27,7 @@ class Tags:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._stamp: tuple[int, int] | None = None
+        self._stamp: tuple[int, int, bool] | None = None
         self._times: list[datetime] = []
         self._facts: list[dict[str, str]] = []
 
@@ -40,18 +43,19 @@ class Tags:
             stat = self._path.stat()
         except OSError as cause:
             raise DataError(f"{self._path} (tags) cannot be read: {cause.strerror or cause}.") from cause
-        stamp = (stat.st_size, stat.st_mtime_ns)
+        is_still = clock.time() - stat.st_mtime > _SETTLED
+        stamp = (stat.st_size, stat.st_mtime_ns, is_still)
         if self._stamp != stamp:
-            rows = _read(self._path)
+            rows = _read(self._path, is_still)
             self._times, self._facts, self._stamp = [row[0] for row in rows], [row[1] for row in rows], stamp
         index = bisect_right(self._times, time) - 1
         return self._facts[index] if index >= 0 and time - self._times[index] <= _OLDEST else {}
 
 
-def _read(path: Path) -> list[tuple[datetime, dict[str, str]]]:
+def _read(path: Path, is_still: bool) -> list[tuple[datetime, dict[str, str]]]:
     rows = []
     text = read_text(path)
-    whole = text[: text.rfind("\n") + 1]  # a line without its end may be half written
+    whole = text if is_still else text[: text.rfind("\n") + 1]  # a line without its end may be half written
     reader = csv.DictReader(whole.splitlines())
     names = [name.strip() for name in reader.fieldnames or ()]
     if "time" not in names or not _USUAL_UNITS.keys() & set(names):

@@ -180,3 +180,15 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(tmp_path: 
     assert rows["lost"]["values"]["rms"] == pytest.approx(1.0, rel=0.05)
     write_index([lost], files[1:], tmp_path / "other")
     assert "the line at order 7" in one_line(run("signal", "features", tmp_path / "other", *options, code=3))
+
+
+def test_a_tachometer_in_volts_stands_beside_accelerations(tmp_path: Path) -> None:
+    time = np.arange(3 * 2000) / 2000
+    rows = zip(time, np.sin(2 * np.pi * 175 * time), 5.0 * (np.mod(25 * time, 1) < 0.1), strict=True)
+    lines = ["Time [s],acc [g],tacho [V]", *(f"{moment:.4f},{level:.5f},{pulse}" for moment, level, pulse in rows)]
+    (file := tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    words = ("signal", "spectrum", file, "--kind", "order", "--out", tmp_path / "a.svg")
+    answer = run_json(*words, "--tachometer", "tacho")
+    assert answer["angle_from"] == "tacho, 1 pulse per turn"
+    assert list(answer["marks"][0]["value"]) == ["acc"]
+    assert "no channel 'volts'" in run(*words, "--tachometer", "volts", "--force", code=3).stderr

@@ -36,9 +36,12 @@ class Shaft:
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
         """The shaft's angle, or None where no option says how to find it."""
         if self.tachometer is not None:
+            from swashtwin.recordings import load_beside
             from swashtwin.signals import tachometer_speed
 
-            return tachometer_speed(recording, *self._tachometer_of(recording))
+            channel, pulses = self._tachometer_of(recording)
+            source = recording if channel in recording.channels else load_beside(recording, channel)
+            return tachometer_speed(source, channel, pulses)
         orders = read_list(self.track, int, "--track")
         if orders is None:
             return None

@@ -42,6 +42,7 @@ from .index import narrow_index as narrow_index
 from .index import save_index as save_index
 from .index import source_files as source_files
 from .index import write_index as write_index
+from .loading import load_beside as load_beside
 from .loading import load_recording as load_recording
 from .loading import recording_of as recording_of
 from .manifest import Manifest as Manifest

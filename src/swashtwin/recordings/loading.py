@@ -103,6 +103,23 @@ def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
     return _columns(raw, entry, choose_columns(raw, entry, str(path)), path)[0]
 
 
+def load_beside(recording: Recording, channel: str) -> Recording:
+    """Another column of a recording's file in its own unit, such as the volts of a tachometer beside accelerations.
+
+    Raises
+    ------
+    DataError
+        The recording is of no file, or the file has no such column.
+    """
+    opened = recording.samples.opened_by
+    if not (isinstance(opened, partial) and opened.func is _reopen):
+        raise DataError(f"{recording.recording_id} has no channel {channel!r}; it has {', '.join(recording.channels)}.")
+    path, _, entry = opened.args
+    raw = open_raw(path, entry.options)
+    unit = None if channel in raw.units else "1"
+    return recording_of(path, replace(entry, channels=(channel,), names=None, unit=unit, sensitivity=None, sha256=None))
+
+
 def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
     """Columns the entry asks for, in its order; where it asks for none, `vibration_columns`."""
     chosen: dict[str, Column] = {}

@@ -106,6 +106,11 @@ class Samples:
         return samples
 
     @property
+    def opened_by(self) -> Callable[[], Columns] | None:
+        """What opens the file; None for samples in memory."""
+        return self._open_columns
+
+    @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
         """All samples, which are read when first asked for and stay in memory."""
         if self._arrays is None:

@@ -84,7 +84,7 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
 
 
 def test_bounds_are_stated_by_letter_or_parameter_with_or_without_units(rig: Path, tmp_path: Path) -> None:
-    texts = ("bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m", "bounds=piston_bore.damping=1e4 .. 1e5")
+    texts = ("bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m", " bounds = piston_bore.damping=1e4 .. 1e5")
     words = (*(word for text in texts for word in ("--set", text)), *QUICK)
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     bounds = {estimate["letter"]: estimate["bounds"] for estimate in answer["estimates"]}

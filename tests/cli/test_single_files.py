@@ -89,14 +89,16 @@ def test_confidence_takes_the_validation_recordings_that_there_are(folder: Path,
     )
 
 
-def test_evaluate_says_how_many_recordings_diagnose_calls_unknown(folder: Path, tmp_path: Path) -> None:
+def test_evaluate_names_copies_and_says_how_many_are_called_unknown(folder: Path, tmp_path: Path) -> None:
     model, strange = tmp_path / "c.safetensors", tmp_path / "strange"
     shares = ("--validation-fraction", 0.5, "--error-rate", 0.25)
     run("train", folder, "--out", model, "--window", 128, "--test-fraction", 0, *shares, *TINY)
     for number, frequency in enumerate((700, 720, 740)):
         write_tone(strange / f"piston_{number}.csv", frequency)
+    (strange / "normal_9.csv").write_bytes((folder / "normal_1.csv").read_bytes())
     run("index", strange, *FACTS)
     said = run("evaluate", model, strange)
+    assert "left out: recording normal_9, which holds the samples of normal_1," in " ".join(said.stderr.split())
     unknown = run_json("evaluate", model, strange)["confidence"]["called_unknown"]
     assert unknown > 0
     assert f"diagnose would call {unknown:.0%} of these recordings unknown" in " ".join(said.stderr.split())

@@ -196,8 +196,8 @@ def _settings(
         },
         "solver": {"harmonic-balance": None, "rk4": RK4()},
     }  # fmt: skip
-    limits = [text.partition("=")[2] for text in texts or () if text.startswith("bounds=")]
-    others = [text for text in texts or () if not text.startswith("bounds=")]
+    limits = [text.partition("=")[2] for text in texts or () if _is_bounds(text)]
+    others = [text for text in texts or () if not _is_bounds(text)]
     usual = {"bounds": "10", "phases": True, **{name: next(iter(options)) for name, options in words.items()}}
     chosen = read_settings(others, {**usual, **defaults}, owner)
     for name in words.keys() & chosen.keys():
@@ -209,6 +209,12 @@ def _settings(
     if limits:
         arguments["bounds"] = _bounds(limits)
     return arguments, present(**chosen)
+
+
+def _is_bounds(text: str) -> bool:
+    """Whether a setting states bounds, which may be given several times."""
+    name, equals, value = text.partition("=")
+    return name.strip() == "bounds" and bool(equals and value.strip())
 
 
 def _bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]] | float:

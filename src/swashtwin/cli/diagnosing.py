@@ -18,7 +18,7 @@ from swashtwin.cli.options import (
 )
 from swashtwin.cli.outputs import Force, Report, require_page, write_page
 from swashtwin.cli.sources import load_sources
-from swashtwin.cli.summaries import confidence_advice
+from swashtwin.cli.summaries import class_words, confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -115,8 +115,10 @@ def _row(verdict: "Diagnosis") -> tuple[object, ...]:
         return verdict.recording_id, answer, verdict.p_value, verdict.moved if verdict.alarm else ""
     if verdict.label is None or verdict.unknown:
         return verdict.recording_id, verdict.verdict, *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2]
-    row = (verdict.recording_id, verdict.label, verdict.probabilities[verdict.label])
-    return row if verdict.kind == "prior" else (*row, f"{verdict.agreement:.0%}", ", ".join(verdict.prediction_set))
+    row = (verdict.recording_id, class_words(verdict.label), verdict.probabilities[verdict.label])
+    if verdict.kind == "prior":
+        return row
+    return *row, f"{verdict.agreement:.0%}", ", ".join(map(class_words, verdict.prediction_set))
 
 
 def report(

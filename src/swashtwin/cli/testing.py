@@ -8,6 +8,7 @@ import typer
 from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.options import Index, Json, ModelFile, Seed
 from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
+from swashtwin.cli.summaries import class_words
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -26,14 +27,14 @@ def evaluate(
     """Score a model on the recordings of an index that had no part in it."""
     import swashtwin.learning as learning
     from swashtwin.diagnosis import FaultClassifier, load_model
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import load_recordings, say_seen
 
     require_page(report, inputs=[model, source], force=force)
     trained, recordings = load_model(model), load_recordings(source)
     confidence: ConfidenceScores | None = None
     scores: Scores | AlarmScores
     with progress("evaluating"):
-        chosen = learning.unseen_recordings(trained.manifest, recordings)
+        chosen, seen = learning.unseen_recordings(trained.manifest, recordings)
         if isinstance(trained, FaultClassifier):
             reference = trained.fitted_.training_reference
             level = None if reference is None else learning.level_between(reference, chosen)
@@ -43,8 +44,13 @@ def evaluate(
                 confidence = learning.score_confidence(trained.fitted_, test)
         else:
             scores = trained.evaluate(chosen)
-    if len(chosen) < len(recordings):
-        note(f"left out: {plural(len(recordings) - len(chosen), 'recording')} that had a part in the model.")
+    if seen:
+        note(f"left out: {plural(len(seen), 'recording')} that had a part in the model.")
+    for name, listed in seen.items():
+        if name != listed:
+            note(f"left out: {say_seen({name: listed})} had a part in the model.")
+    if synthetic := len(recordings) - len(chosen) - len(seen):
+        note(f"left out: {plural(synthetic, 'synthetic recording')}.")
     page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})
 
     def show() -> None:
@@ -62,7 +68,7 @@ def evaluate(
 
 def _show_alarms(scores: "AlarmScores") -> None:
     rows = [
-        (item.label, item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
+        (class_words(item.label), item.n_recordings, item.n_no_verdict, item.n_alarms, item.share,
          f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_named)
         for item in scores.classes
     ]  # fmt: skip
@@ -86,9 +92,10 @@ def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> Non
     table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
     say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
-    counts = [(name, *(int(n) for n in row)) for name, row in zip(scores.classes, scores.confusion, strict=True)]
-    without = ("no verdict",) if scores.confusion.shape[1] > len(scores.classes) else ()
-    table("Windows of each class (row) by predicted class (column)", ("", *scores.classes, *without), counts)
+    classes = [class_words(name) for name in scores.classes]
+    counts = [(name, *(int(n) for n in row)) for name, row in zip(classes, scores.confusion, strict=True)]
+    without = ("no verdict",) if scores.confusion.shape[1] > len(classes) else ()
+    table("Windows of each class (row) by predicted class (column)", ("", *classes, *without), counts)
     if confidence is None:
         return
     figures = confidence.to_dict().items()

@@ -90,7 +90,7 @@ class _Case:
         )
         try:
             classifier = self.estimator(train).fit(train)
-            unseen = list(unseen_recordings(classifier.fitted_.manifest, test))
+            unseen, _ = unseen_recordings(classifier.fitted_.manifest, test)
             by_window = classifier.evaluate(unseen).macro_recall
             predicted = classifier.predict(unseen)
         except (DataError, InputError) as cause:

@@ -28,8 +28,12 @@ class Classifier(Protocol):
         """Probability of each class for each window."""
 
 
-def unseen_recordings(manifest: Manifest | Iterable[str], recordings: Sequence[Recording]) -> list[Recording]:
-    """Measured recordings that had no part in a model, in their order; each is read once for its content.
+def unseen_recordings(
+    manifest: Manifest | Iterable[str], recordings: Sequence[Recording]
+) -> tuple[list[Recording], dict[str, str]]:
+    """Measured recordings that had no part in a model, in their order, and those that had (`seen_recordings`).
+
+    Each is read once for its content.
 
     Parameters
     ----------
@@ -48,7 +52,7 @@ def unseen_recordings(manifest: Manifest | Iterable[str], recordings: Sequence[R
             f"all {len(recordings)} recordings had a part in the model (its manifest); test on others, or train "
             "with a share held out."
         )
-    return unseen
+    return unseen, seen
 
 
 def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:

@@ -18,6 +18,14 @@ torch.set_num_threads(1)
 threadpoolctl.threadpool_limits(1)  # numpy may have been imported before this file
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave tests of wrong types to runs without the checker of array shapes."""
+    if config.getoption("jaxtyping_packages", None):
+        for item in items:
+            if item.get_closest_marker("wrong_types"):
+                item.add_marker(pytest.mark.skip(reason="the checker of types refuses first"))
+
+
 @pytest.fixture(scope="session")
 def pump() -> Pump:
     """The paper's pump."""

@@ -174,8 +174,9 @@ PREPARED: dict[str, Callable[[Path, Path], None]] = {
     "README.md": _named_files,
     "docs/how-to/assistants.md": _named_files,
     "docs/how-to/indicators.md": _rig,
-    "docs/how-to/leakage.md": _split,
+    "docs/how-to/leakage.md": _rig,
     "docs/explanation/calibration.md": _calibrated,
+    "docs/explanation/method.md": _calibrated,
     "docs/explanation/diagnosis.md": _healthy,
 }
 """What the folder of a page holds before its first command."""

@@ -212,6 +212,7 @@ def test_its_repr_shows_what_differs_from_the_defaults():
     assert repr(FaultClassifier(epochs=3)) == "FaultClassifier(epochs=3)"
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
@@ -262,6 +263,7 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier().predict(recordings("new"))
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize("thing", [None, "folder", ["a.csv"], np.zeros((1, 400)), 3])
 def test_what_is_no_recording_is_refused_in_a_sentence(classifier: FaultClassifier, thing: object):
     prior = PriorClassifier.load("25scy14-1b")

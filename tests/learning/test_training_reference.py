@@ -126,6 +126,7 @@ def reasons(classifier: SimpleNamespace, **changes) -> tuple[str, ...]:
     return reasons_of(classifier, new.condition(0), signal_facts(new).mean(axis=0))
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -144,11 +145,13 @@ def test_each_cause_has_its_sentence_and_nothing_else_is_said(classifier, change
         assert sentence.startswith(start)
 
 
+@pytest.mark.wrong_types
 def test_a_gain_of_the_factor_between_g_and_its_si_unit_doubts_the_unit(classifier):
     assert ["check the unit" in reason for reason in reasons(classifier, gain=(1.0, 9.81))] == [True]
     assert ["check the unit" in reason for reason in reasons(classifier, gain=(1.0, 8.0))] == [False]
 
 
+@pytest.mark.wrong_types
 def test_more_noise_is_said_in_decibels_above_the_training_for_each_channel(classifier):
     sentences = reasons(classifier, noise=1.0)
     floors = [sentence for sentence in sentences if sentence.startswith("The noise floor of channel case_")]

@@ -103,6 +103,7 @@ def test_an_impossible_dimension_is_refused(fault: Any, changes: dict[str, Any],
         replace(fault, **changes)
 
 
+@pytest.mark.wrong_types
 def test_a_choice_that_is_none_is_refused_with_those_there_are() -> None:
     changes: dict[str, Any] = {"contact": "none"}
     with pytest.raises(InputError, match=r"contact \('none'\) must be one of shared, literal, physical"):

@@ -38,6 +38,7 @@ def test_a_signal_without_channels_or_samples_is_refused(shape: tuple[int, ...])
         Samples.in_memory("a", np.zeros(shape), None)
 
 
+@pytest.mark.wrong_types
 def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> None:
     array = np.ma.array(np.arange(8).reshape(2, 4), mask=False)
     array.mask[1, 2] = True
@@ -51,6 +52,7 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
         Recordings(recording)
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("facts", "message"),
     [

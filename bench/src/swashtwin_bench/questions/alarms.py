@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -82,7 +83,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     return replace(study, answer=tuple(_answer(study, settings)))
 
 
-def _run(kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None) -> dict[str, float]:
+def _run(kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None) -> dict[str, Any]:
     factors = {"course": kind, "pump": pump}
     task = Task("alarms", seed, factors, asdict(settings), f"virtual rig {RIG_VERSION}")
     return task.run(out, lambda: _course(kind, seed, pump, settings))

@@ -66,7 +66,7 @@ class LevelNetwork(SolvedNetwork):
     Examples
     --------
     >>> LevelNetwork(1, 5).represent_at(np.zeros((2, 1, 2048), dtype=np.float32), np.zeros(2)).shape
-    (2, 536)
+    (2, 535)
     """
 
     name: ClassVar[str] = "levels"
@@ -131,7 +131,7 @@ class LevelNetwork(SolvedNetwork):
             levels = levels - self.response * levels[..., :1]
         return levels.reshape(len(levels), -1)
 
-    def encode(self, values: Float32[np.ndarray, "window level"]) -> Float32[np.ndarray, "window level"]:
+    def encode(self, values: Float32[np.ndarray, "window level"]) -> Float[np.ndarray, "window level"]:
         """Levels in deviations of the training's."""
         return (values - self.weights["mean"]) / self.weights["deviation"]
 

@@ -1,7 +1,7 @@
 """Ensembles of decision trees on vibration features."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
@@ -56,7 +56,7 @@ class ExtraTrees(SolvedNetwork):
         grown: Any = getattr(sklearn.ensemble, self.estimator)(self.settings["trees"], random_state=state, n_jobs=1)
         self.loaded(forest_of(grown.fit(values, target), self.n_classes).tensors(np.float32))
 
-    def loaded(self, weights: Mapping[str, np.ndarray]) -> Self:
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> "ExtraTrees":
         """These trees with the nodes of saved ones; a `ValueError` where those contradict each other."""
         forest = Forest.of_tensors(dict(weights))
         columns, n_columns = (

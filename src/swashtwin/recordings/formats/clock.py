@@ -245,7 +245,7 @@ def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
     return bool(is_counted) or _is_clock(raw, name)
 
 
-def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " step"]:
     """Steps of a counter, which may begin again after its largest number."""
     steps, span = np.diff(counts), counts.max() - counts.min()
     if span >= 15:

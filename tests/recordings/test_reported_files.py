@@ -308,7 +308,7 @@ READ += [
     ("angle", text("a.csv", "angle,x [g]", *rows(",", 36 * TIME, NOISE)), {}, "does not say its sample rate"),
     ("angle", text("a.csv", "angle,x [g]", *rows(",", 36 * TIME, NOISE)), {"sample_rate": RATE}, NOISE),
     ("sensitivity without volts", SENSED, {}, 'unit = "V" or "mV"'),
-    ("sensitivity without volts", SENSED, {"unit": "g"}, "is for volts, and unit says g"),
+    ("sensitivity without volts", SENSED, {"unit": "g"}, VOLTS),  # applied already, as is said
     ("sensitivity without volts", SENSED, {"unit": "V"}, NOISE),
     ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {}, r'gain = 0.0001 g.* sensitivity = "0.0001 g"'),
     ("scale in words", hdf5(COUNTS, gain="0.0001 g"), {"sensitivity": "0.0001 g"}, NOISE),

@@ -103,7 +103,7 @@ def _scale_of(
         if name in raw.sensitivities and name not in raw.units and options.unit is None:
             raise DataError(
                 f"{where} states the sensitivity {raw.sensitivities[name]} of {name!r} and not its unit; add unit = "
-                '"V" or "mV", or sensitivity = "1 g" where it is applied already.'
+                '"V" or "mV", or "g" where it is applied already.'
             )
         return 1.0, _unit(raw.units.get(name), options.unit, name, where)
     unit = None if in_file is None and options.unit is None else _unit(in_file, options.unit, name, where)
@@ -164,18 +164,12 @@ def _sensitivities_in_file(
     found: dict[str, _Sensitivity] = {}
     for name in (name for name in chosen if name in raw.sensitivities):
         text, unit = raw.sensitivities[name], raw.units.get(name, options.unit)
-        is_scaled = unit is not None and acceleration_factor(unit) is not None
-        if is_scaled and name in raw.units:
-            continue
+        if unit is not None and not re.fullmatch(rf"{_ELECTRIC}|1|{_COUNT}", unit):
+            continue  # it is applied already, as the unit in the file or the stated one says
         if re.fullmatch(r"[\d.eE+-]+", text):
             raise DataError(
                 f"{where} states the sensitivity {text} of {name!r} without its unit; say sensitivity = "
-                f'"{text} mV/g" or what it is, or "1 g" where it is applied already.'
-            )
-        if is_scaled:
-            raise DataError(
-                f"{where} states the sensitivity {text} of {name!r}, which is for volts, and unit says {unit}; say "
-                'unit = "V" or "mV", or sensitivity = "1 g" in place of the unit where it is applied already.'
+                f'"{text} mV/g" or what it is, or unit = "g" where it is applied already.'
             )
         sensitivity = _Sensitivity.read(text, where)
         if unit and sensitivity.of(unit) is not None:

@@ -1,5 +1,7 @@
 """Files as instruments write them: what they say of their numbers is obeyed or refused, and never ignored."""
 
+import logging
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,8 @@ from scipy.io import savemat
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording
+from swashtwin.recordings.formats.raw import RawFile
+from swashtwin.recordings.stated_facts import facts_of_header
 
 RATE = 10_000.0
 NOISE = np.random.default_rng(3).normal(size=2000).round(5)
@@ -113,6 +117,30 @@ def test_a_segment_that_goes_on_without_a_gap_is_no_other_recording(tmp_path: Pa
         {"x": (NOISE[1000:], waveform("2026-03-02T09:14:07.100"))},
     )
     assert_noise(load_recording(goes_on))
+
+
+def test_readers_of_tdms_in_threads_leave_the_library_as_it_was(tmp_path: Path) -> None:
+    reader, logger = pytest.importorskip("nptdms.reader").TdmsReader, logging.getLogger("nptdms")
+    path = write_tdms(tmp_path / "a.tdms", {"x": (NOISE, waveform("2026-03-02T09:14:07"))})
+    before = reader._update_object_metadata, reader._update_object_properties, logger.propagate
+    with ThreadPoolExecutor(4) as pool:
+        for recording in pool.map(lambda _: load_recording(path), range(8)):
+            assert_noise(recording)
+    assert (reader._update_object_metadata, reader._update_object_properties, logger.propagate) == before
+
+
+@pytest.mark.parametrize(
+    ("header", "speed"),
+    [
+        ("Speed sensor: 3", None),
+        ("Speed channel: 2", None),
+        ("Speed: 980", "980 rpm"),
+        ("Drehzahl Pumpe: 980", "980 rpm"),
+        ("Motor speed: 1500 rpm\nPump speed: 980 rpm", "980 rpm"),
+    ],
+)
+def test_a_header_states_the_speed_of_the_pump(header: str, speed: str | None) -> None:
+    assert facts_of_header(RawFile({}, attributes={"header": header})).get("speed") == speed
 
 
 @pytest.mark.parametrize("write", ["hdf5", "npz", "mat", "parquet"])

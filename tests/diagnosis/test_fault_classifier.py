@@ -1,5 +1,7 @@
 """`FaultClassifier` keeps scikit-learn's conventions, answers per recording, and scores no training recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -141,6 +143,8 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     assert not any("--fault-of" in note for note in mapped.notes_)
     assert mapped.diagnose(recordings("new")[0]).fault_of == {"Kolbenverschleiss": "piston"}
+    like = [replace(item, classes=(*item.classes, "Kolbenverschleiss"), target=item.target) for item in sets]
+    assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     with pytest.raises(InputError, match="no recording is of the class 'Kolben'"):
         FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(train, synthetic=sets)
 

@@ -22,6 +22,7 @@ from swashtwin.pump import (
     ValvePlateWear,
     canonical_label,
     is_healthy,
+    propose_class,
 )
 
 PAPERS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
@@ -124,3 +125,21 @@ def test_what_people_call_a_sound_machine_is_healthy_in_any_spelling() -> None:
     assert all(is_healthy(label) for label in labels)
     assert not any(is_healthy(label) for label in (None, "", "piston", "abnormal", "unhealthy", "not ok", "n.i.O."))
     assert canonical_label("Gut") == "normal"
+
+
+@pytest.mark.parametrize(
+    ("label", "fault"),
+    [
+        ("Axialkolbenpumpe A4", None),
+        ("柱塞泵", None),
+        ("piston ok", None),
+        ("ohne Kolbenschaden", None),
+        ("hospiston", None),
+        ("piston pump, valve plate worn", "valve_plate"),
+        ("柱塞泵滑靴松动", "loose_slipper"),
+        ("Kolbenschuh lose", "loose_slipper"),
+        ("Verschleiss_Kolben", "piston"),
+    ],
+)
+def test_a_word_for_the_machine_or_a_sound_part_proposes_no_fault(label: str, fault: str | None) -> None:
+    assert propose_class(label) == fault

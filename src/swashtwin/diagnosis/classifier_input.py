@@ -145,7 +145,7 @@ def name_alike(
     InputError
         `fault_of` names a class that nobody measured, or a fault that nobody simulated.
     """
-    made = dict.fromkeys(name for windows in sets for name in windows.classes)
+    made = dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label))
     for label, fault in fault_of.items():
         if label not in measured:
             raise InputError(
@@ -160,7 +160,7 @@ def name_alike(
     renamed = {names.get(name, name) for name in made}
     lone = [label for label in sorted(measured) if label not in renamed and not is_healthy(label)]
     notes = []
-    for name in dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label)):
+    for name in made:
         if names.get(name, name) in measured or not lone:
             continue
         likely = [label for label in lone if propose_class(label) == name]
@@ -170,7 +170,14 @@ def name_alike(
             f"{'By their names they are the same' if likely else 'If they are the same'}: train with "
             f'--fault-of "{other}={name}", or fault_of.'
         )
-    return [replace(windows, classes=tuple(names.get(n, n) for n in windows.classes)) for windows in sets], tuple(notes)
+    return [_renamed(windows, names) for windows in sets], tuple(notes)
+
+
+def _renamed(windows: WindowSet, names: Mapping[str, str]) -> WindowSet:
+    """The windows with other names of classes, of which two may become one."""
+    classes = tuple(dict.fromkeys(names.get(name, name) for name in windows.classes))
+    target = [classes.index(names.get(label, label)) if label else -1 for label in windows.label.tolist()]
+    return replace(windows, classes=classes, target=np.array(target, dtype=np.int64))
 
 
 def windows_of_array(

@@ -27,7 +27,7 @@ ALIASES = {
 _PARTS = {
     "cylinder_block": ("cylinder_block", "cylinder_barrel", "zylinderblock", "zylindertrommel", "kolbentrommel",
                        "bloc_cylindre", "barillet", "bloque_de_cilindro", "barrilete", "缸体"),
-    "loose_slipper": ("slipper", "piston_shoe", "gleitschuh", "patin", "zapata", "滑靴"),
+    "loose_slipper": ("slipper", "piston_shoe", "kolbenschuh", "gleitschuh", "patin", "zapata", "滑靴"),
     "swash_plate": ("swash", "schragscheibe", "schraegscheibe", "schwenkscheibe", "taumelscheibe", "plateau_incline",
                     "plateau_oscillant", "plato_inclinado", "plato_oscilante", "斜盘"),
     "valve_plate": ("valve_plate", "valveplate", "port_plate", "steuerplatte", "steuerscheibe", "steuerspiegel",
@@ -37,6 +37,16 @@ _PARTS = {
 }  # fmt: skip
 """Words for a part in English, German, French, Spanish and Chinese, without accents; the first class that fits is
 meant, so that a ``Kolbentrommel`` is no piston."""
+
+_MACHINES = re.compile(
+    r"(axial|radial)?_?(piston_pump|pump_piston|kolbenpumpe\w*|kolbenmaschine\w*|pompe_a_pistons?|bomba_de_pistones)"
+    r"|柱塞泵|活塞泵"
+)
+"""Words for the whole machine, which name no part of it."""
+_SOUND = re.compile(
+    r"(^|_)(no|non|not|ohne|kein\w*|sans|sin|without|new|neu\w*|ok|okay|good|gut\w*|healthy|intact|intakt)(_|$)|无|正常|新"
+)
+"""Words by which a label may say that its part is sound; a person must decide."""
 
 
 def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
@@ -68,7 +78,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
 
 
 def propose_class(label: str) -> str | None:
-    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None where they do not.
+    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None where they do not, or
+    say that the part is sound.
 
     Examples
     --------
@@ -78,7 +89,15 @@ def propose_class(label: str) -> str | None:
     if is_healthy(label):
         return CLASSES[0]
     plain = "".join(char for char in unicodedata.normalize("NFKD", _word(label)) if not unicodedata.combining(char))
-    return next((name for name, words in _PARTS.items() if any(word in plain for word in words)), None)
+    part = _MACHINES.sub("", plain)
+    if _SOUND.search(part):
+        return None
+    return next((name for name, words in _PARTS.items() if any(_begins(word, part) for word in words)), None)
+
+
+def _begins(word: str, text: str) -> bool:
+    """Whether a word begins within a text, or stands anywhere in one of Chinese, which has no gaps."""
+    return word in text if not word.isascii() else re.search(rf"(^|_|\d){word}", text) is not None
 
 
 def is_healthy(label: str | None) -> bool:

@@ -66,8 +66,7 @@ def diagnose(
     def show() -> None:
         table(plural(len(verdicts), "recording"), _HEADERS[verdicts[0].kind], [_row(verdict) for verdict in verdicts])
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
-            advice = confidence_advice(len(trained.manifest))
-            note(f"note: the model's confidence is not calibrated; {advice}.")
+            note(f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}.")
         said = {verdict: verdict.sentence() for verdict in verdicts if verdict.label is None or verdict.unknown}
         note_merged([(verdict.recording_id, text) for verdict, text in said.items()])
         pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)

@@ -9,7 +9,7 @@ from swashtwin.cli.console import say, table
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.learning import DataCheck
+    from swashtwin.learning import DataCheck, FittedClassifier
     from swashtwin.recordings import InspectionReport, Recording, RecordingReport
     from swashtwin.signals import Row, Trend
 
@@ -144,10 +144,13 @@ def show_check(check: "DataCheck") -> None:
         say(f"note: {text}")
 
 
-def confidence_advice(n_recordings: int) -> str:
-    """How to calibrate the confidence of a training on so many recordings."""
+def confidence_advice(fitted: "FittedClassifier") -> str:
+    """How to calibrate the confidence of a training."""
     from swashtwin.learning import plan_validation
 
+    if fitted.choice is not None:
+        return f"that takes a trial: {fitted.choice.reason or 'no class has two recordings to compare'}"
+    n_recordings = len(fitted.manifest)
     plan = plan_validation(n_recordings)
     if plan.n_validation < 2:
         return f"that takes more recordings than the {n_recordings} it was trained on"

@@ -227,9 +227,7 @@ def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: in
         if fitted.choice is not None:
             _show_choice(fitted.choice)
         if confidence is None:
-            no_trial = fitted.choice is not None and not fitted.choice.trials
-            advice = "that takes a trial" if no_trial else confidence_advice(len(fitted.manifest))
-            note(f"note: its confidence is not calibrated; {advice}.")
+            note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
             say(f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}")

@@ -84,7 +84,7 @@ def choose(
     measured = _sample(windows)
     group, folds = _inner_folds(measured, seed)
     if not folds:
-        reason = "there are too few recordings of a class to test on some of them"
+        reason = "there are too few recordings of a class to test on some of them; record more of each class"
         return possible[0], Choice(possible[0].name, (), "", 0, 0, reason), None
     tried, reason = _within_budget(possible, measured, windows, len(folds), budget)
     if len(tried) < 2:
@@ -167,7 +167,8 @@ def _within_budget(
         if tried and spent + cost > budget:
             return (
                 tried,
-                f"the budget of {budget:g} s left out {len(candidates) - len(tried)} of {len(candidates)} candidates",
+                f"the budget of {budget:g} s left out {len(candidates) - len(tried)} of {len(candidates)} candidates; "
+                "a longer one tries them",
             )
         spent += cost
         paid |= {(candidate.axis, None), (candidate.axis, candidate.training)}

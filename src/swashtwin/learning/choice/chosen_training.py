@@ -58,8 +58,8 @@ def fit_chosen(
     confidence = _confidence(fitted.training_reference, answers, error_rate)
     if confidence is None and error_rate is not None:
         raise InputError(
-            f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none ({choice.reason}); "
-            "record more of each class, or leave error_rate out."
+            f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
+            "leave error_rate out."
         )
     return replace(fitted, choice=choice, confidence=confidence)
 

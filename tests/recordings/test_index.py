@@ -115,6 +115,15 @@ def test_the_index_may_lie_away_from_its_data(tmp_path: Path) -> None:
     assert load_recordings(index)[0].attributes["file"] == "a.csv"
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_an_index_written_by_hand_on_windows_is_read_on_every_system(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "May" / "pump A").mkdir(parents=True)
+    save(tmp_path / "May" / "pump A", "")
+    text = f"format = 1\nroot = '.\\May'\n[[recording]]\nfile = 'pump A\\a.csv'\n{FACTS}"
+    (tmp_path / "mine.toml").write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    assert load_recordings(tmp_path / "mine.toml")[0].recording_id == "a"
+
+
 FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
 
 
@@ -145,6 +154,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         ("format = true", "format = True cannot be read"),
         ("format = 1\ndefaults = 'normal'", "defaults = 'normal' must be a table"),
         ("format = 1\nroot = 3", "root = 3 must be a text"),
+        ('format = 1\nroot = "C:\\data"', "write / between folders, or put a text with"),
         *(
             (f'format = 1\n[[recording]]\nfile = "a.csv"\n{fact}\n{FACTS}', message)
             for fact, message in {

@@ -257,7 +257,9 @@ def load_recordings(
         if is_store(source):
             found = stored_recordings(source)
         else:
-            found = indexed_recordings(source, unreadable, **chosen) or indexed_recordings(source, unreadable)
+            found = indexed_recordings(source, unreadable, **chosen)
+            if chosen and not found:
+                found = indexed_recordings(source, unreadable)
         recordings += Recordings(found).where(**chosen) if chosen else found
     return Recordings(recordings)
 

@@ -53,12 +53,12 @@ def indexed_recordings(
     recordings = []
     files: dict[str, str] = {}
     classes = _classes(table)
-    root = index.parent / str(table.get("root", ""))
+    root = _path(index.parent, str(table.get("root", "")))
     for entry in _entries(table, index):
         if _states_another(entry.label, label) or _states_another(entry.specimen, specimen):
             continue
         try:
-            recording = recording_of(root / entry.file, entry)
+            recording = recording_of(_path(root, entry.file), entry)
             name, label_found = recording.recording_id, recording.label
             if classes is not None and label_found is not None and label_found not in classes:
                 near = get_close_matches(label_found, classes, n=1, cutoff=0.4)
@@ -157,8 +157,14 @@ def source_files(path: str | Path) -> list[Path]:
         return [path]
     index = index_path(path)
     table = _load(index)
-    root = index.parent / str(table.get("root", ""))
-    return [index, *(root / entry.file for entry in _entries(table, index))]
+    root = _path(index.parent, str(table.get("root", "")))
+    return [index, *(_path(root, entry.file) for entry in _entries(table, index))]
+
+
+def _path(folder: Path, name: str) -> Path:
+    """File or folder that an index names below `folder`; on every system it may be written as Windows does it."""
+    path = folder / name
+    return path if "\\" not in name or path.exists() else folder / name.replace("\\", "/")
 
 
 def declared_classes(path: str | Path) -> tuple[str, ...] | None:
@@ -193,7 +199,8 @@ def _load(index: Path) -> dict[str, Any]:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as cause:  # numbers of thousands of digits, and lists in lists, too
-        raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}") from cause
+        hint = "; write / between folders, or put a text with \\ into single quotes" if "\\" in str(cause) else ""
+        raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}{hint}") from cause
     unknown = sorted(set(table) - {"format", "classes", "root", "fault_of", "defaults", "recording"})
     if unknown:
         raise DataError(

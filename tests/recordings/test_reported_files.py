@@ -285,6 +285,10 @@ READ += [
     ("words for missing", text("a.csv", "t [s],x [g]", *rows(",", TIMES, np.where(FILL, "1.#QNAN", NOISE.astype(str)))),
      {}, MISSING),
     ("time in a matrix with a unit", mat(data=np.stack([TIME, NOISE], axis=1), fs=RATE, unit="g"), {}, NOISE),
+    ("X against Y", mat(X=TIME, Y=NOISE[:, None], unit="g"), {}, NOISE),
+    ("layout of PicoScope", mat(Tstart=0.0, Tinterval=1e-4, Length=401, A=NOISE), {"unit": "g"}, NOISE),
+    ("rate in kHz", mat(x=NOISE, fs_kHz=10.0, unit="g"), {}, NOISE),
+    ("line of types", text("a.csv", "t;x", "s;g", "float;float", *rows(";", TIMES, NOISE)), {}, NOISE),
     ("names of cells", mat(data=np.array([NOISE, NOISE * 2, None], object)[:2], names=np.array(["x", "p"], object),
                            units=np.array(["g", "bar"], object), fs=RATE), {}, NOISE),
     ("layout of Testlab", mat(s={"x_values": {"increment": 1e-4}, "y_values": {

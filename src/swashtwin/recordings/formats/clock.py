@@ -34,7 +34,8 @@ OTHER_AXIS = re.compile(
     re.IGNORECASE,
 )
 """Names of columns that rise as the time does and are another quantity."""
-_FIRST_OF_MATRIX = re.compile(r"\(:,1\)$|\(1,:\)$|/0$")
+_FIRST = re.compile(r"\(:,1\)$|\(1,:\)$|/0$|^X$")
+"""The first vector of a matrix, and what stands against Y."""
 _EPOCHS = {1e9: "s", 1e12: "ms", 1e15: "us", 1e18: "ns"}
 """Least and, ten times that, greatest count of a unit since 1970 in this century."""
 _DAYS = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
@@ -176,10 +177,10 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
 
 
 def _own_unit(raw: RawFile, name: str) -> str | None:
-    """Unit of a column; none where it is that of a whole matrix, and not of the time in it."""
+    """Unit of a column; none where it is that of all, and not of the time among them."""
     unit = raw.units.get(name)
     of_all = unit not in TIME_UNITS and all(raw.units.get(each) == unit for each in raw.columns)
-    return None if of_all and (named_as_time(name) or _FIRST_OF_MATRIX.search(name)) else unit
+    return None if of_all and (named_as_time(name) or _FIRST.search(name)) else unit
 
 
 def _is_of_time(raw: RawFile, name: str) -> bool:

@@ -39,6 +39,21 @@ _SENSOR_NAME = re.compile(
 _LABVIEW = "***End_of_Header***"
 _NEEDLESS = ("", "Comment")
 """Last headings for which rows may lack a column: LabVIEW writes one for comments that are none."""
+_TYPES = {
+    "float",
+    "float32",
+    "float64",
+    "double",
+    "single",
+    "real",
+    "int",
+    "integer",
+    "int16",
+    "int32",
+    "string",
+    "datetime",
+}
+"""What a line below the headings may say of numbers, and no heading."""
 _FEW_ROWS = {" ": 8}
 """Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""
 
@@ -272,6 +287,7 @@ def _headings(fields: list[str], width: int, decimal: str, *, blank: int = 0) ->
         len(fields) != width
         or not wordy
         or fields[0].endswith(":")
+        or all(field.lower().removeprefix("dt_") in _TYPES for field in fields if field)
         or (numbers and not _is_counted(numbers, len(numbers)))
     ):
         return None

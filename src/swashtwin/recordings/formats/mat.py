@@ -13,7 +13,7 @@ import numpy as np
 from swashtwin.foundation import DataError, UnitError, parse, require_memory
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, plain_unit
 from swashtwin.recordings.formats.tables import LISTS, SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 
@@ -138,9 +138,11 @@ _RATE_NAMES = ("sample_rate", "fs", "samplerate", "sampling_rate", "samplingrate
 """What files call their sample rate [Hz], in any case of letters."""
 _STEP_NAMES = (
     "dt", "delta_t", "deltat", "ts", "sampling_interval", "sample_interval", "sampling_period", "sample_period",
-    "samplingperiod", "sampleperiod", "time_step", "timestep", "wf_increment", "x_values.increment",
+    "samplingperiod", "sampleperiod", "time_step", "timestep", "wf_increment", "tinterval", "x_values.increment",
 )  # fmt: skip
-"""What files call the time between two samples [s], the last as Testlab does."""
+"""What files call the time between two samples [s], the last two as PicoScope and Testlab do."""
+_WITH_UNIT = re.compile(r"(.*(?:fs|rate|frequency|dt|interval|period|step))_(k?hz|[mu]?s)", re.IGNORECASE)
+"""A number whose name ends with its unit, such as ``fs_kHz``."""
 _SENSITIVITY_NAMES = ("sensitivity", "sensitivities")
 _PARTS = re.compile(r"[./]")
 _CELL = re.compile(r"(.*)\((\d+)\)")
@@ -269,7 +271,9 @@ class _Variables:
         elif kind in "mM" and array.ndim == 1:
             self.columns[name], self.units[name] = array.astype(f"{kind}8[ns]").astype(np.int64), "ns"
         elif array.ndim == 0 and kind in "fiubU":
-            self.facts[name] = str(array.item()) if kind == "U" else f"{array.item():.12g}"
+            text = str(array.item()) if kind == "U" else f"{array.item():.12g}"
+            parts = _WITH_UNIT.fullmatch(name)
+            self.facts[parts[1] if parts else name] = f"{text} {plain_unit(parts[2])}" if parts else text
         elif array.ndim == 1 and array.size > 1 and kind in "fiub":
             cell = _CELL.fullmatch(name)
             of = cell[1] if cell else name

@@ -12,6 +12,7 @@ from swashtwin.cli import (
     calibrating,
     data,
     diagnosing,
+    exploring,
     history,
     prior,
     recordings,
@@ -30,6 +31,7 @@ from swashtwin.foundation import InputError, keep_freed_memory
 
 FIRST: Mapping[str, Callable[..., None]] = {
     "index": recordings.index,
+    "explore": exploring.explore,
     "inspect": recordings.inspect,
     "check": recordings.check,
     "train": training.train,

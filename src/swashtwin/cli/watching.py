@@ -125,16 +125,14 @@ _EXTRA = ("argon2", "fastapi", "prometheus_client", "python_multipart", "sqlalch
 """Packages of the extra that every watch needs."""
 
 
-def require_extra() -> None:
-    """Refuse a watch whose packages are not installed."""
+def require_extra(what: str = "a watch") -> None:
+    """Refuse a watch, or another page, whose packages are not installed."""
     from importlib.util import find_spec
 
     from swashtwin.foundation import MissingExtraError
 
     if missing := [name for name in _EXTRA if find_spec(name) is None]:
-        raise MissingExtraError(
-            f"a watch needs {missing[0]}, which is not installed: pip install 'swashtwin[monitor]'."
-        )
+        raise MissingExtraError(f"{what} needs {missing[0]}, which is not installed: pip install 'swashtwin[monitor]'.")
 
 
 def _config(path: Path) -> "WatchConfig":

@@ -6,9 +6,13 @@ from .alarms.monitor import PointState as PointState
 from .alarms.sensors import SensorFinding as SensorFinding
 from .config.loading import load_watch_config as load_watch_config
 from .config.loading import write_example as write_example
+from .config.settings import PageSettings as PageSettings
 from .config.settings import WatchConfig as WatchConfig
 from .history.database import HistoryError as HistoryError
 from .history.history import History as History
+from .page.access import Access as Access
+from .page.guard import Guard as Guard
+from .page.serving import serving_page as serving_page
 from .page.users import add_token as add_token
 from .page.users import add_user as add_user
 from .page.users import remove_entry as remove_entry

@@ -36,12 +36,17 @@ from .grouping import no_group as no_group
 from .grouping import recording_groups as recording_groups
 from .grouping import stated_pressure as stated_pressure
 from .grouping import stated_speed as stated_speed
+from .index import INDEX_NAME as INDEX_NAME
 from .index import declared_classes as declared_classes
 from .index import declared_faults as declared_faults
+from .index import index_table as index_table
+from .index import indexed_path as indexed_path
 from .index import narrow_index as narrow_index
 from .index import save_index as save_index
 from .index import source_files as source_files
 from .index import write_index as write_index
+from .index_editing import FactChange as FactChange
+from .index_editing import change_facts as change_facts
 from .loading import load_beside as load_beside
 from .loading import load_recording as load_recording
 from .loading import recording_of as recording_of

@@ -49,16 +49,16 @@ def indexed_recordings(
         The index or a file is missing or damaged, or one contradicts the other.
     """
     index = index_path(path)
-    table = _load(index)
+    table = index_table(index)
     recordings = []
     files: dict[str, str] = {}
     classes = _classes(table)
-    root = _path(index.parent, str(table.get("root", "")))
+    root = indexed_path(index.parent, str(table.get("root", "")))
     for entry in _entries(table, index):
         if _states_another(entry.label, label) or _states_another(entry.specimen, specimen):
             continue
         try:
-            recording = recording_of(_path(root, entry.file), entry)
+            recording = recording_of(indexed_path(root, entry.file), entry)
             name, label_found = recording.recording_id, recording.label
             if classes is not None and label_found is not None and label_found not in classes:
                 near = get_close_matches(label_found, classes, n=1, cutoff=0.4)
@@ -133,7 +133,7 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
         `recordings` are not those of `index`, or one of `ids` is not among them.
     """
     source, path = index_path(Path(index)), Path(path)
-    table = _load(source)
+    table = index_table(source)
     if len(table["recording"]) != len(recordings):
         raise InputError(f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings.")
     ids = {str(name) for name in ids}
@@ -156,12 +156,12 @@ def source_files(path: str | Path) -> list[Path]:
     if not (path.is_dir() or path.suffix == ".toml"):
         return [path]
     index = index_path(path)
-    table = _load(index)
-    root = _path(index.parent, str(table.get("root", "")))
-    return [index, *(_path(root, entry.file) for entry in _entries(table, index))]
+    table = index_table(index)
+    root = indexed_path(index.parent, str(table.get("root", "")))
+    return [index, *(indexed_path(root, entry.file) for entry in _entries(table, index))]
 
 
-def _path(folder: Path, name: str) -> Path:
+def indexed_path(folder: Path, name: str) -> Path:
     """File or folder that an index names below `folder`; on every system it may be written as Windows does it."""
     path = folder / name
     return path if "\\" not in name or path.exists() else folder / name.replace("\\", "/")
@@ -171,12 +171,12 @@ def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
     if is_store(Path(path)):
         return None
-    return _classes(_load(index_path(Path(path))))
+    return _classes(index_table(index_path(Path(path))))
 
 
 def declared_faults(path: str | Path) -> dict[str, str]:
     """Fault that each class of an index stands for, as its table ``[fault_of]`` says."""
-    return {} if is_store(Path(path)) else dict(_load(index_path(Path(path))).get("fault_of", {}))
+    return {} if is_store(Path(path)) else dict(index_table(index_path(Path(path))).get("fault_of", {}))
 
 
 def _classes(table: dict[str, Any]) -> tuple[str, ...] | None:
@@ -194,7 +194,14 @@ def index_path(path: Path) -> Path:
     return path
 
 
-def _load(index: Path) -> dict[str, Any]:
+def index_table(index: Path) -> dict[str, Any]:
+    """What an index file states, as TOML has it.
+
+    Raises
+    ------
+    DataError
+        It is damaged, or no index of this version.
+    """
     text = read_text(index)
     try:
         table = tomllib.loads(text)

@@ -4,7 +4,7 @@ headers by which a browser refuses the rest.
 
 import asyncio
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from urllib.parse import quote, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -51,11 +51,15 @@ class Guard:
     hosts : names by which the page may be called; any other ``Host`` is refused, so that a foreign site that points its
         own name to this computer (DNS rebinding) reads nothing. ``*`` takes any.
     access : who may use the page; `Visitor` is handed on as ``request.state.visitor``.
+    uploads : addresses whose bodies may be as large as a recording.
     """
 
-    def __init__(self, app: ASGIApp, hosts: Sequence[str], access: Access) -> None:
+    def __init__(
+        self, app: ASGIApp, hosts: Sequence[str], access: Access, uploads: Container[str] = (UPLOAD_PATH,)
+    ) -> None:
         self.app = app
         self.access = access
+        self.uploads = uploads
         self.hosts = frozenset(host.lower().strip("[]") for host in hosts)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -77,7 +81,7 @@ class Guard:
                 sent["cache-control"] = "public, max-age=3600" if path.startswith("/static/") else "no-store"
             await send(message)
 
-        limit = MOST_UPLOAD_BYTES if path == UPLOAD_PATH else MOST_FORM_BYTES
+        limit = MOST_UPLOAD_BYTES if path in self.uploads else MOST_FORM_BYTES
         answer = self._refusal(scope, headers, limit)
         if answer is None:
             try:

@@ -2,16 +2,24 @@
 
 import asyncio
 import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import h11
 import uvicorn
 from fastapi import FastAPI
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from swashtwin.foundation import InputError
+
 HEADER_SECONDS = 15.0
 """Time a client has to send the head of a request, and to take the rest of a small answer [s]."""
 ANSWER_SECONDS = 120.0
 """Time a client has to take what is ready of an answer [s]."""
+_END = 10.0
+"""Time [s] that the server has to end."""
 MOST_CONNECTIONS = 300
 """Connections at the same time. Beyond it the one that has been idle longest makes room for a new one."""
 
@@ -102,6 +110,29 @@ def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
     )
     logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
     return uvicorn.Server(configuration)
+
+
+@contextmanager
+def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
+    """Serve the page in a thread of its own until the block ends.
+
+    Raises
+    ------
+    InputError
+        The port is taken.
+    """
+    server = serve_page(application, host, port)
+    thread = threading.Thread(target=server.run, name="page", daemon=True)
+    thread.start()
+    try:
+        while thread.is_alive() and not server.started:
+            time.sleep(0.01)
+        if not thread.is_alive():
+            raise InputError(f"the page cannot be served at {host}:{port}; is another program there?")
+        yield
+    finally:
+        server.should_exit = True
+        thread.join(_END)
 
 
 def _is_no_cancellation(record: logging.LogRecord) -> bool:

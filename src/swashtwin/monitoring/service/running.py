@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from swashtwin.foundation import InputError, SwashTwinError, return_memory
 from swashtwin.monitoring.alarms.channels import AlarmMessage, send
@@ -209,18 +209,10 @@ class Watch:
     def _serve(self, stack: ExitStack) -> str | None:
         """Address of the page, which is served until the stack is closed."""
         from swashtwin.monitoring.page.application import build_app
-        from swashtwin.monitoring.page.serving import serve_page
+        from swashtwin.monitoring.page.serving import serving_page
 
-        host, port = self.config.page.host, self.config.page.port
-        server: Any = serve_page(build_app(self.config, self.history, self.upload, self.status), host, port)
-        thread = threading.Thread(target=server.run, name="page", daemon=True)
-        thread.start()
-        stack.callback(thread.join, _END)
-        stack.callback(setattr, server, "should_exit", True)
-        while thread.is_alive() and not server.started:
-            time.sleep(0.01)
-        if not thread.is_alive():
-            raise InputError(f"the page cannot be served at {host}:{port}; is another program there?")
+        application = build_app(self.config, self.history, self.upload, self.status)
+        stack.enter_context(serving_page(application, self.config.page.host, self.config.page.port))
         return self.config.page.address
 
 

@@ -1,0 +1,5 @@
+"""Looking at recordings and twins in the browser: one room for each question, on this computer only."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

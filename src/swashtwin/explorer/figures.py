@@ -1,0 +1,175 @@
+"""Figures of recordings as numbers that the page draws: spectra, waterfalls, levels, and what tells them apart."""
+
+import base64
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from swashtwin.explorer.workspace import Workspace, level_track
+from swashtwin.foundation import DataError, InputError, SwashTwinError
+from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import (
+    LineSpectrum,
+    LineSpectrumKind,
+    defect_orders,
+    resampled_by_angle,
+    spectrum_of,
+    stated_angle,
+    tapered_transform,
+)
+
+RESOLUTION = 0.5
+"""Spacing of a spectrum's lines [Hz], at least."""
+ORDER_RESOLUTION = 0.05
+"""Spacing of lines over the shaft's orders, at least."""
+MOST_LINES = 1 << 16
+"""Lines of a spectrum that are sent; each is the greatest of its group."""
+FRAMES, BANDS = 360, 400
+"""Moments and lines of a waterfall, at most."""
+RANGE = 80.0
+"""Levels of a waterfall [dB] below its greatest that differ in color."""
+SHARED = 0.5
+"""Shortest healthy recording over the one compared with it."""
+
+Key = tuple[str, str, LineSpectrumKind, tuple[float, float] | None]
+"""Recording by name and facts, kind of spectrum, band of the envelope [Hz]."""
+
+
+def packed(values: np.ndarray) -> str:
+    """Numbers as text for the page: float32, little endian, base 64."""
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
+
+
+class Figures:
+    """Figures of one workspace; the last spectra are kept."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._spectrum = lru_cache(maxsize=64)(self._computed)
+
+    def _computed(self, key: Key) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
+        name, _, kind, band = key
+        recording = self._workspace.recording(name)
+        step = max(RESOLUTION, recording.sample_rate / 2 / MOST_LINES, recording.sample_rate / recording.n_samples)
+        spectrum = spectrum_of(recording, kind, band=band, resolution=step if kind == "amplitude" else 0.0)
+        if kind == "order":
+            step = max(ORDER_RESOLUTION, float(spectrum.position[1]), float(spectrum.position[-1]) / MOST_LINES)
+        group = np.floor(spectrum.position / step + 0.5).astype(int)
+        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        return spectrum, step, np.maximum.reduceat(spectrum.amplitude, starts, axis=1)
+
+    def key(self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None) -> Key:
+        """What a spectrum is kept by."""
+        row = self._workspace.rows.get(name)
+        return name, repr(row and row.stated), kind, band
+
+    def spectrum(
+        self,
+        name: str,
+        kind: LineSpectrumKind,
+        *,
+        band: tuple[float, float] | None = None,
+        pistons: int | None = None,
+        bearing: tuple[int, float] | None = None,
+        healthy: bool = False,
+    ) -> dict[str, Any]:
+        """Spectrum of each channel with its marks, and the range of healthy recordings of the same point.
+
+        Parameters
+        ----------
+        band : edges [Hz] for the envelope; None lets the kurtogram choose.
+        bearing : number of rolling bodies, and their diameter over the pitch diameter.
+        healthy : whether healthy recordings are asked for.
+        """
+        spectrum, step, amplitude = self._spectrum(self.key(name, kind, band))
+        recording = self._workspace.recording(name)
+        shaft = stated_speed(recording)
+        marks = [(mark.at, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks]
+        unit = 1.0 if kind == "order" else shaft
+        if unit and pistons:
+            marks += [(unit * pistons * k, f"{pistons * k}×", True) for k in range(1, 6)]
+        if unit and bearing:
+            orders = defect_orders(*bearing)
+            for letters, order in zip(("BPFI", "BPFO", "2 BSF", "FTF"), orders, strict=True):
+                marks += [(unit * order, letters, False), (2 * unit * order, f"2 {letters}", False)]
+        result: dict[str, Any] = {"step": step, "amplitude": packed(amplitude), "lines": amplitude.shape[1]}
+        result |= {"unit": spectrum.unit, "channels": spectrum.channels, "shaft": shaft, "bands": spectrum.bands}
+        result |= {"marks": [mark for mark in marks if mark[0] <= step * amplitude.shape[1]]}
+        if healthy:
+            result |= self._healthy(name, kind, amplitude.shape)
+        return result
+
+    def _healthy(self, name: str, kind: LineSpectrumKind, shape: tuple[int, ...]) -> dict[str, Any]:
+        names, spectra = [], []
+        least = SHARED * self._workspace.recording(name).duration
+        for other in self._workspace.healthy(name):
+            try:
+                row = self._workspace.rows[other].recording
+                if row is None or row.duration < least:
+                    continue
+                amplitude = self._spectrum(self.key(other, kind))[2]
+            except (SwashTwinError, OSError):
+                continue
+            lines = min(amplitude.shape[1], shape[1])
+            if amplitude.shape[0] == shape[0] and lines > 0.9 * shape[1]:
+                spectra.append(np.pad(amplitude[:, :lines], ((0, 0), (0, shape[1] - lines)), constant_values=np.nan))
+                names.append(other)
+        if not spectra:
+            return {"healthy": []}
+        low, middle, high = np.quantile(spectra, (0, 0.5, 1), axis=0)
+        return {"healthy": names, "low": packed(low), "middle": packed(middle), "high": packed(high)}
+
+    def waterfall(self, name: str, channel: int, *, orders: bool) -> dict[str, Any]:
+        """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the greatest."""
+        recording = self._channel(name, channel)
+        rate = recording.sample_rate
+        if orders:
+            angle = stated_angle(recording)
+            recording = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
+            rate = float(recording.attributes["samples_per_turn"])
+        signal = recording.signal[0]
+        length = min(2048, signal.size)
+        starts = np.unique(np.linspace(0, signal.size - length, FRAMES).astype(int))
+        lines = np.stack([np.abs(tapered_transform(signal[start : start + length])) * 4 / length for start in starts])
+        group = max(1, math.ceil(lines.shape[1] / BANDS))
+        lines = np.maximum.reduceat(lines, np.arange(0, lines.shape[1], group), axis=1)
+        level = 20 * np.log10(np.maximum(lines, 1e-12 * max(float(lines.max()), 1e-300)))
+        shades = np.clip(255 * (1 + (level - level.max()) / RANGE), 0, 255).astype(np.uint8)
+        result = {"frames": len(starts), "bands": lines.shape[1], "top": float(level.max()), "range": RANGE}
+        result |= {"end": float((starts[-1] + length) / rate), "high": group * lines.shape[1] * rate / length}
+        return {**result, "unit": recording.unit, "shades": base64.b64encode(shades.tobytes()).decode()}
+
+    def levels(self, name: str) -> dict[str, Any]:
+        """Root mean square of each channel along a recording."""
+        recording = self._workspace.recording(name)
+        level = level_track(recording, 120)
+        step = recording.duration / level.shape[1]
+        return {"step": step, "lines": level.shape[1], "amplitude": packed(level), "unit": recording.unit}
+
+    def _channel(self, name: str, channel: int) -> Recording:
+        recording = self._workspace.recording(name)
+        if not 0 <= channel < recording.n_channels:
+            raise InputError(f"{name} has {recording.n_channels} channels; there is no number {channel}.")
+        return recording.picked(recording.channels[channel : channel + 1])
+
+    def speed(self, name: str, pistons: int) -> dict[str, Any]:
+        """Speed that the piston-pass lines show, and how clearly.
+
+        Raises
+        ------
+        DataError
+            No comb of lines stands clear.
+        """
+        from swashtwin.calibration import shown_speed
+
+        recording = self._workspace.recording(name)
+        stated = stated_speed(recording)
+        starts = (12.0, 30.0) if stated is None else (stated,)  # each looks from a third of it to three times it
+        best = max((shown_speed(recording, start, pistons) for start in starts), key=lambda speed: speed.shown_contrast)
+        if not best.is_clear:
+            raise DataError(f"{name}: no lines of {pistons} pistons stand clear of the noise, so it shows no speed.")
+        sure = 1 - math.exp(-best.shown_contrast)
+        return {"rpm": 60 * best.shown, "contrast": best.shown_contrast, "sure": sure}

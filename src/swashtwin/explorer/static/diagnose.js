@@ -1,0 +1,1 @@
+export async function diagnoseRoom(place) { place.append(document.createTextNode("diagnose")); }

@@ -1,0 +1,1 @@
+export async function twinRoom(place) { place.append(document.createTextNode("twin")); }

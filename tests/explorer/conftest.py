@@ -1,0 +1,45 @@
+"""A folder of recordings that an explorer shows."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from plant import Plant
+from starlette.testclient import TestClient
+
+from swashtwin.explorer import Workspace, build_explorer
+
+
+@pytest.fixture(scope="session")
+def pair_folder(plant: Plant, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Healthy pumps and those with a swash plate defect, two specimens, and a file that is none."""
+    folder = tmp_path_factory.mktemp("explored")
+    shutil.copytree(plant.folder / "recordings", folder / "recordings")
+    index = (
+        plant.pair.read_text(encoding="utf-8") + '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
+    )
+    (folder / "recordings.toml").write_text(index, encoding="utf-8")
+    (folder / "recordings" / "broken.h5").write_bytes(b"nothing")
+    return folder
+
+
+@pytest.fixture
+def folder(pair_folder: Path, tmp_path: Path) -> Path:
+    """The same folder, to be changed."""
+    return Path(shutil.copytree(pair_folder, tmp_path / "pair"))
+
+
+@pytest.fixture
+def workspace(folder: Path) -> Workspace:
+    """What the explorer shows, inspected."""
+    workspace = Workspace(folder)
+    worker = workspace._worker
+    assert worker is not None
+    worker.join()
+    return workspace
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    """A browser without scripts."""
+    return TestClient(build_explorer(workspace), base_url="http://127.0.0.1:8643")

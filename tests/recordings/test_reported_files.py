@@ -250,6 +250,7 @@ READ += [
                                                                  (TIMES, NOISE)))), {}, "too coarse to tell 10000 Hz"),
     ("counter begins again", text("a.csv", "n,t [s],x [g]", *rows(",", np.arange(401) % 256, TIMES, NOISE)), {}, NOISE),
     ("tags in the last column", text("a.csv", "t,x,sensor", *rows(",", TIMES, NOISE, TAGS)), {}, "2 sensors by turns"),
+    ("tags as numbers", text("a.csv", *rows(",", np.arange(401) % 3, TIMES, NOISE)), {}, "3 sensors by turns"),
     ("more headings", SHORT, {}, "line 1 has 4 headings for 3 columns"),
     ("overflow", text("a.csv", "t [s],x [g]", *rows(",", TIMES, ["\u221e", *NOISE[1:]])), {},
      np.array([np.inf, *NOISE[1:]])),

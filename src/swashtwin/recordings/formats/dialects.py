@@ -39,20 +39,7 @@ _SENSOR_NAME = re.compile(
 _LABVIEW = "***End_of_Header***"
 _NEEDLESS = ("", "Comment")
 """Last headings for which rows may lack a column: LabVIEW writes one for comments that are none."""
-_TYPES = {
-    "float",
-    "float32",
-    "float64",
-    "double",
-    "single",
-    "real",
-    "int",
-    "integer",
-    "int16",
-    "int32",
-    "string",
-    "datetime",
-}
+_TYPES = "float float32 float64 double single real int integer int16 int32 string datetime".split()
 """What a line below the headings may say of numbers, and no heading."""
 _FEW_ROWS = {" ": 8}
 """Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""
@@ -148,13 +135,15 @@ class Dialect:
         headings = self.header[0] if self.header else [""] * len(self.kinds)
         for column, kind in enumerate(self.kinds):
             is_named = _SENSOR_NAME.fullmatch(headings[column]) is not None
-            if kind is not Kind.text and not is_named:
+            may_number = column == 0 and not self.header
+            if kind is not Kind.text and not is_named and not may_number:
                 continue
             tags = [row[column] for row in rows if column < len(row)]
             turns = sum(tag != other for tag, other in pairwise(tags))
-            if 1 < len(set(tags)) <= 8 and turns >= max(
-                3, len(set(tags)), len(tags) // (20 if is_named or column == 0 else 4)
-            ):
+            rare = 4 if column else 20
+            rare = 20 if is_named else 2 if may_number and kind is Kind.number else rare
+            are_tags = kind is not Kind.number or all(map(str.isdecimal, tags))
+            if are_tags and 1 < len(set(tags)) <= 8 and turns >= max(3, len(set(tags)), len(tags) // rare):
                 raise DataError(
                     f"{path}: its rows are of {len(set(tags))} sensors by turns ({', '.join(sorted(set(tags)))}); save "
                     "the rows of each in a file of its own."

@@ -39,7 +39,7 @@ _SENSOR_NAME = re.compile(
 _LABVIEW = "***End_of_Header***"
 _NEEDLESS = ("", "Comment")
 """Last headings for which rows may lack a column: LabVIEW writes one for comments that are none."""
-_TYPES = "float float32 float64 double single real int integer int16 int32 string datetime".split()
+_TYPES = ("float", "float32", "float64", "double", "single", "real", "int", "integer", "int16", "int32", "string")
 """What a line below the headings may say of numbers, and no heading."""
 _FEW_ROWS = {" ": 8}
 """Rows that a table with a column of words has at least, two by default: a few lines of prose can be alike."""

@@ -6,21 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from explored import HEALTHY, WORN, send
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace, build_explorer
 
-HEALTHY, WORN = "recordings/A_normal_15MPa_1.h5", "recordings/A_swash_plate_15MPa_1.h5"
-
 
 def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), "<f4")
-
-
-def send(client: TestClient, path: str, content: object):
-    token = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
-    assert token
-    return client.post(path, json=content, headers={"x-explorer": token[1]})
 
 
 def change(fact: str, before: str | None, after: str | None, entry: str = HEALTHY) -> dict:

@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Depends, FastAPI, HTTPException, Query, Request
+from fastapi import Body, Depends, FastAPI, HTTPException, Query, Request
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.middleware import Middleware
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from swashtwin.explorer.figures import Figures
+from swashtwin.explorer.twins import Setting, TwinRoom
 from swashtwin.explorer.workspace import BIN, FACTS, Workspace
 from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
+from swashtwin.report import cutaway_html
 from swashtwin.signals import LineSpectrumKind
 
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
@@ -63,10 +65,12 @@ def build_explorer(workspace: Workspace) -> FastAPI:
     async def report_disk(request: Request, error: OSError) -> Response:
         return JSONResponse({"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422)
 
-    answers = Answers(workspace)
-    for reading in (answers.rows, answers.samples, answers.spectrum, answers.waterfall, answers.levels, answers.speed):
+    answers, twins = Answers(workspace), TwinAnswers(workspace)
+    for reading in (answers.rows, answers.samples, answers.spectrum, answers.waterfall, answers.levels, answers.speed,
+                    twins.twin_starts, twins.twin_cutaway, twins.twin_job):  # fmt: skip
         application.get(f"/api/{reading.__name__}")(reading)
-    for changing in (answers.answers, answers.facts):
+    for changing in (answers.answers, answers.facts, twins.twin_lines, twins.twin_calibrate, twins.twin_stop,
+                     twins.twin_save, twins.twin_windows, twins.twin_pump):  # fmt: skip
         application.post(f"/api/{changing.__name__}", dependencies=[Depends(require_token)])(changing)
     packages: list[str | tuple[str, str]] = [(__package__, "static"), ("swashtwin.monitoring.page", "static")]
     application.mount("/static", StaticFiles(packages=packages))
@@ -143,6 +147,52 @@ class Answers:
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> Response:
         """Speed that the lines show."""
         return answer(self._figures.speed(name, pistons))
+
+
+class TwinAnswers:
+    """What the twin's room asks for."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._room = TwinRoom(workspace)
+
+    def twin_starts(self) -> Response:
+        """What a twin can start from."""
+        return answer(self._room.starts())
+
+    def twin_cutaway(self, label: Name, pistons: int, shaft: float) -> HTMLResponse:
+        """The pump, cut open."""
+        return HTMLResponse(cutaway_html(label, pistons, shaft))
+
+    def twin_lines(self, setting: Setting) -> Response:
+        """Lines of a twin over the measured ones."""
+        return answer(self._room.lines(setting))
+
+    def twin_job(self) -> Response:
+        """How far the calibration is."""
+        return answer(self._room.progress())
+
+    def twin_calibrate(self, setting: Setting, others: Annotated[bool, Body()] = False) -> Response:
+        """Calibrate from here."""
+        return answer(self._room.calibrate(setting, others))
+
+    def twin_stop(self) -> Response:
+        """Stop the calibration."""
+        self._room.job.is_stopped = True
+        return self.twin_job()
+
+    def twin_save(self, name: Annotated[str, Body(embed=True)]) -> Response:
+        """Save the last calibration."""
+        return answer({"file": self._room.save(name)})
+
+    def twin_windows(
+        self, setting: Setting, name: Annotated[str, Body()], count: Annotated[int, Body(ge=1, le=10_000)]
+    ) -> Response:
+        """Synthetic windows, to train with."""
+        return answer(self._room.add_windows(setting, count, name))
+
+    def twin_pump(self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]) -> Response:
+        """A pump of a nameplate."""
+        return answer(self._room.add_pump(name, plate))
 
 
 def answer(content: Mapping[str, Any]) -> Response:

@@ -31,6 +31,8 @@ FRAMES, BANDS = 360, 400
 """Moments and lines of a waterfall, at most."""
 RANGE = 80.0
 """Levels of a waterfall [dB] below its greatest that differ in color."""
+MOST_HEALTHY = 8
+"""Healthy recordings that a spectrum is compared with."""
 SHARED = 0.5
 """Shortest healthy recording over the one compared with it."""
 
@@ -105,7 +107,7 @@ class Figures:
     def _healthy(self, name: str, kind: LineSpectrumKind, shape: tuple[int, ...]) -> dict[str, Any]:
         names, spectra = [], []
         least = SHARED * self._workspace.recording(name).duration
-        for other in self._workspace.healthy(name):
+        for other in self._workspace.alike(name, healthy=True)[:MOST_HEALTHY]:
             try:
                 row = self._workspace.rows[other].recording
                 if row is None or row.duration < least:

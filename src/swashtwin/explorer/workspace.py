@@ -272,18 +272,19 @@ class Workspace:
         ratio = width // BIN
         return _binned(whole[:, start * ratio : (start + count) * ratio], ratio)
 
-    def healthy(self, name: str, most: int = 8) -> list[str]:
-        """Healthy recordings of the same machine and operating point, with the same channels; not itself."""
+    def alike(self, name: str, *, healthy: bool = False) -> list[str]:
+        """Other recordings of the same machine, operating point and channels: of the same class, or healthy ones."""
         own = self.rows[name].recording
         return [
             row.name
             for row in list(self.rows.values())
             if own is not None and row.name != name and (other := row.recording) is not None and row.state == "ready"
-            and other.label is not None and is_healthy(other.label) and other.specimen == own.specimen
+            and (is_healthy(other.label or "") if healthy else other.label == own.label)
+            and other.specimen == own.specimen
             and (other.channels, other.unit, other.sample_rate) == (own.channels, own.unit, own.sample_rate)
             and values_match(stated_speed(other) or math.nan, stated_speed(own) or math.nan, _SPEED)
             and values_match(stated_pressure(other), stated_pressure(own), _PRESSURE)
-        ][:most]  # fmt: skip
+        ]  # fmt: skip
 
 
 def _row(stated: Mapping[str, Any]) -> Row:

@@ -2,6 +2,7 @@
 
 from .calibration_part import calibration_blocks as calibration_blocks
 from .calibration_part import verdict_counts as verdict_counts
+from .cutaway import cutaway_html as cutaway_html
 from .drawing import Drawing as Drawing
 from .drawing import render_drawing as render_drawing
 from .drawing import tabulate as tabulate

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
+from jinja2 import Environment, PackageLoader
+
 from swashtwin.pump import propose_class
 from swashtwin.report.wording import number
 
@@ -103,6 +105,13 @@ class Cutaway:
         if self.shaft is not None:
             text += f" 1× is {number(self.shaft)} Hz."
         return text
+
+
+def cutaway_html(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
+    """The drawing for a class as HTML, to be colored by the page's style; empty where `cutaway_of` has none."""
+    environment = Environment(loader=PackageLoader("swashtwin.report", ""), autoescape=True)
+    macro = environment.get_template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
+    return "".join(macro(drawing) for drawing in cutaway_of(label, pistons, shaft))
 
 
 def cutaway_of(label: str, pistons: int | None = None, shaft: float | None = None) -> tuple[Cutaway, ...]:

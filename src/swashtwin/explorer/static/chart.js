@@ -131,6 +131,17 @@ export class Lines {
   }
 }
 
+export class Stems {
+  // values at some places, as upright lines
+  constructor(places, values, options) { Object.assign(this, { places, values, color: 0, width: 3, stems: 0.01, ...options }); }
+  at(x) {
+    const reach = (this.places[1] ?? this.places[0] + 1) - this.places[0];
+    const n = this.places.findIndex((place) => Math.abs(place - x) <= reach / 2);
+    return n < 0 ? NaN : this.values[n];
+  }
+  columns(low, high) { return this.places.flatMap((place, n) => (place < low || place > high ? [] : [place, this.values[n], this.values[n]])); }
+}
+
 const LEFT = 56, RIGHT = 10, TOP = 30, BOTTOM = 24;
 
 function ticks(low, high, most) {
@@ -180,6 +191,11 @@ export class Chart {
   zoom(factor, around) {
     const [low, high] = this.view;
     this.show([around - (around - low) * factor, around + (high - around) * factor]);
+  }
+  set(changes) {
+    // new data in the same figure
+    Object.assign(this, changes);
+    this.request();
   }
   request() {
     if (this.frame) return;
@@ -324,6 +340,12 @@ export class Chart {
       drawn.forEach((points, number) => {
         const path = [], line = this.series[number], ink = color(`line-${line.color % 6}`);
         for (let n = 0; n < points.length; n += 3) path.push(across(points[n]), up(scale(points[n + 2])));
+        if (line.stems) {
+          const stems = [];
+          for (let n = 0; n < path.length; n += 2) stems.push(path[n] + line.stems, bottom, path[n] + line.stems, path[n + 1], NaN, NaN);
+          pen.line(stems, line.ink ? color(line.ink) : ink, { width: line.width });
+          return;
+        }
         if (this.log || points.every((value, n) => n % 3 !== 2 || value === points[n - 1])) {
           pen.line(path, ink, { width: line.width ?? 1.2, dash: line.dash ?? [] });
           return;

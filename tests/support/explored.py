@@ -1,0 +1,15 @@
+"""The recordings that the explorer's tests look at, and how its script sends what it changes."""
+
+import re
+
+from httpx import Response
+from starlette.testclient import TestClient
+
+HEALTHY, WORN = "recordings/A_normal_15MPa_1.h5", "recordings/A_swash_plate_15MPa_1.h5"
+
+
+def send(client: TestClient, path: str, content: object) -> Response:
+    """Answer to a change, sent with the page's token."""
+    token = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
+    assert token
+    return client.post(path, json=content, headers={"x-explorer": token[1]})

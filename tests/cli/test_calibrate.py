@@ -47,7 +47,7 @@ def test_several_pressures_are_fitted_together_and_windows_take_turns_among_them
 
 
 def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> None:
-    words = ("--band", "50-1000 Hz", "--set", "starts=2", "--set", "bounds=2", *SIMPLE)
+    words = ("--specimen", "A", "--band", "50-1000 Hz", "--set", "starts=2", "--set", "bounds=2", *SIMPLE)
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     assert answer["settings"]["band"] == [50.0, 1000.0]
     assert answer["settings"]["lines"] == "piston"
@@ -59,10 +59,12 @@ def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> No
 
 
 def test_ipinn_takes_its_settings_and_the_page_says_what_the_recordings_can_tell(rig: Path, tmp_path: Path) -> None:
-    words = ("--method", "ipinn", *SIMPLE, "--set", "epochs=5", "--report", tmp_path / "page")
+    words = ("--specimen", "A", "--method", "ipinn", *SIMPLE, "--set", "epochs=5", "--report", tmp_path / "page")
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     assert answer["settings"]["epochs"] == 5
     assert "What the measurement can tell" in Path(answer["report"]).read_text(encoding="utf-8")
+    shown = run("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json").stdout
+    assert shown.split()[-1] == answer["report"]
     search = (tmp_path / "page" / "figures" / "calibration_search.csv").read_text(encoding="utf-8").splitlines()
     assert len(search) == 6
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a-interfaces.toml", "a.json", "page"]
@@ -86,7 +88,7 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
 def test_bounds_are_stated_by_letter_or_parameter_with_or_without_units(rig: Path, tmp_path: Path) -> None:
     texts = ("bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m", " bounds = piston_bore.damping=1e4 .. 1e5")
     words = (*(word for text in texts for word in ("--set", text)), *QUICK)
-    answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
+    answer = run_json("calibrate", rig, *AT_15, *DEFECT, "--specimen", "A", *words, "--out", tmp_path / "a.json")
     bounds = {estimate["letter"]: estimate["bounds"] for estimate in answer["estimates"]}
     assert bounds["C_sw"] == [1e4, 1e8]
     assert bounds["K_v"] == [6e7, 6e8]
@@ -106,3 +108,17 @@ def test_bounds_are_stated_by_letter_or_parameter_with_or_without_units(rig: Pat
 def test_bounds_that_say_nothing_are_refused(rig: Path, tmp_path: Path, text: str, code: int, words: str) -> None:
     command = ("calibrate", rig, *AT_15, *DEFECT, *QUICK, "--set", f"bounds={text}", "--out", tmp_path / "a.json")
     assert words in run(*command, code=code).stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "recordings of 2 machines (A, B): a calibration belongs to one pump"),
+        (("--specimen", "A", "--pressure", "20 MPa"), "20 MPa; there are 860 rpm and 10 MPa; 860 rpm and 15 MPa."),
+    ],
+)
+def test_recordings_of_no_one_machine_and_a_pressure_of_none_name_what_there_is(
+    rig: Path, words: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    command = ("calibrate", rig, *DEFECT, *QUICK, "--out", tmp_path / "a.json", *words)
+    assert said in one_line(run(*command, code=3))

@@ -146,7 +146,6 @@ def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
         ("signal features .", ("--out", "a.txt"), 3, "must end in .csv"),
         ("signal features .", ("--band", "10 Hz"), 3, "band '10 Hz'"),
         ("signal features .", ("--tachometer", "tacho:2", "--track", "7"), 2, "Invalid value for --track"),
-        ("signal features loud.h5", (), 2, "is a single recording; name an index"),
         ("signal spectrum .", (), 2, "Invalid value for FILE"),
         ("signal spectrum loud.h5", ("--track", "0"), 3, "is no line of the shaft"),
         ("signal spectrum loud.h5", ("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),

@@ -12,7 +12,9 @@ from typer.main import get_command
 from swashtwin.cli import app
 from swashtwin.cli.options import READING
 
-READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", "signal spectrum")
+SIGNAL = ("signal spectrum", "signal features", "signal trend")
+READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", *SIGNAL)
+RATE = ["--sample-rate", "1 kHz"]
 ROWS = [f"{number / 1000},{number % 7}.5,{number % 5}.25" for number in range(64)]
 
 
@@ -30,6 +32,8 @@ def test_every_command_that_reads_a_file_takes_the_same_options(command: str) ->
 
 FILES = {
     "plain": ["a,b", *(row.partition(",")[2] for row in ROWS)],
+    "volts": ["a [V]", *(f"{number % 7}.25" for number in range(64))],
+    "counts": ["a [1]", *(f"{number % 7}.25" for number in range(64))],
     "doubtful": ["a", *(f"{number % 7},125" for number in range(64))],
 }
 
@@ -42,6 +46,9 @@ FILES = {
         ("plain", ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"], "--unit", ["--unit", "V"]),
         ("doubtful", ["--unit", "g", "--sample-rate", "1 kHz"], "--decimal", ["--decimal", ","]),
         ("wav", [], "--sensitivity", ["--sensitivity", "50 m/s^2"]),
+        ("wav", ["--sensitivity", "100 mV/g"], "50 m/s^2", ["--sensitivity", "50 m/s^2"]),
+        ("volts", ["--sample-rate", "1 kHz", "--unit", "g"], "--sensitivity", ["--sensitivity", "100 mV/g"]),
+        ("counts", ["--sample-rate", "1 kHz", "--unit", "g"], '--sensitivity "1 g"', ["--sensitivity", "1 g"]),
     ],
 )
 def test_the_option_that_a_message_advises_reads_the_file(
@@ -57,4 +64,5 @@ def test_the_option_that_a_message_advises_reads_the_file(
     assert advised in message
     for option in re.findall(r"--[a-z][a-z-]*", message):
         assert all(option in options_of(command) for command in READERS), option
-    run(*arguments, *mended)
+    replaced = mended[0] in given or "leave out" in message
+    run(*arguments[: -len(given) or None], *(RATE if replaced and file != "wav" else given * (not replaced)), *mended)

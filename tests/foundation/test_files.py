@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swashtwin.foundation import derive_seed, replacing, sha256_of, stream, write_text
+import swashtwin
+from swashtwin.foundation import InputError, derive_seed, replacing, sha256_of, stream, write_text
 
 WORDS = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
 
@@ -86,3 +87,9 @@ def test_the_numbers_of_one_stream_do_not_depend_on_another() -> None:
     alone = stream(1, "a").random(5)
     stream(1, "b").random(100)
     np.testing.assert_array_equal(stream(1, "a").random(5), alone)
+
+
+@pytest.mark.parametrize("load", ["load_model", "load_calibration", "load_pump", "load_recordings"])
+def test_what_is_no_path_is_refused_in_one_sentence(load: str) -> None:
+    with pytest.raises(InputError, match=r"^3 is no path of a file; give it as text or as a pathlib.Path\.$"):
+        getattr(swashtwin, load)(3)

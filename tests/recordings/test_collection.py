@@ -214,11 +214,18 @@ def test_a_selection_of_nothing_says_which_values_there_are(
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("lable", "did you mean 'label'"), ("dya", "did you mean 'day'"), ("qqq", "there are label, spec")],
+    [
+        ("lable", "did you mean 'label'"),
+        ("dya", "did you mean 'day'"),
+        ("qqq", "there are label, specimen, speed, pressure, ids, day.$"),
+    ],
 )
 def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(name: str, hint: str) -> None:
+    own = [{"file": f"{number}.csv", "fs": "1"} for number in range(len(rig()))]
+    pairs = zip(rig(), own, strict=True)
+    recordings = Recordings(replace(item, attributes={**item.attributes, **facts}) for item, facts in pairs)
     with pytest.raises(InputError, match=f"no recording has the attribute '{name}'; {hint}"):
-        Recordings(rig()).where(**{name: "piston"})
+        recordings.where(**{name: "piston"})
 
 
 @pytest.mark.parametrize("attributes", [{}, {"samples_per_turn": "0"}, {"samples_per_turn": "many"}])

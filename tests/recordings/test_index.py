@@ -270,7 +270,7 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
         rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
     )
     assert "attribute repeat: 1 (2), says the pattern" in proposal.facts
-    assert "speed: 860 rpm (2), says the option" in proposal.facts
+    assert "speed: 860 rpm (2), says its name" in proposal.facts
 
 
 def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
@@ -420,7 +420,8 @@ def touch(folder: Path, *names: str, text: str = "x,y\n1.5,2.5\n3.5,4.5\n") -> d
     [
         ({"unit": "m/s^2"}, "says 'x' is in g, the index says m/s\\^2"),
         ({"sensitivity": "0.1 g"}, "'x' is in g already, as the file says"),
-        ({"sample_rate": "1 kHz"}, "its sample rate is 2000 Hz, the index says 1000 Hz"),
+        ({"sample_rate": "1 kHz"}, "its sample rate is 2000 Hz, the index says 1000 Hz; correct the index\\."),
+        ({"sample_rate": "2 MHz"}, 'or, if its times are in ms, say time_unit = "ms" instead'),
     ],
 )
 def test_an_option_that_a_file_contradicts_is_refused_before_an_index_is_made(
@@ -539,7 +540,15 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
     [
         (("A_normal_1", "A_piston_1", "B_normal_1"), "the classes begin with A, B, taken for the machine"),
         (("Test_1", "Test_2"), "every file is of the class 'Test': is that a class?"),
-        (("pump_gut_1", "pump_piston_1"), "all classes begin with pump"),
+        (
+            ("pump_gut_1", "pump_piston_1"),
+            "all classes begin with pump: if that is a machine, take it out of the class "
+            "with --label-pattern '(?P<specimen>pump)[^a-zA-Z]+(?P<label>[a-zA-Z_]+)' --force.",
+        ),
+        (
+            ("test_gut_1", "test_x1_leck"),
+            "all classes begin with test: if that is a machine, take it out of the class with --label-pattern.",
+        ),
         (("swash_plate_1", "valve_plate_1"), None),
     ],
 )
@@ -548,12 +557,30 @@ def test_a_machine_in_the_classes_is_hinted_at(names: tuple[str, ...], hint: str
     assert [note.startswith(hint) for note in notes] == [True] if hint else notes == ()
 
 
-def test_a_machine_in_names_and_folders_is_the_specimen(tmp_path: Path) -> None:
-    facts = touch(tmp_path, "A_normal_1.csv", "B_piston_1.csv", "pump 7/normal/1.csv", "C/C_piston_2.csv")
-    entries = propose_index(tmp_path, **facts).index["recording"]
-    found = {entry["file"]: (entry.get("specimen"), entry["label"]) for entry in entries}
-    assert found["pump 7/normal/1.csv"] == ("pump 7", "normal")
-    assert found["C/C_piston_2.csv"] == ("C", "piston")
+@pytest.mark.parametrize(
+    ("name", "specimen", "label"),
+    [
+        ("pump 7/normal/1", "pump 7", "normal"), ("C/C_piston_2", "C", "piston"), ("Pumpe_A/Gut_1", "Pumpe_A", "Gut"),
+        ("pump_b/Gut_1", "pump_b", "Gut"), ("PumpC/Gut_1", "PumpC", "Gut"), ("PUMPS/Gut_1", None, "PUMPS"),
+        ("Pumpe_A_Gut_1", "Pumpe_A", "Gut"), ("Gut_Pumpe_2_15bar", "Pumpe_2", "Gut"), ("pump_1", None, "pump"),
+        ("Gut_pumps_1", None, "Gut_pumps"),
+    ],
+)  # fmt: skip
+def test_a_machine_in_names_and_folders_is_the_specimen(
+    name: str, specimen: str | None, label: str, tmp_path: Path
+) -> None:
+    (entry,) = propose_index(tmp_path, **touch(tmp_path, f"{name}.csv")).index["recording"]
+    assert (entry.get("specimen"), entry["label"]) == (specimen, label)
+
+
+def test_a_pattern_leaves_what_else_stands_in_the_name(tmp_path: Path) -> None:
+    facts = touch(tmp_path, "Pumpe_A/Gut_100bar_980rpm_x.csv")
+    proposal = propose_index(tmp_path, label_pattern="(?P<label>Gut)_(?P<pressure>\\d+).*(?P<place>x)", **facts)
+    (entry,) = proposal.index["recording"]
+    assert (entry["specimen"], entry["speed"], entry["pressure"]) == ("Pumpe_A", "980 rpm", "100 bar")
+    assert entry["attributes"] == {"place": "x"}
+    origins = {sentence.split(":")[0]: sentence.split(" says ")[1] for sentence in proposal.facts}
+    assert (origins["specimen"], origins["pressure"], origins["speed"]) == ("its name", "the pattern", "its name")
 
 
 def test_one_class_of_all_files_is_asked_about(tmp_path: Path) -> None:

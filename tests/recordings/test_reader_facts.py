@@ -41,8 +41,13 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     import soundfile
 
     soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
-    with pytest.raises(DataError, match="sensitivity"):
-        load_recording(tmp_path / "a.wav", unit="g")
+    for facts, message in (
+        ({"unit": "g"}, 'without a scale; add sensitivity = "50 m/s\\^2"'),
+        ({"sensitivity": "100 mV/g", "unit": "V"}, 'state what full scale .* "50 m/s\\^2", and not "100 mV/g"'),
+        ({"sensitivity": "50 m/s^2", "unit": "g"}, r"remove unit, or state it of the other files only, not in \[def"),
+    ):
+        with pytest.raises(DataError, match=message):
+            load_recording(tmp_path / "a.wav", **facts)
     loaded = load_recording(tmp_path / "a.wav", sensitivity=["50 m/s^2", "10 g"])
     np.testing.assert_allclose(loaded.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
     assert load_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5

@@ -149,13 +149,17 @@ def test_time_stamps_too_coarse_to_tell_the_rate_state_none(tmp_path: Path) -> N
 @pytest.mark.parametrize("empty", [0, 18, 59])
 def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> None:
     words = ["" if number < empty else "ALARM" for number in range(60)]
-    (tmp_path / "a.csv").write_text("x,y,status\n" + "".join(f"{n}.5,{n * n},{word}\n" for n, word in enumerate(words)))
+    rows = "".join(f"{n},{n}.5,{n * n},{word}\n" for n, word in enumerate(words))
+    (tmp_path / "a.csv").write_text(f"count,x,y,status\n{rows}")
     loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
     np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60) ** 2])
     notes = [
         finding.message for finding in inspect_recordings([loaded]).recordings[0].findings if finding.kind == "left_out"
     ]
-    assert notes == ["columns that hold text or dates were left out: status."]
+    assert notes == [
+        "columns that hold text or dates were left out: status.",
+        "columns that count the samples were left out: count.",
+    ]
 
 
 def test_a_word_that_appears_late_in_a_blank_column_loses_no_row(tmp_path: Path) -> None:

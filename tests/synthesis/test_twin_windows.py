@@ -182,6 +182,12 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     assert len(measured + windows) == len(measured) + 4
     elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
     np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
+    assert not any("the calibration read" in note for note in windows.notes)
+    of_one = replace(calibration, posterior=replace(calibration.posterior, channels=("cover_z",)))
+    noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
+    assert noted.startswith(
+        "the calibration read cover_z, and not body_y, body_x, whose gains are those of the pump file"
+    )
 
 
 def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: Twin, pump: Pump) -> None:

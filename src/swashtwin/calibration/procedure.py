@@ -22,6 +22,7 @@ from swashtwin.calibration.objective.measurement import (
     place_single_channels,
     select_agreeing,
 )
+from swashtwin.calibration.objective.recording_checks import require_one_machine
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
 from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
 from swashtwin.calibration.result import Calibration
@@ -90,7 +91,8 @@ def calibrate(
     Raises
     ------
     DataError
-        No recording can be used, or one is unfit, or shows no line to follow for the phases.
+        No recording can be used, or one is unfit, or shows no line to follow for the phases; or they are of several
+        machines.
     UnitError
         A recording is not in m/s^2.
     InputError
@@ -107,6 +109,7 @@ def calibrate(
     groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
     band = DEFAULT_BAND if band is None else band
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
+    require_one_machine([recording for each in measurements for recording in each.recordings], "a calibration")
     objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
     may_widen = () if isinstance(method, IPINN) else unstated(bounds)  # the paper's bounds pull back by a loss
     objective, search = widening_search(objective, method, may_widen, seed=seed, progress=progress)

@@ -16,6 +16,7 @@ from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
+    as_path,
     from_table,
     parse_json,
     plural,
@@ -146,7 +147,7 @@ def load_calibration(path: Path | str) -> Calibration:
     ArtifactError
         It is damaged, or of another version.
     """
-    path = Path(path)
+    path = as_path(path)
     if not path.is_file():
         raise MissingFileError(f"{path}: no such calibration.")
     try:

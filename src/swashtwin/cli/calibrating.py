@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
+from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -130,7 +131,7 @@ def calibrate(
     facts = result.to_dict()
     answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
-    tell(answer, as_json, lambda: _show(result, out))
+    tell(answer, as_json, lambda: _show(result, out, page))
 
 
 def _recordings(
@@ -176,8 +177,14 @@ def _start(
         and (not limits or any(values_match(condition.discharge_pressure, at, PRESSURE_TOLERANCE) for at in limits))
     ]
     if not chosen:
-        words = ", ".join(pressures) or speed
-        raise DataError(f"no recording states an operating point at {words}; swashtwin inspect shows what there is.")
+        points = [item.condition for item in recordings if item.condition is not None]
+        there = dict.fromkeys(
+            f"{at.speed * 30 / pi:.4g} rpm and {at.discharge_pressure / 1e6:.4g} MPa" for at in points
+        )
+        raise DataError(
+            f"no {recordings[0].label} recording is at {', '.join(pressures) or speed}; there are "
+            f"{'; '.join(sorted(there)) or 'none that state an operating point'}."
+        )
     return pump, chosen
 
 
@@ -245,7 +252,7 @@ def _interval(estimate: "Estimate") -> str:
     return f"at most {high}" if open_below else f"at least {low}" if open_above else f"{low} ... {high}"
 
 
-def _show(result: "Calibration", out: Path) -> None:
+def _show(result: "Calibration", out: Path, page: Path | None) -> None:
     rows = [
         (estimate.letter, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
          estimate.verdict)
@@ -258,4 +265,4 @@ def _show(result: "Calibration", out: Path) -> None:
     table("Against the measurement", ("figure", "nominal", "calibrated"), fits)
     for text in result.notes:
         note(f"note: {text}")
-    say(str(out))
+    say(str(out) if page is None else f"{out}\n{page}")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from swashtwin.cli.console import progress, say, tell
-from swashtwin.cli.options import GroupName, Index, Json, Reading, Resample, Seed, Sources, present, reads_files
+from swashtwin.cli.options import GroupName, Index, Json, Reading, Seed, Sources, reads_files
 from swashtwin.cli.outputs import Force, require_output
 from swashtwin.cli.sources import load_sources
 from swashtwin.foundation import plural
@@ -17,7 +17,6 @@ def convert(
     paths: Sources,
     out: Annotated[Path, typer.Option(help="Store to write, .h5; it appears when it is complete.")],
     reading: Reading,
-    resample: Resample = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -25,7 +24,7 @@ def convert(
     from swashtwin.recordings import write_store
 
     require_output(out, inputs=paths, force=force)
-    recordings = load_sources(paths, **reading, **present(resample=resample))
+    recordings = load_sources(paths, **reading)
     with progress("MB") as bar:
         write_store(recordings, out, progress=bar)
     seconds, size = sum(recording.duration for recording in recordings), out.stat().st_size

@@ -58,7 +58,6 @@ Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
 _INDEX = "Index file, the folder that holds recordings.toml, or a store."
 Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=_as_index)]
-Indexes = Annotated[list[Path], typer.Argument(metavar="INDEX...", help=_INDEX, callback=_as_index)]
 Source = Annotated[
     Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.", callback=_as_source)
 ]
@@ -137,8 +136,9 @@ READING = {
     "decimal": _reading('Decimal mark of a text file: "." or ",".'),
     "speed": _reading('Shaft speed: "860 rpm".'),
     "pressure": _reading('Absolute discharge pressure: "15 MPa".'),
+    "resample": _reading('Rate to resample to: "12 kHz".'),
 }
-"""Options that state for single files what keys of an index state for many: the fields of `Options`."""
+"""Options that state for single files what keys of an index state for many: the fields of `Options`, and a new rate."""
 Reading = dict[str, Any]
 """What the options of `reads_files` state, for ``load_recordings(path, **reading)``."""
 
@@ -169,9 +169,6 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
             parameters.append(parameter.replace(kind=keyword))
     with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return with_reading
-
-
-Resample = Annotated[str | None, typer.Option(help='Rate to resample to, such as "12 kHz".')]
 
 
 def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:

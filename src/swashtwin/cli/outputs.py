@@ -21,7 +21,10 @@ def as_folder(path: Path | None) -> Path | None:
     return path
 
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Write even over a file that another command or a hand made; never over an input."),
+]
 Report = Annotated[Path | None, typer.Option(help="Folder for report.html with its data, or one .html file.")]
 _PAGE = "<footer>Written by swashtwin"
 FIGURE = "<!-- figure of swashtwin -->"

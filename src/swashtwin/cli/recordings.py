@@ -9,19 +9,9 @@ import typer
 
 from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import BAD_DATA, NOT_ENOUGH
-from swashtwin.cli.options import (
-    Index,
-    Json,
-    Reading,
-    Resample,
-    Sources,
-    Window,
-    present,
-    read_pairs,
-    reads_files,
-)
+from swashtwin.cli.options import Index, Json, Reading, Sources, Window, read_pairs, reads_files
 from swashtwin.cli.outputs import Force, require_output
-from swashtwin.cli.sources import load_sources, single_file_options
+from swashtwin.cli.sources import by_options, is_collection, load_sources, single_file_options
 from swashtwin.cli.summaries import class_words, show_check, show_inspection
 from swashtwin.foundation import plural
 
@@ -43,7 +33,6 @@ def index(
         typer.Option("--column", metavar="KEY=COLUMN", help="Column of the table that holds a key; repeatable."),
     ] = None,
     include: Annotated[list[str] | None, typer.Option(help="Pattern of paths to include; repeatable.")] = None,
-    resample: Resample = None,
     pressure_unit: Annotated[
         str | None, typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".')
     ] = None,
@@ -70,7 +59,6 @@ def index(
             index_folder=path.parent,
             ask=ask,
             **reading,
-            **present(resample=resample),
         )
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
@@ -111,7 +99,8 @@ def inspect(
         recordings = load_sources(paths, unreadable, **reading)
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
-    tell(result, as_json, lambda: show_inspection(report, recordings))
+    words = str if any(is_collection(path, {}) for path in paths) else by_options
+    tell(result, as_json, lambda: show_inspection(report, recordings, words))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
 

@@ -10,7 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Indexes, Json, Reading, band_from, reads_files
+from swashtwin.cli.options import Json, Reading, Sources, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
 from swashtwin.cli.sources import load_sources
@@ -50,8 +50,10 @@ class Order(StrEnum):
     name = "name"
 
 
+@reads_files
 def features(
-    source: Indexes,
+    source: Sources,
+    reading: Reading,
     out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
     pistons: Pistons = None,
     band: Bands = None,
@@ -67,13 +69,13 @@ def features(
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
     shaft = Shaft(tachometer, track)
-    recordings = load_sources(source)
+    recordings = load_sources(source, **reading)
     if out is None:
         indicators = _indicators_of(recordings, pistons, band, shaft)
     else:
         from swashtwin.foundation import partial_results, write_text
 
-        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft)}
+        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "reading": reading}
         partial = out.with_name(f"{out.name}.partial")
         with (
             resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
@@ -179,8 +181,10 @@ def _show_lines(lines: "LineSpectrum", title: str) -> None:
         note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
 
 
+@reads_files
 def trend(
-    source: Indexes,
+    source: Sources,
+    reading: Reading,
     indicator: Annotated[
         str, typer.Option(help="Indicator to follow, such as rms; swashtwin signal features lists them.")
     ] = "rms",
@@ -206,7 +210,7 @@ def trend(
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, source, force)
-    indicators = _indicators_of(load_sources(source), None, None, Shaft(None, None))
+    indicators = _indicators_of(load_sources(source, **reading), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

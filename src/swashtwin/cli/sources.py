@@ -23,14 +23,15 @@ def single_file_options() -> Iterator[None]:
     try:
         yield
     except SwashTwinError as cause:
-        text = re.sub(rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])", _as_option, str(cause))
-        text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
-        text = text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
-        raise type(cause)(text) from cause
+        raise type(cause)(by_options(str(cause))) from cause
 
 
-def _as_option(match: re.Match[str]) -> str:
-    return f"--{match[1].replace('_', '-')} "
+def by_options(text: str) -> str:
+    """A message that advises to edit the index, with the options of a single file instead."""
+    keys = rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])"
+    text = re.sub(keys, lambda match: f"--{match[1].replace('_', '-')} ", text)
+    text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
+    return text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
 
 
 def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":

@@ -73,8 +73,8 @@ def _median(values: Iterable[float]) -> float:
     return statistics.median(numbers) if numbers else math.nan
 
 
-def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]") -> None:
-    """Print the recordings of an inspection, and what is wrong with them."""
+def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]", words: Callable[[str], str]) -> None:
+    """Print the recordings of an inspection, and what is wrong with them in the `words` of their source."""
     each = len(recordings) <= MOST_ROWS
     if each:
         rows = [
@@ -90,7 +90,7 @@ def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]
         _show_recording_summary(report.recordings, recordings)
     sentences = report.merged(by_kind=not each)
     for severity, text in sentences:
-        say(f"{severity}: {text}")
+        say(f"{severity}: {words(text)}")
     if not sentences:
         say("Nothing suspicious was found.")
 

@@ -65,6 +65,7 @@ def _show_plan(plan: "RecordingPlan") -> None:
     rows = []
     for item in plan.candidates[:_SHOWN]:
         letter, factor = max(item.narrower.items(), key=lambda pair: pair[1])
+        gain = 1 - item.total_width / plan.total_width
         rows.append(
             (
                 f"{item.speed * 30 / math.pi:.0f} rpm",
@@ -72,12 +73,14 @@ def _show_plan(plan: "RecordingPlan") -> None:
                 f"{item.duration:.3g} s",
                 ", ".join(item.channels),
                 f"{item.total_width:.2f}",
-                f"{1 - item.total_width / plan.total_width:.1%}",
-                f"{letter}, {factor:.2g} times",
+                f"{gain:.1%}" if gain > 0 else "none",
+                f"{letter}, {factor:.2g} times" if factor > 1 else "-",
             )
         )
     header = ("speed", "pressure", "length", "sensors", "width after", "narrower by", "most")
     table(f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}", header, rows)
+    if plan.candidates[-1].total_width >= plan.total_width:
+        say("none: the twin errs there by more than a further recording can tell, so the intervals are no narrower.")
     more = len(plan.candidates) - len(rows)
     if more > 0:
         say(f"{more} more, which narrow less: --json")

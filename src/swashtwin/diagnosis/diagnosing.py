@@ -182,10 +182,12 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
         "for each"
     )
     if difference.startswith("sample rate"):
-        rate = f"{layout.sample_rate:g} Hz"
-        advice = f'bring it to the model\'s rate: swashtwin data convert FILE --resample "{rate}" --out NEW.h5'
+        advice = (
+            f'if {recording.sample_rate:g} Hz is right, add --resample "{layout.sample_rate:g} Hz", or else correct '
+            "--sample-rate"
+        )
     elif difference.startswith("unit"):
-        advice = 'state what a sample is: --sensitivity with its unit, such as "50 m/s^2", or --unit'
+        advice = 'state what a number in the file is: --sensitivity "100 mV/g" for volts, "1 g" for a plain number'
     raise DataError(
         f"{recording.recording_id} does not fit the model (what it was trained on against this recording): "
         f"{difference}; {advice}."

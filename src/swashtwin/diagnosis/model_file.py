@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swashtwin.foundation import artifact_kind
+from swashtwin.foundation import artifact_kind, as_path
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
@@ -23,7 +23,7 @@ def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorCl
     ArtifactError
         The file is damaged, edited, no model, of another version, or its network is not registered.
     """
-    kind = artifact_kind(path)
+    kind = artifact_kind(as_path(path))
     if kind == "anomaly detector":
         from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
 

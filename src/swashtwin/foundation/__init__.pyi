@@ -26,6 +26,7 @@ from .errors import UnitError as UnitError
 from .extras import load_extra as load_extra
 from .extras import require_modules as require_modules
 from .files import TEXT as TEXT
+from .files import as_path as as_path
 from .files import file_name as file_name
 from .files import open_pieces as open_pieces
 from .files import partial_results as partial_results

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
+from os import PathLike
 from pathlib import Path
 from typing import IO, Any, Final, TypedDict
 
@@ -145,6 +146,13 @@ def write_text(path: Path, text: str) -> Path:
     """`path`, after `text` was written to it whole."""
     with replacing(path) as temporary:
         temporary.write_text(text, **TEXT)
+    return Path(path)
+
+
+def as_path(path: object) -> Path:
+    """The path of a file, refused with an `InputError` where the thing is none."""
+    if not isinstance(path, (str, PathLike)):
+        raise InputError(f"{path!r} is no path of a file; give it as text or as a pathlib.Path.")
     return Path(path)
 
 

@@ -18,6 +18,7 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     UnitError,
+    as_path,
     file_name,
     parse,
     read_text,
@@ -121,7 +122,7 @@ def available_pumps() -> tuple[str, ...]:
 
 
 def _text_of(name: str | Path) -> tuple[str, str]:
-    path = Path(name)
+    path = as_path(name)
     if path.suffix == ".toml":
         if not path.is_file():
             raise MissingFileError(f"{path}: no such pump file.")

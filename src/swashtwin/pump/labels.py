@@ -62,6 +62,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
     >>> canonical_label("Plunger fault")
     'piston'
     """
+    if not isinstance(text, str):
+        raise InputError(f"{text!r} is no class; the classes are {', '.join(classes)}.")
     if is_healthy(text) and CLASSES[0] in classes:
         return CLASSES[0]
     word = _word(text).removesuffix("fault").removesuffix("_")

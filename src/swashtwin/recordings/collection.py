@@ -8,7 +8,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import (
@@ -242,8 +242,8 @@ def load_recordings(
         Two recordings have one id, or other facts were given for an index or a store.
     """
     recordings: list[Recording] = []
-    for source in [path] if isinstance(path, (str, Path)) else path:
-        source = Path(source)
+    for source in [path] if isinstance(path, str) or not isinstance(path, Iterable) else path:
+        source = as_path(source)
         if not (source.is_dir() or source.suffix == ".toml" or is_store(source)):
             recordings.append(load_recording(source, **facts))
             continue

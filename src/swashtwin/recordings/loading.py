@@ -8,7 +8,7 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, parse, plural, sha256_of
+from swashtwin.foundation import DataError, InputError, as_path, parse, plural, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column, file_stamp, require_unchanged
 from swashtwin.recordings.entry import QUANTITIES, Entry
@@ -24,6 +24,8 @@ _PUMP_KEYS = {key: key for key in QUANTITIES if key not in ("sample_rate", "resa
 _PUMP_KEYS["pressure"] = "discharge_pressure"
 """Keys of an entry, and the fields of an `OperatingCondition` that they state."""
 _RATE_TOLERANCE = 1e-3
+_TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds of the units that times may be in where the file has them for seconds."""
 
 
 def load_recording(path: str | Path, **facts: Any) -> Recording:
@@ -46,7 +48,7 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
     for name, unit in {**QUANTITIES, "discharge_pressure": "Pa"}.items():
         if isinstance(facts.get(name), (int, float)):
             facts[name] = f"{float(facts[name])!r} {unit}"
-    return recording_of(Path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording"))
+    return recording_of(as_path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording"))
 
 
 def recording_of(path: Path, entry: Entry) -> Recording:
@@ -173,9 +175,10 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
     if in_index is None:
         return in_file
     if abs(in_index / in_file - 1) > _RATE_TOLERANCE:
-        raise DataError(
-            f"{where} says its sample rate is {in_file:g} Hz, the index says {in_index:g} Hz; correct the index."
-        )
+        by_unit = (unit for unit, size in _TIMES.items() if abs(in_index / in_file * size - 1) < _RATE_TOLERANCE)
+        advice = next((f', or, if its times are in {unit}, say time_unit = "{unit}" instead' for unit in by_unit), "")
+        rates = f"{where} says its sample rate is {in_file:g} Hz, the index says {in_index:g} Hz"
+        raise DataError(f"{rates}; correct the index{advice}.")
     return in_index
 
 

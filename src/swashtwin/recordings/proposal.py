@@ -1,6 +1,5 @@
 """A first index for a folder of files, from their names, a table that came with them, and what they carry."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
@@ -72,7 +71,7 @@ def propose_index(
     pressure_unit : unit of pressures in names, tables and headers that have none; bare speeds are in rpm, rates in Hz,
         temperatures in degC.
     index_folder : where the index will lie, if not in `folder`.
-    ask : called with ``sample_rate``, ``unit``, ``pressure_unit`` or ``label_pattern`` and a question, where
+    ask : called with the name of an argument, such as ``unit``, and a question, where
         that fact is missing; gives the answer, or None. By default a missing fact is an error.
     facts : keys of an entry for every file that does not say them itself, such as ``unit="g"``.
 
@@ -117,7 +116,7 @@ def propose_index(
     if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
         index["root"] = path_from(Path(index_folder).resolve(), folder.resolve())
     index |= _content(survey.entries, defaults)
-    hints += label_hints(entry["label"] for entry in survey.entries if "label" in entry)
+    hints += label_hints(survey.entries)
     notes = tuple(dict.fromkeys([*survey.notes, *hints]))
     return IndexProposal(index, tuple(survey.skipped), _sentences(survey.facts), notes)
 
@@ -173,7 +172,7 @@ class _Survey:
 
     def _add(self, name: str, raw: RawFile) -> None:
         """Take up a file: what it states itself counts for more than its name, and for less than a table."""
-        fact = facts_of_name(name, self.pattern) if self.stated is None else self.stated[name]
+        fact, found = facts_of_name(name, self.pattern) if self.stated is None else (self.stated[name], frozenset())
         values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
         values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
         header, counts = facts_of_header(raw), "header's" if self.stated is None else "table's"
@@ -192,7 +191,8 @@ class _Survey:
             columns = list(choose_columns(raw, entry, str(self.folder / name)))
             for key in _missing_facts(raw, columns, entry, self.defaults.keys(), str(self.folder / name)):
                 self.missing.setdefault(key, []).append(name)
-            self.facts.append(self._origins(raw, columns, part, in_file))
+            origins = {**dict.fromkeys(found, "the pattern"), **dict.fromkeys(in_file, "the file")}
+            self.facts.append(self._origins(raw, columns, part, origins))
             self.entries.append(part)
             self.notes.extend(_remarks(raw, columns, entry))
 
@@ -207,16 +207,18 @@ class _Survey:
         stem = stem_of(Path(values["file"]))
         return [{**values, "id": f"{stem}_{n}", "channels": names} for n, names in enumerate(starts.values(), 1)]
 
-    def _origins(self, raw: RawFile, columns: Sequence[str], entry: Mapping[str, Any], in_file: Iterable[str]) -> Facts:
-        """Value and origin of each fact that the entry of a file will have."""
-        origin = "the table" if self.stated is not None else "the pattern" if self.pattern else "its name"
+    def _origins(
+        self, raw: RawFile, columns: Sequence[str], entry: Mapping[str, Any], origins: Mapping[str, str]
+    ) -> Facts:
+        """Value and origin of each fact that the entry of a file will have; `origins` are those not of its name."""
+        usual = "its name" if self.stated is None else "the table"
         told = {key: value for key, value in entry.items() if key not in ("file", "attributes", "id", "sha256")}
-        told |= {f"attribute {key}": value for key, value in entry.get("attributes", {}).items()}
         facts: Facts = {key: (_words(value), "the option") for key, value in self.defaults.items()}
-        facts |= {key: (_words(value), "the file" if key in in_file else origin) for key, value in told.items()}
-        folder = Path(entry["file"]).parent.name
-        if "label" in entry and origin == "its name" and folder and not re.search(r"\d", folder):
-            facts["label"] = (str(entry["label"]), "the folder's name")
+        facts |= {key: (_words(value), origins.get(key, usual)) for key, value in told.items()}
+        for key, value in entry.get("attributes", {}).items():
+            facts[f"attribute {key}"] = (value, origins.get(key, usual))
+        if facts.get("label") == (plain_text(Path(entry["file"]).parent.name).strip("_-. "), "its name"):
+            facts["label"] = (entry["label"], "the folder's name")
         rates = {raw.rates.get(column, raw.sample_rate) for column in columns} - {None}
         if len(rates) == 1:
             facts["sample_rate"] = (f"{rates.pop():.10g} Hz", "the file")
@@ -273,7 +275,11 @@ def _named_within(path: Path, names: Sequence[str]) -> str | None:
 
 _QUESTIONS = {
     "sample_rate": ('--sample-rate "25.6 kHz"', "How many samples per second and channel do they have, with the unit"),
-    "unit": ('--unit "g" (or "1")', 'In which unit are their samples: g, m/s^2, or "1" where it is not known'),
+    "unit": ('--unit "g" (or "V", "1")', 'In which unit are their samples: g, m/s^2, V, or "1" where it is not known'),
+    "sensitivity": (
+        '--sensitivity "50 m/s^2" (what full scale stands for), or --unit "1" where nobody knows',
+        "Which quantity does full scale of their integers stand for, such as 50 m/s^2",
+    ),
     "pressure_unit": ("--pressure-unit bar", "Their pressures have no unit: is it MPa, bar, kPa or psi"),
     "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
 }
@@ -281,14 +287,14 @@ _QUESTIONS = {
 
 def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, given: Set[str], where: str) -> list[str]:
     """Facts that nobody states; one of those `given` for all files that the file contradicts is refused."""
-    has_units = all(name in raw.units for name in columns) or bool(raw.sensitivities)
+    has_units = all(name in raw.units for name in columns)
     missing = []
     if entry.sample_rate is None and rate_in_file(raw, columns, where) is None:
         missing.append("sample_rate")
     elif "sample_rate" in given:
         stated_rate(raw, columns, entry, where)
     if not has_units and entry.unit is None and entry.sensitivity is None:
-        missing.append("unit")
+        missing.append("sensitivity" if raw.full_scale else "unit")
     elif given & {"sensitivity", "unit"}:
         scale(raw, entry, columns, where)
     return missing if entry.label or raw.facts.get("label") else [*missing, "label"]

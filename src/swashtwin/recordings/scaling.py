@@ -27,6 +27,8 @@ class _Sensitivity(NamedTuple):
     unit: str
     per: str | None
     """Electrical unit that a channel must be in, or None for one unit of the numbers in the file."""
+    text: str
+    """As it is stated."""
 
     @classmethod
     def read(cls, text: str, where: str) -> "_Sensitivity":
@@ -47,7 +49,7 @@ class _Sensitivity(NamedTuple):
             number = 0.0
         if not number:
             raise UnitError(f"{where}: sensitivity = {text!r} must be a number with its unit: {_FORMS}.")
-        return cls(factor, plain_unit(unit or "1"), per)
+        return cls(factor, plain_unit(unit or "1"), per, text)
 
     def of(self, unit: str) -> float | None:
         """Quantity that stands for one `unit` of a channel, or None where the channel is no such signal."""
@@ -110,18 +112,28 @@ def _scale_of(
     if sensitivity.per is None:
         if unit in (None, "1") or re.fullmatch(_COUNT, str(unit)):
             return sensitivity.factor, sensitivity.unit
+        if raw.full_scale:
+            raise DataError(
+                f'{where} holds integers, whose full scale is sensitivity = "{sensitivity.text}"; remove unit, or '
+                "state it of the other files only, not in [defaults]."
+            )
         raise DataError(
             f"{where}: {name!r} is in {unit} already, as {'the file' if in_file else 'unit'} says, and sensitivity = "
             f'"... {sensitivity.unit}" is for numbers without a unit; leave one of them out.'
         )
-    if unit is None or raw.full_scale:
+    if raw.full_scale:
+        raise DataError(
+            f'{where} holds integers without a scale; state what full scale stands for: sensitivity = "50 m/s^2", and '
+            f'not "{sensitivity.text}".'
+        )
+    if unit is None:
         raise DataError(
             f'{where} does not say in what {name!r} was recorded; add unit = "V" or "mV" beside the sensitivity, or '
             'state what one number stands for: sensitivity = "0.1 g".'
         )
     if (factor := sensitivity.of(unit)) is None:
         raise DataError(
-            f"{where}: {name!r} is in {unit}, and sensitivity = {options.sensitivity!r} is for channels in "
+            f'{where}: {name!r} is in {unit}, and sensitivity = "{sensitivity.text}" is for channels in '
             f"{sensitivity.per}; correct one of them."
         )
     return factor, sensitivity.unit
@@ -208,7 +220,8 @@ def _unit(in_file: str | None, stated: str | None, name: str, where: str) -> str
         return stated or str(in_file)
     factors = acceleration_factor(stated), acceleration_factor(in_file)
     if factors[0] != factors[1] or (factors[0] is None and stated != in_file):
-        raise DataError(
-            f"{where} says {name!r} is in {in_file}, the index says {stated}; remove unit, or correct the file."
-        )
+        sensed = {"1": f'sensitivity = "1 {stated}"'}.get(in_file, 'sensitivity = "100 mV/g"')
+        is_scaled = in_file == "1" or (factors[0] is not None and re.fullmatch(_ELECTRIC, in_file))
+        advice = f"or say what they stand for: {sensed}" if is_scaled else "or correct the file"
+        raise DataError(f"{where} says {name!r} is in {in_file}, the index says {stated}; remove unit, {advice}.")
     return stated

@@ -4,7 +4,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -51,13 +51,15 @@ _PATIENCE = 1.0
 """Seconds that a pattern may search in one path."""
 
 
-def facts_of_name(name: str, pattern: str | None) -> dict[str, Any]:
-    """Facts that a file's relative path states.
+def facts_of_name(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:
+    """(facts that a file's relative path states, keys of those that the pattern found).
+
+    Speed and pressure with their units, and a machine, are read in any case.
 
     Parameters
     ----------
-    pattern : regular expression whose named groups are the facts; without it the label is the folder's name or the
-        words of the file name, beside speed and pressure with their units.
+    pattern : regular expression whose named groups are facts, which count for more; without it the label is the
+        folder's name or the words of the file name.
 
     Raises
     ------
@@ -66,24 +68,29 @@ def facts_of_name(name: str, pattern: str | None) -> dict[str, Any]:
     DataError
         The path does not match it.
     """
-    if pattern is not None:
-        return _matched(name, pattern)
     path = Path(name)
     texts, words = {}, stem_of(path)
     for key, expression in _IN_NAMES.items():
         if match := regex.search(expression, name, regex.IGNORECASE):
             texts[key] = f"{match[1]} {match[2]}"
             words = regex.sub(expression, " ", words, flags=regex.IGNORECASE)
-    parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
-    parent = path.parent.name
     if machine := next((part for part in path.parent.parts if _MACHINE.fullmatch(part)), None):
         texts["specimen"] = machine
-        parts = parts[1:] if len(parts) > 1 and parts[0] == machine else parts
+    elif (match := _MACHINE_IN_NAME.search(words)) and match[0] != words.strip("_-. "):
+        texts["specimen"] = match[0]
+        words = words.replace(match[0], " ")
+    if pattern is not None:
+        found, beside = _matched(name, pattern)
+        return facts_of_texts({**texts, **found}, beside), found.keys()
+    parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
+    parts = parts[1:] if len(parts) > 1 and parts[0] == machine else parts
+    parent = path.parent.name
     is_class = bool(parent) and not re.search(r"\d", parent) and parent != machine
-    return facts_of_texts({"label": parent if is_class else "_".join(parts), **texts})
+    return facts_of_texts({"label": parent if is_class else "_".join(parts), **texts}), frozenset()
 
 
-def _matched(name: str, pattern: str) -> dict[str, Any]:
+def _matched(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Text of each named group that was found, and the unit beside it."""
     try:
         match = regex.search(pattern, name, timeout=_PATIENCE)
     except regex.error as cause:
@@ -95,7 +102,7 @@ def _matched(name: str, pattern: str) -> dict[str, Any]:
         ) from cause
     if match is None:
         raise DataError(f"{name} does not match label_pattern {pattern!r}; correct it, or narrow include.")
-    texts = {_GROUPS.get(group, group): text for group, text in match.groupdict().items()}
+    texts = {_GROUPS.get(group, group): text for group, text in match.groupdict().items() if text}
     beside: dict[str, str] = {}
     for group in match.groupdict():
         if units := _UNITS_OF.get(key := _GROUPS.get(group, group)):
@@ -103,7 +110,7 @@ def _matched(name: str, pattern: str) -> dict[str, Any]:
             before = regex.search(rf"(?<![A-Za-z])({units})[ _-]?$", name[: match.start(group)], regex.IGNORECASE)
             if unit := after or before:
                 beside[key] = unit[1]
-    return facts_of_texts(texts, beside)
+    return texts, beside
 
 
 def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dict[str, dict[str, Any]]:
@@ -229,8 +236,11 @@ def bare_pressures(facts: Mapping[str, Any]) -> list[str]:
     return [key for key in PRESSURES if re.fullmatch(_NUMBER, str(facts.get(key, "")))]
 
 
-_MACHINE = re.compile(r"(?i:pump|pumpe|machine|maschine|unit|sn|serial|nr|no)[ _-]?\d{1,9}|[A-Z]\d{0,3}")
-"""Words in names that stand for a machine."""
+_NUMBERED = r"(?:[ _-]?\d{1,9}|(?:[ _-]|(?<=[a-z]))[A-Z]\d{0,3})"
+_MACHINE = re.compile(rf"(?i:pumpe?|machine|maschine|unit|sn|serial|nr|no)(?:{_NUMBERED}|[ _-][a-z])|[A-Z]\d{{0,3}}")
+"""Names of folders, and words of classes, that stand for a machine."""
+_MACHINE_IN_NAME = re.compile(rf"(?<![^\W_])(?i:pumpe?|machine|maschine|unit|sn|serial){_NUMBERED}(?![^\W_])")
+"""The same in the name of a file, where a number alone may be that of the measurement."""
 
 
 def machines_in_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
@@ -252,19 +262,24 @@ def only_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
     return str(labels[0]) if len(labels) > 1 and len({*labels}) == 1 and not is_healthy(labels[0]) else None
 
 
-def label_hints(labels: Iterable[str]) -> list[str]:
+def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     """What looks odd about the labels: one for all files, and a first word that may be a machine."""
-    every = [{"label": label} for label in labels]
-    labels = sorted({entry["label"] for entry in every})
+    labeled = [entry for entry in entries if "label" in entry]
     hints = []
-    if only := only_label(every):
+    if only := only_label(labeled):
         hints.append(f"every file is of the class {only!r}: is that a class? --label-pattern says how paths state it.")
-    pairs = [label.partition("_") for label in labels]
+    pairs = sorted({str(entry["label"]).partition("_") for entry in labeled})
     firsts = sorted({first for first, _, _ in pairs})
-    whole = len(labels) > 1 and all(rest for _, _, rest in pairs)
+    whole = len(pairs) > 1 and all(rest for _, _, rest in pairs)
     if whole and (len(firsts) == 1 or any(is_healthy(rest) for _, _, rest in pairs)):
-        hints.append(
-            f"all classes begin with {', '.join(firsts[:4])}: if that is a machine, take it out of the class with "
-            "--label-pattern '(?P<specimen>[^_/]+)_(?P<label>[a-z_]+)'."
-        )
+        pattern = rf"(?P<specimen>{'|'.join(map(re.escape, firsts))})[^a-zA-Z]+(?P<label>[a-zA-Z_]+)"
+        way = f"--label-pattern '{pattern}' --force" if _fits(pattern, labeled) else "--label-pattern"
+        words = ", ".join(firsts[:4])
+        hints.append(f"all classes begin with {words}: if that is a machine, take it out of the class with {way}.")
     return hints
+
+
+def _fits(pattern: str, entries: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether a pattern finds in each path the class without its first word."""
+    matches = [(re.search(pattern, entry["file"]), str(entry["label"]).partition("_")[2]) for entry in entries]
+    return all(match and match["label"].strip("_") == rest for match, rest in matches)

@@ -119,6 +119,14 @@ def synthesize(
         classes = sorted({*labels, _class_among(labels, twin)})
         measured = cut_windows(recordings, length=window or usual_window(recordings), classes=classes)
         notes = require_same_machine(twin, conditions, recordings, **is_stated)
+    read = measured.channels if calibration is None else calibration.posterior.channels
+    sensors = [twin.pump.channels[place] for place in _sensors(twin, measured.channels)]
+    if unread := [name for name in sensors if name not in read]:
+        notes = (
+            *notes,
+            f"the calibration read {', '.join(read)}, and not {', '.join(unread)}, whose gains are those of the pump "
+            "file, which no recording has checked; calibrate on them, or leave them out (channels = [...]).",
+        )
     twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
     calibrated_on = {} if calibration is None else calibration.recording_hashes
     windows = simulate_windows(

@@ -4,7 +4,7 @@ The lines of a pump stand at multiples of the piston count times the shaft frequ
 speed do all its teeth meet lines and all gaps between them none. So a wrongly stated speed shows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,16 @@ ODD_LEVEL, ODD_DEVIATIONS = 1.5, 3.0
 of their standard deviations."""
 _LEAST_SCATTER = 0.1
 """Standard deviation of ln(level) that repeated recordings of one pump have at least."""
+
+
+def require_one_machine(recordings: Iterable[Recording], thing: str) -> None:
+    """Refuse recordings that state several specimens, with a `DataError` that names them: the thing is of one pump."""
+    specimens = sorted({recording.specimen for recording in recordings if recording.specimen is not None})
+    if len(specimens) > 1:
+        raise DataError(
+            f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): {thing} belongs to one pump; "
+            f'select its recordings: --specimen "{specimens[0]}", or the method where.'
+        )
 
 
 def clipping_note(recording: Recording) -> str | None:

@@ -15,6 +15,7 @@ from swashtwin.calibration.objective.measurement import (
     place_single_channels,
     select_agreeing,
 )
+from swashtwin.calibration.objective.recording_checks import require_one_machine
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
 from swashtwin.calibration.objective.unknowns import VALUES, Unknowns, search_space
 from swashtwin.calibration.result import Calibration
@@ -97,13 +98,7 @@ def estimate_severity(
             f"the known pump is calibrated with a fault ({calibration.twin.label}); calibrate on its healthy "
             "recordings, so that the fault's share stays to be found: swashtwin calibrate --fault normal."
         )
-    every = (*candidates, *healthy_recordings)
-    specimens = sorted({recording.specimen for recording in every if recording.specimen is not None})
-    if len(specimens) > 1:
-        raise DataError(
-            f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): a severity belongs to one pump; "
-            "select its recordings (--specimen, or the method where)."
-        )
+    require_one_machine([*candidates, *healthy_recordings], "a severity")
     candidates, _ = place_single_channels(candidates, calibration.nominal.pump)
     healthy_recordings, _ = place_single_channels(healthy_recordings, calibration.nominal.pump)
     used, left_out = _chosen(candidates, fault)

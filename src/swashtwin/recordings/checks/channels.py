@@ -278,7 +278,8 @@ def contradicted_speed(recording: Recording, statistics: Sequence[ChannelStatist
         if spacing is not None:
             message = (
                 f"lines at multiples of {spacing:.3f} Hz ({spacing * 60:.0f} rev/min) and none at the stated "
-                f"{shaft * 60:.0f} rev/min ({shaft:.3f} Hz): is the speed or the sample rate wrong?"
+                f'{shaft * 60:.0f} rev/min ({shaft:.3f} Hz); state speed = "{spacing * 60:.0f} rpm", or, if the speed '
+                f'is right, sample_rate = "{rate * shaft / spacing:.5g} Hz".'
             )
             return [Finding("speed", "warning", name, message)]
     return []
@@ -291,14 +292,15 @@ def implausible_rate(recording: Recording) -> list[Finding]:
     if recording.attributes.get("domain") == "angle":
         return []
     if rate > most and recording.unit in ("m/s^2", "1"):
-        reason = f"accelerometers are read at up to {most:g} Hz: was {rate / 1000:g} Hz meant?"
+        reason, meant = f"accelerometers are read at up to {most:g} Hz", f"{rate / 1000:g} Hz"
     elif rate < least and recording.unit == "m/s^2":
-        reason = f"accelerometers are read at {least:g} Hz and more: were {rate:g} kHz meant?"
+        reason, meant = f"accelerometers are read at {least:g} Hz and more", f"{rate:g} kHz"
     elif shaft and rate < _LEAST_PER_TURN * shaft:
-        reason = f"that is {rate / shaft:.2g} samples in a turn at {shaft * 60:.5g} rev/min: were {rate:g} kHz meant?"
+        reason, meant = f"that is {rate / shaft:.2g} samples in a turn at {shaft * 60:.5g} rev/min", f"{rate:g} kHz"
     else:
         return []
-    return [Finding("rate", "warning", None, f"the sample rate is {rate:g} Hz, and {reason}")]
+    advice = f'if {meant} was meant, state sample_rate = "{meant}"'
+    return [Finding("rate", "warning", None, f"the sample rate is {rate:g} Hz, and {reason}; {advice}.")]
 
 
 def _line_family(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> float | None:

@@ -75,6 +75,7 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
     for key, kind, words in (
         ("text_columns", "left_out", "columns that hold text or dates were left out: "),
         ("blank_columns", "left_out", "columns that are blank were left out: "),
+        ("counter_columns", "left_out", "columns that count the samples were left out: "),
         ("clock_columns", "left_out", "columns without a unit that rise evenly were taken for the time: "),
         ("other_columns", "left_out", "columns that are no vibration were left out: "),
         ("contradicted", "contradicted", ""),
@@ -201,24 +202,24 @@ def _duplicates(recordings: Sequence[Recording], statistics: Sequence[list[Chann
 
 
 def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
-    """Recordings whose level is far from that of their class, channel by channel."""
+    """Recordings whose level is far from that of their class, with the channels that show it."""
     levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
     for recording, channels in zip(recordings, statistics, strict=True):
         for name, channel in zip(recording.channels, channels, strict=True):
             if channel.std > 0 and math.isfinite(channel.std):
                 key = recording.label, recording.unit, name
                 levels.setdefault(key, []).append((channel.std, recording))
+    found: dict[tuple[str, str], list[str]] = {}
     for (label, unit, name), members in levels.items():
         usual = figures.median_low([level for level, _ in members])
         odd = [member for member in members if abs(math.log(member[0] / usual)) > math.log(_LEVEL_RATIO)]
         if odd:
-            level, recording = odd[0]
-            names = listed([recording.recording_id for _, recording in odd])
-            message = (
-                f"the level of {names} is {level:.3g} {unit}, {level / usual:.3g} times the usual {usual:.3g} of "
-                f"{label or 'no class'}: another unit, range or sensitivity?"
-            )
-            yield Finding("level", "warning", name, message)
+            level, names = odd[0][0], listed([recording.recording_id for _, recording in odd])
+            words = f"{level:.3g} {unit} in {name} ({level / usual:.3g} times the usual {usual:.3g})"
+            found.setdefault((names, label or "no class"), []).append(words)
+    for (names, label), parts in found.items():
+        message = f"the level of {names} is not that of {label}: {', '.join(parts)}; another unit or sensitivity?"
+        yield Finding("level", "warning", None, message)
 
 
 def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:

@@ -2,7 +2,9 @@
 
 import json
 import math
+import re
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from commandline import one_line, run
 import swashtwin as st
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError, read_artifact, write_artifact
+from swashtwin.learning import least_rise
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -41,7 +44,10 @@ def healthy() -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def detector(healthy: list[Recording]) -> st.AnomalyDetector:
-    return st.AnomalyDetector().fit(healthy)
+    """Nothing is odd in it."""
+    detector = st.AnomalyDetector().fit(healthy)
+    assert (detector.fitted_.n_recordings, detector.notes_) == (20, ())
+    return detector
 
 
 def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(detector: st.AnomalyDetector) -> None:
@@ -65,6 +71,77 @@ def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> N
         alarms += [verdict.alarm for verdict in verdicts]
     assert np.mean(alarms) <= 0.1 + 2 * math.sqrt(0.1 * 0.9 / len(alarms))
     assert any(alarms)
+
+
+def burst(signal: np.ndarray) -> np.ndarray:
+    return signal + 20 * (np.arange(LENGTH) // 40 % 20 == 7) * np.random.default_rng(0).normal(size=signal.shape)
+
+
+def gain(signal: np.ndarray) -> np.ndarray:
+    return signal * [[1.0], [0.4]]
+
+
+def other_point(signal: np.ndarray) -> np.ndarray:
+    """A recording at 5 MPa that is listed as one at 10 MPa."""
+    return signal / 2
+
+
+@pytest.mark.parametrize(
+    ("disturb", "words"),
+    [
+        (burst, "dB at 524 to 660 Hz"),
+        (gain, "dB in all bands of channel y: a changed gain"),
+        (other_point, "like those at A, 1200 rev/min, 5 MPa"),
+    ],
+)
+def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(healthy, disturb, words: str) -> None:
+    """Two that are odd alike hide neither each other nor a fault; the rate is that of the recordings left."""
+    odd = [one.replace(signal=disturb(one.signal), recording_id=f"odd{n}") for n, one in enumerate(healthy[1:5:2])]
+    usual = [one for one in healthy if one not in healthy[1:5:2]]
+    detector, without = st.AnomalyDetector().fit([*odd, *usual]), st.AnomalyDetector().fit(usual)
+    first, second, cost, few = detector.notes_
+    assert "odd0 is left out" in first
+    assert words in first
+    assert "odd1 is left out" in second
+    assert re.search(
+        r"With odd0, odd1 a change would have to be \d+\.\d times as large .* false-alarm rate is 0.14", cost
+    )
+    assert "18 healthy recordings allow no false-alarm rate below 0.053" in few
+    fault = recording("fault", rise=12.0)
+    assert detector.diagnose(fault).to_dict() == without.diagnose(fault).to_dict()
+    assert detector.diagnose(fault).alarm
+    assert detector.diagnose(odd[0].replace(recording_id="new", signal=odd[0].signal + 1e-6)).alarm
+    with pytest.raises(InputError, match=r"needs 19 healthy recordings at least, there are 18 without odd0, odd1;"):
+        st.AnomalyDetector(error_rate=0.05).fit([*odd, *usual])
+
+
+def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_disagrees_is(healthy) -> None:
+    state = [one.replace(signal=gain(one.signal)) for one in healthy[:6]]
+    detector = st.AnomalyDetector().fit([*state, *healthy[6:]])
+    assert detector.fitted_.n_recordings == 20
+    assert "6 of 20 healthy recordings are unlike the others (h0, h1, h2, h3, h4, h5), too many" in detector.notes_[0]
+    pair = [recording("p0", pressure=15.0), recording("p1", pressure=15.0)]
+    pair[1] = pair[1].replace(signal=gain(pair[1].signal))
+    detector = st.AnomalyDetector().fit([*healthy, *pair])
+    assert detector.fitted_.n_recordings == 20
+    assert "p0 is left out: the recordings of its operating point are not alike" in detector.notes_[0]
+    assert (
+        "no healthy recording is at the pressure 15 MPa" in detector.diagnose(recording("q", pressure=15.0)).sentence()
+    )
+
+
+def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(detector: st.AnomalyDetector) -> None:
+    """Half of `least_rise` in one level is seldom an alarm, twice as much mostly is."""
+    fitted = detector.fitted_
+    rise = least_rise(fitted.levels, fitted.point_index, 0.05) * np.eye(fitted.levels.shape[1])
+    alarms = []
+    for row, column in product(range(20), range(0, len(rise), 16)):
+        others, point = fitted.subset(np.arange(20) != row), fitted.points[fitted.point_index[row]]
+        risen = [fitted.levels[row] + factor * rise[column] for factor in (0.5, 2.0)]
+        alarms.append([others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen])
+    half, twice = np.mean(alarms, axis=0)
+    assert half < 0.3
+    assert twice > 0.6
 
 
 def test_the_p_value_does_not_depend_on_the_order_of_the_healthy_recordings(

@@ -12,6 +12,7 @@ from swashtwin.diagnosis.diagnosing import require_layout
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.healthy_spectrum import detector_spectrum
 from swashtwin.diagnosis.level_change import level_changes
+from swashtwin.diagnosis.odd_healthy import leave_out_odd
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.learning import (
@@ -97,8 +98,9 @@ class AnomalyDetector(Estimator):
                 )
         if self.error_rate is not None:
             _require_allowed(len(recordings), self.error_rate)
-        healthy, notes = measure_healthy(recordings, progress=progress)
-        rate = self.error_rate
+        measured, notes = measure_healthy(recordings, progress=progress)
+        healthy, odd = leave_out_odd(measured, self.error_rate)
+        notes, rate = (*notes, *odd), self.error_rate
         if rate is None:
             rate = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE)
             if rate > USUAL_ERROR_RATE:
@@ -107,6 +109,8 @@ class AnomalyDetector(Estimator):
                     f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
                 )
                 notes = (*notes, few)
+        left_out = [name for recording in recordings if (name := recording.recording_id) not in healthy.manifest]
+        _require_allowed(healthy.n_recordings, rate, left_out)
         return self._set(_Card(healthy, rate, notes))
 
     def _set(self, card: _Card) -> "AnomalyDetector":
@@ -204,11 +208,12 @@ class AnomalyDetector(Estimator):
         return cls(error_rate=card.error_rate)._set(card)
 
 
-def _require_allowed(n_healthy: int, error_rate: float) -> None:
-    """Refuse a false-alarm rate that so many healthy recordings cannot state."""
+def _require_allowed(n_healthy: int, error_rate: float, left_out: Sequence[str] = ()) -> None:
+    """Refuse a false-alarm rate that so many healthy recordings cannot state, and name what was `left_out`."""
     needed = least_validation(error_rate)
     if n_healthy < needed:
+        without = f" without {', '.join(left_out)}" if left_out else ""
         raise InputError(
-            f"a false-alarm rate of {error_rate:g} needs {needed} healthy recordings at least, there are {n_healthy}; "
-            f"record more, or allow {allowed_error_rate(n_healthy, error_rate):g}."
+            f"a false-alarm rate of {error_rate:g} needs {needed} healthy recordings at least, there are {n_healthy}"
+            f"{without}; record more, or allow {allowed_error_rate(n_healthy, error_rate):g}."
         )

@@ -29,6 +29,7 @@ from .features import band_energies as band_energies
 from .features import extract_features as extract_features
 from .features import feature_values as feature_values
 from .features import level_spectrum as level_spectrum
+from .healthy.healthy_levels import LEAST_HEALTHY as LEAST_HEALTHY
 from .healthy.healthy_levels import USUAL_ERROR_RATE as USUAL_ERROR_RATE
 from .healthy.healthy_levels import Deviation as Deviation
 from .healthy.healthy_levels import HealthyLevels as HealthyLevels
@@ -36,6 +37,9 @@ from .healthy.healthy_levels import level_layout as level_layout
 from .healthy.healthy_levels import measure_healthy as measure_healthy
 from .healthy.levels import Level as Level
 from .healthy.levels import LevelLayout as LevelLayout
+from .healthy.odd_recordings import MOST_ODD as MOST_ODD
+from .healthy.odd_recordings import least_rise as least_rise
+from .healthy.odd_recordings import usual_recordings as usual_recordings
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.branch import Branch as Branch
 from .networks.forest import Forest as Forest

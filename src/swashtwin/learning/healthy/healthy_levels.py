@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Float64, Int, Int64
+from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning.healthy.levels import MOST_ORDERS, LevelLayout
@@ -24,7 +24,7 @@ from swashtwin.recordings import (
 LEAST_SPREAD = 1.0
 """Standard deviation [dB] that every level has at least: mounting and temperature move it so much, whatever was
 measured."""
-_RIDGE = 1.0
+RIDGE = 1.0
 """Added to each level's variance, in units of it, in all directions: there are more levels than recordings."""
 
 
@@ -68,7 +68,7 @@ def nonconformity_scores(
     residual, factor = point_residuals(levels, point)
     scaled = residual / robust_spread(levels, point)
     gram = scaled @ scaled.T
-    share = np.linalg.solve(gram + len(gram) * _RIDGE * np.eye(len(gram)), gram)
+    share = np.linalg.solve(gram + len(gram) * RIDGE * np.eye(len(gram)), gram)
     leverage = factor**2 * np.diag(share)
     return np.asarray(leverage / (1 - leverage))
 
@@ -182,7 +182,10 @@ class HealthyLevels:
                 "longer."
             )
         index, notes = self._point_of(recording)
-        levels = self.layout.measure(recording)
+        return self.deviation_of(self.layout.measure(recording), index, notes)
+
+    def deviation_of(self, levels: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()) -> Deviation:
+        """How far `levels` [dB] are from those of the healthy recordings of a point, by its index."""
         scores = nonconformity_scores(np.vstack([self.levels, levels]), np.append(self.point_index, index))
         members = self.levels[self.point_index == index]
         change = levels - members.mean(axis=0)
@@ -190,6 +193,19 @@ class HealthyLevels:
         words = self._words(index) if len(self.points) > 1 else ""
         p_value = conformal_p_value(scores)
         return Deviation(float(scores[-1]), p_value, change, change / scatter, words, notes)
+
+    def subset(self, chosen: Bool[np.ndarray, " recording"]) -> "HealthyLevels":
+        """The same of some recordings."""
+        rows = np.flatnonzero(chosen).tolist()
+        entries = list(self.manifest.items())
+        return replace(
+            self,
+            levels=self.levels[rows],
+            specimen=tuple(self.specimen[row] for row in rows),
+            speed=self.speed[rows],
+            pressure=self.pressure[rows],
+            manifest=dict(entries[row] for row in rows),
+        )
 
     def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
         """Levels [dB] of the healthy recordings of a recording's machine and operating point.

@@ -13,6 +13,7 @@ from swashtwin.physics import interface_factors, slipper_displacements
 from swashtwin.physics.excitation import (
     bore_lines,
     displacement_lines,
+    following,
     slipper_profile,
     stages,
 )
@@ -170,3 +171,17 @@ def test_excitation_that_does_not_fit_the_pump_is_refused(pump: Pump, at_15: Ope
         bore_lines(pump, at_15, BoreDefect(um(50), half_width=deg(200)), 7)
     with pytest.raises(InputError, match=r"n_lines \(0\)"):
         displacement_lines(pump, at_15, DEFECT, 0)
+
+
+@pytest.mark.parametrize("contact", ["shared", "lift_off"])
+def test_half_of_a_recess_is_followed_at_its_corner(
+    pump: Pump, at_15: OperatingCondition, contact: Literal["shared", "lift_off"]
+) -> None:
+    corner = 28 * at_15.shaft_frequency
+    own, limited = (
+        following(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner])) for value in (0.0, corner)
+    )
+    np.testing.assert_allclose(limited, [1, 0.5])
+    assert own[1] > 0.98
+    lines = [displacement_lines(pump, at_15, replace(DEFECT, corner=value), 28) for value in (0.0, corner)]
+    assert lines[1][-1] == pytest.approx(lines[0][-1] / 2)

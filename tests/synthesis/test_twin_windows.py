@@ -23,6 +23,7 @@ from swashtwin.synthesis import (
     synthesize,
 )
 from swashtwin.synthesis import twin_windows as synthesis
+from swashtwin.synthesis.fidelity import causes
 from swashtwin.synthesis.twin_windows import background_noise
 from swashtwin_bench import rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
@@ -95,6 +96,21 @@ def test_the_background_has_the_level_of_the_measured_noise(twin: Twin, measured
     at_15 = measured.discharge_pressure == MPa(15)
     normal = measured.subset(at_15 & (measured.label == "normal"))
     np.testing.assert_allclose(above_6_kHz(synthetic), above_6_kHz(normal), rtol=0.25)
+
+
+def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
+    twin: Twin, measured: WindowSet
+) -> None:
+    plain, loud = (
+        synthesize(twin, twin.fault, count=24, like=replace(measured, signal=gain * measured.signal)) for gain in (1, 3)
+    )
+    np.testing.assert_allclose(loud.signal, 3 * plain.signal, rtol=1e-3, atol=1e-4)
+    assert plain.measured_healthy is not None
+    assert plain.simulate_healthy is not None
+    healthy = plain.measured_healthy, plain.simulate_healthy()
+    deaf = replace(plain, signal=plain.signal / 2), replace(healthy[1], signal=healthy[1].signal / 2)
+    quieter = causes(plain, deaf[0], 7, (healthy[1], deaf[1]))
+    assert quieter == pytest.approx({"law": 0, "path": 6.02, "floor": 6.02, "variation": 0}, abs=0.01)
 
 
 def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(twin: Twin, measured: WindowSet) -> None:

@@ -15,6 +15,7 @@ from .objective.agreement import Spectra as Spectra
 from .objective.agreement import agreement as agreement
 from .objective.agreement import agreement_of_lines as agreement_of_lines
 from .objective.agreement import mean_agreement as mean_agreement
+from .objective.measurement import DEFAULT_BAND as DEFAULT_BAND
 from .objective.measurement import GRAVITY as GRAVITY
 from .objective.measurement import measure as measure
 from .objective.recording_checks import shown_speed as shown_speed
@@ -32,6 +33,8 @@ from .severity.dimensions import Dimension as Dimension
 from .severity.dimensions import SeveritySearch as SeveritySearch
 from .severity.dimensions import register_severity as register_severity
 from .severity.dimensions import search_of as search_of
+from .severity.law import FaultLaw as FaultLaw
+from .severity.law_search import identify_law as identify_law
 from .severity.severity import Severity as Severity
 from .severity.severity import SeveritySettings as SeveritySettings
 from .severity.severity import SeverityTrend as SeverityTrend

@@ -26,6 +26,7 @@ from swashtwin.calibration.objective.recording_checks import require_one_machine
 from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
 from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
 from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.severity.law_search import identify_law
 from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, posterior_covariance
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin
@@ -57,6 +58,7 @@ def calibrate(
     nuisances: Nuisances = RECOMMENDED_NUISANCES,
     phases: bool = True,
     explain_misfit: bool = True,
+    law: Fault | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Twin whose lines come nearest to those of measured recordings, and how far to trust its six values.
@@ -86,6 +88,8 @@ def calibrate(
     explain_misfit : where the calibrated lines miss the measured ones by more than expected, or a bound or a prior
         strains the fit, calibrate again as if each of a few simple mistakes (two channels swapped, another unit) had
         been made, and note those that explain it. Values and intervals do not depend on these notes.
+    law : a recess as far as it is known, whose law is searched on the recordings of its class beside the healthy ones
+        (`Calibration.law`): how far slippers follow it, under which contact, how deep it acts.
     progress : called with (steps done, steps in all, loss).
 
     Raises
@@ -96,8 +100,10 @@ def calibrate(
     UnitError
         A recording is not in m/s^2.
     InputError
-        Impossible bounds or band.
+        Impossible bounds or band, or a law beside a calibration on faulty recordings.
     """
+    if law is not None and fault is not None:
+        raise InputError("a fault's law is searched beside the healthy pump's calibration; leave out fault.")
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
     twins = starting_twins(pump, recordings := list(recordings), fault)
@@ -120,7 +126,7 @@ def calibrate(
     measurements = [comparison.measurement for comparison in objective.comparisons]
     used = [recording for measurement in measurements for recording in measurement.recordings]
     names = tuple(recording.recording_id for recording in used)
-    return Calibration(
+    calibration = Calibration(
         twin=calibrated,
         nominal=twins[0],
         estimates=estimates,
@@ -140,6 +146,19 @@ def calibrate(
         wall_s=time.perf_counter() - started,
         version=VERSION,
         origin=facts_of(used).origin,
+    )
+    if law is None:
+        return calibration
+    identified = identify_law(calibration, recordings, law, used)
+    used += [recording for recording in recordings if recording.recording_id in identified.recording_ids]
+    names = tuple(recording.recording_id for recording in used)
+    return replace(
+        calibration,
+        law=identified,
+        recording_ids=names,
+        recording_hashes=manifest_of(used),
+        left_out=tuple(pair for pair in calibration.left_out if pair[0] not in names),
+        wall_s=time.perf_counter() - started,
     )
 
 

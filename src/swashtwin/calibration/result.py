@@ -12,6 +12,7 @@ import numpy as np
 from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.objective.unknowns import SearchSpace
+from swashtwin.calibration.severity.law import FaultLaw
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
 from swashtwin.foundation import (
     ArtifactError,
@@ -69,6 +70,8 @@ class Calibration:
     """Version of swashtwin that made it."""
     origin: str = ""
     """Where the recordings come from that are of no machine, such as the virtual rig; empty where none states it."""
+    law: FaultLaw | None = None
+    """Law of a recess that was identified beside it; None where none was searched."""
 
     def __repr__(self) -> str:
         identified = ", ".join(estimate.letter for estimate in self.estimates if estimate.verdict == "identified")

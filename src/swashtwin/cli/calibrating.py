@@ -78,6 +78,13 @@ def calibrate(
             '"bounds=C_sw=1e4..1e8 N*s/m"; repeatable.',
         ),
     ] = None,
+    law: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND[:NAME=QUANTITY,...]",
+            help="Recess whose law is searched too, on the recordings of its class: swash_plate:depth=0.07mm.",
+        ),
+    ] = None,
     preset: PresetName = Preset.recommended,
     band: Annotated[str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')] = None,
     out: Annotated[
@@ -109,13 +116,17 @@ def calibrate(
     recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
     drawing, defect = load_pump(pump), fault_from(fault)
     label = "normal" if defect is None else defect.label
-    there = _recordings(source, reading, speed, pressure or [], label, specimen)
+    if law is not None and not is_collection(source, reading):
+        raise typer.BadParameter("takes an index of healthy recordings and of the fault's.", param_hint="--law")
+    wanted = label if law is None else None
+    there = _recordings(source, reading, speed, pressure or [], label, specimen, wanted)
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
     with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
         result = calibration.calibrate(
             start,
             recordings,
             fault=defect if start is drawing else None,
+            law=None if law is None else fault_from(law),
             method=kind(**own),
             seed=seed,
             progress=lambda count, total, loss: bar(count, total, f"calibrating, loss {loss:.4g}"),
@@ -127,7 +138,7 @@ def calibrate(
         page = write_page(report, result, limits, recordings=recordings, about={"Calibration": out})
     result.save(out)
     values = result.save_interfaces(values_file)
-    shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes")
+    shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes", "law")
     facts = result.to_dict()
     answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
@@ -135,13 +146,20 @@ def calibrate(
 
 
 def _recordings(
-    source: Path, reading: Reading, speed: str | None, pressures: Sequence[str], label: str, specimen: str | None
+    source: Path,
+    reading: Reading,
+    speed: str | None,
+    pressures: Sequence[str],
+    label: str,
+    specimen: str | None,
+    wanted: str | None,
 ) -> "Recordings":
-    """Recordings of an index, or that of a file; what it does not state of class and operating point, options do."""
+    """Recordings of an index, of one class where one is `wanted`, or that of a file; what it does not state of class
+    and operating point, options do."""
     from swashtwin.recordings import Recordings, load_recordings
 
     if is_collection(source, reading):
-        return load_recordings(source, label=label, specimen=specimen)
+        return load_recordings(source, label=wanted, specimen=specimen)
     (recording,) = load_sources([source], **reading)
     if recording.condition is None and speed is not None and pressures:
         if len(pressures) > 1:
@@ -253,13 +271,17 @@ def _interval(estimate: "Estimate") -> str:
 
 
 def _show(result: "Calibration", out: Path, page: Path | None) -> None:
+    law = () if result.law is None else result.law.estimates
     rows = [
         (estimate.letter, estimate.name, estimate.nominal, estimate.value, _interval(estimate), estimate.unit,
          estimate.verdict)
-        for estimate in result.estimates
+        for estimate in (*result.estimates, *law)
     ]  # fmt: skip
     header = ("", "parameter", "nominal", "calibrated", "90 % interval", "unit", "verdict")
     table(f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows)
+    if result.law is not None:
+        laws = sorted(result.law.evidence.items(), key=lambda item: -item[1])
+        table("Laws of the recess", ("contact, entry", "ln evidence"), [(name, f"{value:.1f}") for name, value in laws])
     before, after = asdict(result.fit_before), asdict(result.fit_after)
     fits = [(name, before[name], after[name]) for name in before]
     table("Against the measurement", ("figure", "nominal", "calibrated"), fits)

@@ -44,10 +44,11 @@ def synthesize(
     require_files([calibration, like])
     require_output(out, inputs=[calibration, like], own=artifact_marks("window set"), force=force)
     result = load_calibration(calibration)
+    calibrated = result.twin.fault if result.law is None else result.law.fault
     with progress("synthesizing"):
         windows = synthesis.synthesize(
             result,
-            result.twin.fault if fault is None else fault_from(fault),
+            calibrated if fault is None else fault_from(fault),
             count=count,
             like=load_recordings(like),
             seed=seed,
@@ -88,6 +89,9 @@ def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
         say(f"fidelity: {measured}; the AUROC takes two recordings of each")
     else:
         say(f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all")
+    if fidelity.causes_db:
+        parts = ", ".join(f"{name} {value:.1f}" for name, value in fidelity.causes_db.items())
+        say(f"apart by cause [dB]: {parts}")
     table(
         "Features that tell them most",
         ("feature", "AUROC alone", "shift [std of measured]"),

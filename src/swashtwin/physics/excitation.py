@@ -22,6 +22,9 @@ from jaxtyping import Complex, Float, Int
 from swashtwin.foundation import InputError
 from swashtwin.pump import BoreDefect, Fault, OperatingCondition, Pump, SwashPlateDefect
 
+CONTACT_CUTOFF = 4000.0
+"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film; an estimate."""
+
 
 @singledispatch
 def recess_of(fault: Fault | None) -> SwashPlateDefect | None:
@@ -73,6 +76,16 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
             "shorten it."
         )
     return Stages(rise=rise / radius, total=total / radius, depth=defect.effective_depth(slipper))
+
+
+def following(defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]) -> Float[np.ndarray, " line"]:
+    """Share of a recess that slippers follow at `frequency` [Hz]: exp(-(f / width)^2), half of it at the corner.
+
+    The shape is our reading; recordings tell the corner, and hardly the shape.
+    """
+    own = math.inf if defect.strains_films else CONTACT_CUTOFF
+    width = defect.corner / math.sqrt(math.log(2)) if defect.corner else own
+    return np.exp(-((frequency / width) ** 2))
 
 
 def slipper_profile(
@@ -150,11 +163,12 @@ def displacement_lines(
     """Order lines [m] of the total displacement H.
 
     Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of n: the lines of a
-    healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied here.
+    healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied here; what slippers do not follow is left
+    out where films are strained (`following`).
 
     Parameters
     ----------
-    condition : has no influence, for the displacement follows the shaft angle.
+    condition : its speed decides which orders lie above the defect's corner.
     scatter : displacement of each slipper over the nominal one; None: all 1.
     """
     orders = _orders(n_lines)
@@ -167,6 +181,8 @@ def displacement_lines(
             raise InputError(f"scatter has shape {weights.shape} for {count} slippers.")
         turns = (orders[:, None] * np.arange(count)) % count / count
         combined = np.exp(2j * math.pi * turns) @ weights
+    if defect.strains_films:
+        combined = combined * following(defect, orders * condition.shaft_frequency)
     return combined * np.exp(-1j * orders * defect.angle) * _profile_lines(pump, defect, orders.astype(float))
 
 

@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, recess_of
+from swashtwin.physics.excitation import bore_lines, displacement_lines, following, recess_of
 from swashtwin.physics.riding import riding_lines
 from swashtwin.physics.solvers.periodic import PeriodicTerm
 from swashtwin.pump import (
@@ -30,9 +30,6 @@ from swashtwin.pump import (
     ValvePlateWear,
 )
 from swashtwin.pump import InterfaceValue as Value
-
-CONTACT_CUTOFF = 4000.0
-"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film; an estimate."""
 
 
 def excitation_lines(
@@ -163,8 +160,7 @@ def fault_action(
     slipper, motion = structure.slipper_vector, idle.motion
     share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
     if not recess.strains_films:
-        fade = np.exp(-((frequency / (2 * np.pi * CONTACT_CUTOFF)) ** 2))
-        inertia = pump.masses.piston_slipper / tilt * frequency**2 * fade
+        inertia = pump.masses.piston_slipper / tilt * frequency**2 * following(recess, frequency / (2 * np.pi))
         return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)
     factor = recess.gain * (share if recess.contact == "shared" else 1.0)
     if not recess.off_axis:

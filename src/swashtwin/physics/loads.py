@@ -105,7 +105,7 @@ def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
         swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
         film = group.slipper_film + float(height.max())
         lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
-        slipper = slipper + max(0.0, lifted - float(slipper[0])) * height / height.max()
+        slipper = slipper + recess.leakage * max(0.0, lifted - float(slipper[0])) * height / height.max()
     film = pump.valve_plate.film + added_leakage(fault, pump).valve_plate_film
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)

@@ -76,7 +76,9 @@ class SwashPlateDefect(Fault):
     """
 
     label: ClassVar[str] = "swash_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"depth": "m", "length": "m", "width": "m", "angle": "rad"})
+    units: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"depth": "m", "length": "m", "width": "m", "angle": "rad", "corner": "Hz"}
+    )
     longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02, "length": 0.3, "width": 0.3})
 
     depth: float
@@ -99,6 +101,11 @@ class SwashPlateDefect(Fault):
     """Factor on the excitation; a nuisance that calibration may free."""
     off_axis: bool = True
     """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
+    corner: float = 0.0
+    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^2. With 0 it is the law's own: they follow
+    all of it where films are strained, else up to `physics.excitation.CONTACT_CUTOFF`."""
+    leakage: float = 1.0
+    """Factor on the leakage that a slipper opens where it does not seal; acts where films are not strained."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

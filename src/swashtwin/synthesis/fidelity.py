@@ -55,6 +55,8 @@ class Fidelity:
     """Synthetic windows."""
     pressures: tuple[float, ...]
     """Discharge pressures of the measured windows [Pa], as far as stated."""
+    causes_db: Mapping[str, float]
+    """What gives the windows away [dB], by cause; see `causes`."""
 
     def __repr__(self) -> str:
         auroc = "no AUROC" if self.auroc is None else f"AUROC {self.auroc:.2f}"
@@ -66,7 +68,14 @@ class Fidelity:
         return asdict(self)
 
 
-def measure_fidelity(measured: WindowSet, synthetic: WindowSet, *, seed: int) -> Fidelity:
+def measure_fidelity(
+    measured: WindowSet,
+    synthetic: WindowSet,
+    *,
+    seed: int,
+    pistons: int = 0,
+    healthy: tuple[WindowSet, WindowSet] | None = None,
+) -> Fidelity:
     """How well synthetic windows are told from measured ones of the class, and by which features.
 
     Parameters
@@ -74,6 +83,8 @@ def measure_fidelity(measured: WindowSet, synthetic: WindowSet, *, seed: int) ->
     measured : windows of the cell that the filler did not draw from.
     synthetic : windows of the same layout.
     seed : of the folds and the trees.
+    pistons : number of pistons of the twin; 0 leaves the causes out.
+    healthy : measured and synthetic healthy windows, to tell the fault's law from the sensors' path.
     """
     _require_both(measured, synthetic)
     several = min(len(np.unique(windows.recording_id)) for windows in (measured, synthetic)) > 1
@@ -87,7 +98,42 @@ def measure_fidelity(measured: WindowSet, synthetic: WindowSet, *, seed: int) ->
         n_recordings=len(np.unique(measured.recording_id)),
         n_synthetic=len(synthetic),
         pressures=tuple(np.unique(stated).tolist()),
+        causes_db=causes(measured, synthetic, pistons, healthy) if pistons else {},
     )
+
+
+def causes(
+    measured: WindowSet, synthetic: WindowSet, pistons: int, healthy: tuple[WindowSet, WindowSet] | None = None
+) -> dict[str, float]:
+    """By how much synthetic windows miss measured ones [dB, root mean square over lines and channels], by cause.
+
+    ``path``: mean levels of the piston-pass lines of healthy windows; ``law``: those of the windows themselves beyond
+    that, which the fault must explain; without healthy windows both together are ``law and path``. ``floor``: levels
+    between the lines. ``variation``: the lines' standard deviation from window to window.
+    """
+    faulty = [_levels(windows, pistons) for windows in (measured, synthetic)]
+    shift = faulty[1][0].mean(axis=0) - faulty[0][0].mean(axis=0)
+    spread = faulty[1][0].std(axis=0) - faulty[0][0].std(axis=0)
+    floor = faulty[1][1].mean(axis=0) - faulty[0][1].mean(axis=0)
+    parts = {"law and path": shift}
+    if healthy is not None:
+        sound = [_levels(windows, pistons)[0].mean(axis=0) for windows in healthy]
+        path = sound[1] - sound[0]
+        parts = {"law": shift - path, "path": path}
+    parts |= {"floor": floor, "variation": spread}
+    return {name: float(np.sqrt(np.mean(part**2))) for name, part in parts.items()}
+
+
+def _levels(windows: WindowSet, pistons: int) -> tuple[np.ndarray, np.ndarray]:
+    """Levels [dB] of the piston-pass lines, and between each and the next (window, channel, line)."""
+    power = 10 * np.log10(np.maximum(_power(windows), 1e-30))
+    passing = np.nanmean(windows.speed) / (2 * np.pi) * pistons
+    position = np.arange(1, power.shape[-1] + 1) * windows.sample_rate / windows.length / passing
+    number, away = np.round(position).astype(int), np.abs(position - np.round(position))
+    most = int(position[-1] / 1.28)
+    lines = [power[..., number == line].max(axis=-1) for line in range(1, most + 1)]
+    floors = [power[..., (np.floor(position) == line) & (away > 0.3)].mean(axis=-1) for line in range(1, most + 1)]
+    return np.stack(lines, axis=-1), np.stack(floors, axis=-1)
 
 
 def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[TellingFeature, ...]:

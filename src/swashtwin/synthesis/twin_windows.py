@@ -7,7 +7,7 @@ from one moment to the next drawn anew, laid over noise as the machine makes it.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -15,13 +15,13 @@ import scipy.signal
 import torch
 from jaxtyping import Bool, Float, Int
 
-from swashtwin.calibration import Calibration, Posterior
+from swashtwin.calibration import DEFAULT_BAND, Calibration, FaultLaw, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_healthy, is_same_class, values_match
 from swashtwin.recordings import Recording, join_manifests, usual_window
-from swashtwin.signals import inverse_transform, line_frequencies, synchronous_signal, transform
+from swashtwin.signals import inverse_transform, line_frequencies, power_density, synchronous_signal, transform
 from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
 from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
@@ -41,6 +41,12 @@ class SyntheticWindows(WindowSet):
 
     measured: WindowSet | None = None
     """Measured windows of the class; None where there are none."""
+    measured_healthy: WindowSet | None = None
+    """Measured healthy windows at the same pressures; None where there are none."""
+    simulate_healthy: Callable[[], WindowSet] | None = None
+    """Makes healthy windows with the same twins."""
+    pistons: int = 0
+    """Number of pistons of the twins."""
     seed: int = 0
     """Seed that made them."""
     notes: tuple[str, ...] = ()
@@ -52,7 +58,11 @@ class SyntheticWindows(WindowSet):
 
         It takes some seconds, and is computed when it is first asked for.
         """
-        return None if self.measured is None else measure_fidelity(self.measured, self, seed=self.seed)
+        if self.measured is None:
+            return None
+        pair = self.measured_healthy, self.simulate_healthy
+        healthy = None if pair[0] is None or pair[1] is None else (pair[0], pair[1]())
+        return measure_fidelity(self.measured, self, seed=self.seed, pistons=self.pistons, healthy=healthy)
 
 
 def synthesize(
@@ -75,7 +85,8 @@ def synthesize(
     ----------
     source : a calibration, from whose posterior the values of each window are drawn; or a twin, whose values all
         windows share.
-    fault : what the windows show; None is a healthy pump. The source need not have been calibrated on it.
+    fault : what the windows show; None is a healthy pump. The source need not have been calibrated on it. A recess that
+        states no corner acts by the law that the calibration identified, if it did.
     count : how many.
     like : measured training windows, or the training recordings; they give layout, classes and noise, and must not be
         test data.
@@ -129,27 +140,39 @@ def synthesize(
         )
     twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
     calibrated_on = {} if calibration is None else calibration.recording_hashes
-    windows = simulate_windows(
-        [twin.at(condition) for condition in conditions],
+    simulate = partial(
+        simulate_windows,
         count=count,
         like=measured,
         seed=seed,
         variation=variation,
         background=background,
         posterior=[calibration.posterior] * len(conditions) if calibration and values == "drawn" else None,
+        law=calibration.law if calibration and values != "nominal" else None,
     )
+    windows = simulate([twin.at(condition) for condition in conditions])
     facts = {item.name: getattr(windows, item.name) for item in fields(WindowSet)}
     facts["manifest"] = join_manifests([windows.manifest, calibrated_on])
-    compared = _comparable_windows(measured, windows, calibrated_on)
-    return SyntheticWindows(**facts, measured=compared, seed=seed, notes=notes)
+    healthy = [name for name in measured.classes if is_healthy(name)]
+    return SyntheticWindows(
+        **facts,
+        measured=_comparable_windows(measured, windows, windows.label, calibrated_on),
+        measured_healthy=_comparable_windows(measured, windows, healthy, calibrated_on),
+        simulate_healthy=partial(simulate, [twin.at(condition).with_fault(None) for condition in conditions]),
+        pistons=twin.pump.rotating_group.piston_count,
+        seed=seed,
+        notes=notes,
+    )
 
 
-def _comparable_windows(like: WindowSet, synthetic: WindowSet, calibrated_on: Iterable[str]) -> WindowSet | None:
-    """Measured windows of the class of synthetic ones, at their pressures where there are some; None without any.
+def _comparable_windows(
+    like: WindowSet, synthetic: WindowSet, labels: Sequence[str] | np.ndarray, calibrated_on: Iterable[str]
+) -> WindowSet | None:
+    """Measured windows of some classes, at the pressures of synthetic ones where there are some; None without any.
 
     Where all windows of the recordings calibrated on are of one specimen, they are those of that machine alone.
     """
-    same = ~like.synthetic & np.isin(like.label, synthetic.label)
+    same = ~like.synthetic & np.isin(like.label, labels)
     machines = set(like.specimen[np.isin(like.recording_id, list(calibrated_on))].tolist()) - {""}
     if len(machines) == 1:
         same &= like.specimen == machines.pop()
@@ -170,8 +193,12 @@ def simulate_windows(
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
     posterior: Posterior | Sequence[Posterior] | None = None,
+    law: FaultLaw | Sequence[FaultLaw | None] | None = None,
 ) -> WindowSet:
     """Synthetic windows of twins as they are, of the layout and the classes of `like`.
+
+    Their level is the machine's: where `like` has healthy windows at a twin's pressure, each channel's gain is that
+    which brings the healthy twin's lines to theirs.
 
     Parameters
     ----------
@@ -185,6 +212,8 @@ def simulate_windows(
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
+    law : law of a recess (`Calibration.law`), one for all twins or one for each: how far slippers follow is drawn from
+        its estimate, and the noise rises with the depth.
 
     Raises
     ------
@@ -199,11 +228,14 @@ def simulate_windows(
     sources = [twins[i % len(twins)] for i in range(count)]
     sensors = [_sensors(twin, like.channels) for twin in twins]
     noises = [background_noise(like, twin) for twin in twins] if background == "spectrum" else []
+    gains = [noise.gains(twin, rows) for noise, twin, rows in zip(noises, twins, sensors, strict=False)]
+    laws = [law] * len(twins) if law is None or isinstance(law, FaultLaw) else list(law)
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
         chunk = range(start, min(start + _CHUNK, count))
         varied = [draw_twin(draw_values(sources[i], i), variation, seed, i) for i in chunk]
+        varied = [_by_law(source, laws[i % len(twins)], seed, i) for i, source in zip(chunk, varied, strict=True)]
         with torch.no_grad():
             batch = accelerations(varied)
         for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
@@ -212,7 +244,11 @@ def simulate_windows(
             read = lines[sensors[i % len(twins)]][:, np.isin(batch.orders, source.orders)]
             window = synchronous_signal(read, source.orders, angle)
             window = window * np.exp(rng.normal(0, variation.sensor, (len(like.channels), 1)))
-            signal[i] = window + noises[i % len(twins)].draw(rng) if noises else window
+            if noises:
+                own = laws[i % len(twins)]
+                floor = 1.0 if own is None else own.floor_of(source.fault)
+                window = gains[i % len(twins)][:, None] * window + floor * noises[i % len(twins)].draw(rng)
+            signal[i] = window
     pressure = np.array([source.condition.discharge_pressure for source in sources])
     return build_windows(
         signal,
@@ -246,6 +282,13 @@ def _value_draws(
         return posteriors[number].twin_at(twin, points[number][turn])
 
     return draw_values
+
+
+def _by_law(twin: Twin, law: FaultLaw | None, seed: int, index: int) -> Twin:
+    """`twin` with its fault under `law`, how far slippers follow drawn anew."""
+    if law is None:
+        return twin
+    return twin.with_fault(law.of(twin.fault, stream(seed, "law", twin.label, index).normal()))
 
 
 def _class_among(classes: Sequence[str], twin: Twin) -> str:
@@ -292,6 +335,37 @@ class BackgroundNoise:
     """Indices of the windows that one is drawn from."""
     clear: Bool[np.ndarray, " frequency"]
     """Which lines of a window's spectrum are far from the piston-pass frequency's multiples."""
+    is_healthy: bool
+    """Whether the windows are healthy ones at the pressure that was asked for."""
+
+    def gains(self, twin: Twin, sensors: Sequence[int]) -> Float[np.ndarray, " channel"]:
+        """Factor on the lines of each channel that brings a healthy twin to the windows; 1 where none is healthy.
+
+        exp of half the median, over the piston-pass lines up to `DEFAULT_BAND` that stand above the noise, of ln
+        (measured power over simulated): no line counts more for being loud, and none is mended by itself, for that
+        would paint the healthy machine's errors over the fault.
+        """
+        if not self.is_healthy:
+            return np.ones(len(sensors))
+        signal = self.like.signal[self.windows].astype(float)
+        frequency, power = power_density(signal, self.like.sample_rate)
+        power = power.mean(axis=0) * frequency[1]
+        line, clear = np.arange(self.clear.size), self.clear
+        noise = np.stack([np.interp(line, line[clear], row[clear]) for row in power])
+        with torch.no_grad():
+            simulated = twin.with_fault(None).acceleration().abs().numpy()[list(sensors)]
+        count = twin.pump.rotating_group.piston_count
+        number = np.round(frequency / (count * twin.condition.shaft_frequency)).astype(int)
+        orders = twin.with_fault(None).orders
+        logarithms = []
+        for order in orders[(orders % count == 0) & (orders * twin.condition.shaft_frequency <= DEFAULT_BAND[1])]:
+            near = ~clear & (number == order // count)
+            above = power[:, near].sum(axis=1) - noise[:, near].sum(axis=1)
+            model = simulated[:, orders == order][:, 0] ** 2 / 2
+            stands = above > noise[:, near].sum(axis=1)
+            logarithms.append(np.where(stands, np.log(np.maximum(above, 1e-30) / np.maximum(model, 1e-30)), np.nan))
+        ratios = np.array(logarithms)
+        return np.array([np.exp(np.nanmedian(row) / 2) if np.isfinite(row).any() else 1.0 for row in ratios.T])
 
     def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         """Noise of one window, in the unit of the measured ones."""
@@ -322,9 +396,11 @@ def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
     if not candidates.any():
         raise InputError("no measured window to take noise from; the background can be 'none'.", field="background")
     distance = np.abs(like.discharge_pressure - twin.condition.discharge_pressure)
+    there = values_match(like.discharge_pressure, twin.condition.discharge_pressure, PRESSURE_TOLERANCE)
     if np.isfinite(distance[candidates]).any():
         candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
     frequency = line_frequencies(like.length, like.sample_rate)
     pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
     away = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
-    return BackgroundNoise(like, np.flatnonzero(candidates), away > 2.5 * frequency[1])
+    healthy_there = bool(np.all((is_normal & np.asarray(there))[candidates]))
+    return BackgroundNoise(like, np.flatnonzero(candidates), away > 2.5 * frequency[1], healthy_there)

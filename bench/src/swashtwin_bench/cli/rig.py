@@ -91,7 +91,9 @@ def _command(*words: object) -> str:
 def rig(
     out: Annotated[Path, typer.Argument(help="New folder for the recordings.")],
     seed: Seed = 0,
-    size: Annotated[str, typer.Option(help="Number and length of the recordings: tiny, small or paper.")] = "small",
+    size: Annotated[
+        str, typer.Option(help="Number and length of the recordings: tiny, short, small or paper.")
+    ] = "small",
     version: Annotated[
         str,
         typer.Option(

@@ -61,13 +61,14 @@ class RigSize:
 SIZES = MappingProxyType(
     {
         "tiny": RigSize(specimens=2, repeats=2, duration=1.25),
+        "short": RigSize(specimens=6, repeats=2, duration=2.0),
         "small": RigSize(specimens=6, repeats=3),
         "paper": RigSize(specimens=6, repeats=4),
     }
 )
-"""``tiny`` is for trying things out, ``small`` for a demo. ``paper`` holds, in each class, over three times the paper's
-650 windows of 80 ms, so that a study can take the paper's counts for training and test on recordings it did not train
-on."""
+"""``tiny`` is for trying things out, ``short`` for studies of many fleets, ``small`` for a demo. ``paper`` holds, in
+each class, over three times the paper's 650 windows of 80 ms, so that a study can take the paper's counts for training
+and test on recordings it did not train on."""
 
 
 @dataclass(frozen=True)

@@ -114,6 +114,9 @@ for _kind, _search in (
                 Dimension("length", *_MM, 0.3, share=POSITION_SHARE, law=EDGES),
                 Dimension("width", *_MM, 0.3),
                 Dimension("angle", *_DEG, 0.1),
+                Dimension("corner", "Hz", 1.0, 1.0),
+                Dimension("gain", "", 1.0, 0.5),
+                Dimension("leakage", "", 1.0, 0.7),
             ),
             0.1,
             free=("length",),
@@ -188,6 +191,8 @@ def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
         if name not in dimensions:
             names = ", ".join(dimensions)
             raise InputError(f"{type(fault).__name__} has no dimension {name!r} to search; it has {names}.")
+        if getattr(fault, name) <= 0:
+            raise InputError(f"{type(fault).__name__}.{name} is 0; give a typical one, from which the search starts.")
     if fault.severity <= 0:
         raise InputError(f"{type(fault).__name__}.{severity} is 0; give a typical one, from which the search starts.")
     return FaultSpace(fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *further])))

@@ -84,7 +84,8 @@ class Inversion(ProfileProblem):
 
     def __init__(self, objective: Objective, space: FaultSpace, prior: Prior, port_timing: float) -> None:
         self.objective, self.space, self.prior, self.port_timing = objective, space, prior, port_timing
-        self.roll_off = search_of(space.reference).roll_off
+        searches_corner = any(dimension.name == "corner" for dimension in space.free)
+        self.roll_off = 0.0 if searches_corner else search_of(space.reference).roll_off
         self.n_unknowns, self.simulations = len(prior.center), 0
         spread = 6 * np.sqrt(np.diag(prior.covariance))
         further = 4 * np.array([dimension.deviation for dimension in space.free[1:]])
@@ -168,14 +169,16 @@ class Inversion(ProfileProblem):
             covariance = covariance + np.outer(error, error)
         self.root = np.linalg.cholesky(covariance)
 
-    def search(self) -> tuple[list[Minimum], float]:
+    def search(self, starts: Iterable[np.ndarray] | None = None) -> tuple[list[Minimum], float]:
         """Minima of the sum of squares that are likely enough to hold the truth, the deepest first; and the misfit.
+
+        Descents begin at `starts`, or at the best points of a first grid.
 
         The misfit is the root mean square of the lines' residuals at the first descent. Where it exceeds 1, all
         standard deviations of lines are widened by it.
         """
         descents = []
-        for start in self._starts():
+        for start in self._starts() if starts is None else starts:
             self.weigh(start)
             point, height = self.descend(start, fixed=None)
             descents.append((height + 2 * np.log(np.diag(self.root)).sum(), point))

@@ -141,7 +141,8 @@ def _of_recording(
     settings: SeveritySettings,
 ) -> Severity:
     started = time.perf_counter()
-    inversion = _inversion(calibration, recording, space, healthy, settings)
+    comparison = comparison_of_fault(calibration, [recording], space.reference, healthy, settings.band)
+    inversion = invert(calibration, [comparison], space, healthy, settings)
     minima, misfit = inversion.search()
     minima, ends = inversion.profiled(minima)
     point, height = minima[0].point, minima[0].height
@@ -177,19 +178,22 @@ def _of_recording(
     )
 
 
-def _inversion(
+def comparison_of_fault(
     calibration: Calibration,
-    recording: Recording,
-    space: FaultSpace,
+    recordings: Sequence[Recording],
+    fault: Fault,
     healthy: Sequence[Recording],
-    settings: SeveritySettings,
-) -> Inversion:
-    assert recording.condition is not None
-    twin = replace(calibration.nominal.at(recording.condition), fault=space.reference, path=None)
+    band: tuple[float, float],
+) -> Comparison:
+    """The calibrated pump's twin with `fault` beside recordings at one condition, over the lines of `band` [Hz]."""
+    condition = recordings[0].condition
+    assert condition is not None
+    twin = replace(calibration.nominal.at(condition), fault=fault, path=None)
     between = twin.orders[twin.orders > 1] % twin.pump.rotating_group.piston_count  # the first order is unbalance
     lines: Lines = "shaft" if between.any() else "piston"
     phases = bool(calibration.settings.get("phases"))
-    measurement = measure(twin, [recording.replace(label=twin.label)], settings.band, lines=lines, phases=phases)
+    labeled = [recording.replace(label=twin.label) for recording in recordings]
+    measurement = measure(twin, labeled, band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
     background, floor = _background(limited, measurement, healthy, lines)
     if background is not None and phases:  # of an amplitude whose phase nobody knows remains an error
@@ -200,10 +204,20 @@ def _inversion(
             f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
             "the same from both (channels = [...] in the index)."
         )
-    unknowns = calibration.posterior.unknowns
-    comparison = Comparison(limited, measurement, background, floor)
-    objective = Objective((comparison,), search_space(limited), unknowns)
-    prior = _prior(calibration, unknowns, recording.condition, healthy, settings)
+    return Comparison(limited, measurement, background, floor)
+
+
+def invert(
+    calibration: Calibration,
+    comparisons: Sequence[Comparison],
+    space: FaultSpace,
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> Inversion:
+    """The problem of finding a fault of `space` from all `comparisons` at once, with what the calibration knows."""
+    twin, unknowns = comparisons[0].twin, calibration.posterior.unknowns
+    objective = Objective(tuple(comparisons), search_space(twin), unknowns)
+    prior = _prior(calibration, unknowns, twin.condition, healthy, settings)
     return Inversion(objective, space, prior, settings.port_timing)
 
 

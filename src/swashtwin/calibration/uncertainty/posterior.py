@@ -133,7 +133,7 @@ def estimates_of(
                 log_std=float(std[i]),
                 interval=interval_around(float(values[i]), float(std[i]), (space.lower[i], space.upper[i])),
                 bounds=(float(space.lower[i]), float(space.upper[i])),
-                verdict=_verdict(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high, in_doubt),
+                verdict=verdict_of(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high, in_doubt),
                 traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
             )
         )
@@ -177,7 +177,8 @@ def misfit_of(objective: Objective, point: Float[np.ndarray, " unknown"]) -> flo
         return float(objective.weighted_loss(torch.as_tensor(point)))
 
 
-def _verdict(center: float, std: float, prior_std: float, low: float, high: float, in_doubt: bool) -> Verdict:
+def verdict_of(center: float, std: float, prior_std: float, low: float, high: float, in_doubt: bool) -> Verdict:
+    """Verdict on a coordinate at `center`, searched from `low` to `high`."""
     if min(center - low, high - center) < BOUND_MARGIN * (high - low):
         return "at bound"
     if std > UNIDENTIFIED_SHARE * prior_std:

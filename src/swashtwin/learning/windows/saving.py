@@ -1,5 +1,6 @@
 """A window set as an artifact."""
 
+from dataclasses import fields
 from pathlib import Path
 
 from swashtwin.foundation import load_artifact, save_artifact
@@ -10,14 +11,15 @@ _MAY_BE_NAN = ("discharge_pressure", "speed")
 
 
 def save_windows(windows: WindowSet, path: Path | str) -> Path:
-    """`path`, after the windows, their manifest included, were written to it whole.
+    """`path`, after the windows, their manifest included, were written to it whole; what was compared with is not.
 
     Raises
     ------
     ArtifactError
         A sample is NaN or infinite.
     """
-    return save_artifact(path, _KIND, _VERSION, windows, may_be_nan=_MAY_BE_NAN)
+    alone = WindowSet(**{item.name: getattr(windows, item.name) for item in fields(WindowSet)})
+    return save_artifact(path, _KIND, _VERSION, alone, may_be_nan=_MAY_BE_NAN)
 
 
 def load_windows(path: Path | str) -> WindowSet:

@@ -29,7 +29,7 @@ def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict
     answers = {"split": run_json("data", "split", rig, "--out", folder, "--test-fraction", 0.5)}
     train = answers["split"]["train"]
     out = folder / "calibration.json"
-    answers["calibrate"] = run_json("calibrate", train, *AT_15, *DEFECT, *QUICK, "--out", out)
+    answers["calibrate"] = run_json("calibrate", train, "--specimen", "A", *AT_15, *DEFECT, *QUICK, "--out", out)
     windows = ("--count", 3, "--out", folder / "made.safetensors")
     answers["synthesize"] = run_json("synthesize", out, "--like", train, *windows)
     options = ("--test-fraction", 0, "--out", folder / "model.safetensors", *TINY)

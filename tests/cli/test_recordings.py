@@ -131,5 +131,10 @@ def test_the_commands_of_the_page_on_one_s_own_recordings_run(tmp_path: Path, mo
     commands = [line for block in blocks for line in block.splitlines()]
     user_work = ["index", "inspect", "check", "train", "evaluate", "diagnose"]
     assert [line.split()[1] for line in commands] == [*user_work, "twin", "twin", "twin"]
-    for line in commands:
+    for line in commands[:-1]:
         run(*shlex.split(line)[1:])
+    effects = {entry["name"]: entry["effect"] for entry in run_json(*shlex.split(commands[-1])[1:])["effects"]}
+    printed = re.findall(r"`(\w+\.\w+)`\s(\d+) %", text)
+    assert printed == [(name, f"{100 * effects[name]:.0f}") for name in list(effects)[: len(printed)]]
+    assert len(printed) == 5
+    assert max(effect for name, effect in effects.items() if name.startswith("interfaces.")) < 0.02

@@ -48,7 +48,9 @@ COMMANDS: dict[str, Command] = {
     "spectrum_order": Command(f"signal spectrum {WORN} --kind order --pistons 7 --out order.svg"),
     "trend": Command("signal trend specimen.toml --baseline 'A_[npv]*' --out trend.svg"),
     "calibrate": Command(
-        f"calibrate split/train.toml {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json", after=("split",), **SEARCHED
+        f"calibrate split/train.toml --specimen A {AT_15} {RECESS} {GAUSS_NEWTON} --out worn.json",
+        after=("split",),
+        **SEARCHED,
     ),
     "calibrate_healthy": Command(
         f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json", **SEARCHED

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows, group_folds, split_by_recording, without_overlap
+from swashtwin.learning import check_recordings, cut_windows, group_folds, split_by_recording, without_overlap
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, load_recordings, recording_groups, write_index, write_recording
 
@@ -134,3 +134,21 @@ def test_folds_are_written_one_folder_each_and_test_every_recording_once(tmp_pat
     assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
     again = run("data", "split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)
     assert "exists; replace it with --force" in one_line(again)
+
+
+@pytest.mark.parametrize("ring", ["ab ab", "ab cd", "ab ac", "ab bc ca", "a b", "ab b"])
+def test_a_check_and_a_split_agree_on_whether_machines_can_be_held_out(ring: str) -> None:
+    recordings = [
+        recording(f"{label}-{name}-{number}", label, specimen=name)
+        for label, names in zip(("normal", "leak", "wear"), ring.split(), strict=False)
+        for name in names
+        for number in range(2)
+    ]
+    (use,) = [use for use in check_recordings(recordings, window=60).uses if "specimens" in use.name]
+    windows = cut_windows(recordings, length=60)
+    try:
+        split_by_recording(windows, group=recording_groups(recordings, "specimen"))
+    except DataError:
+        assert use.state == "no"
+    else:
+        assert use.state == "yes"

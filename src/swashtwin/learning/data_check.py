@@ -286,6 +286,11 @@ def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool
     total = len(set(groups.values()))
     if few:
         return Use(name, "no", is_required, f"{', '.join(few)}: one {group} only, two are needed.")
+    _, classes = np.unique([str(recording.label) for recording in labeled], return_inverse=True)
+    kept = np.array([groups[recording.recording_id] for recording in labeled])
+    if best_test_rows(classes, classes, kept, _TEST_FRACTION, seed=0) is None:
+        reason = f"{plural(total, group)}, and no share of them keeps every class in training and in the test."
+        return Use(name, "no", is_required, reason)
     share = f"--group {group} " if group != "recording" else ""
     reason = f"{plural(total, group)}, two or more of each class: train {share}holds them out."
     return Use(name, "yes", is_required, reason)

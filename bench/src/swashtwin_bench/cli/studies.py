@@ -40,6 +40,7 @@ STUDIES = {
     "related": "networks that the paper names as related work",
     "augmentation": "every filler of the scarce cell, by the number of synthetic windows",
     "unseen-pressure": "no fault was ever measured at the test's pressure: filled by twins, and not",
+    "fair-test": "calibrated twins with the law of the recess against nominal ones (docs/bench/fair-test.md)",
     "alarms": "false alarms on healthy pumps that drift, severity and delay where faults grow",
     "calibration": "errors on recordings held out, coverage and cost of every way to calibrate",
     "confidence": "calibration, coverage, and faults that a classifier never trained on",

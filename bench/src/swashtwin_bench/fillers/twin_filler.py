@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from swashtwin.calibration import Posterior
+from swashtwin.calibration import FaultLaw, Posterior
 from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
@@ -24,6 +24,8 @@ class TwinFiller:
     """What the windows are laid over, as in `simulate_windows`."""
     variation: Variation = DEFAULT_VARIATION
     """What differs from window to window."""
+    laws: Sequence[FaultLaw | None] | None = None
+    """Law of a recess for each twin, or None for the fault's own."""
 
     def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
         """`count` windows of the cell, made with the twins of its class (`Filler`)."""
@@ -42,4 +44,5 @@ class TwinFiller:
             variation=self.variation,
             background=self.background,
             posterior=None if self.posterior is None else [self.posterior[number] for number in numbers],
+            law=None if self.laws is None else [self.laws[number] for number in numbers],
         )

@@ -11,11 +11,14 @@ from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate,
 from swashtwin.foundation import DataError, file_name, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
-from swashtwin.pump import SPEED_TOLERANCE, OperatingCondition, group_by_condition, merge_close_values
+from swashtwin.pump import SPEED_TOLERANCE, Fault, OperatingCondition, group_by_condition, merge_close_values
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import FORMAT
 from swashtwin_bench.studies.cells import classes_of, cut_evenly
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario, ScenarioSplit, split_scenario
+
+RECESS = "swash_plate"
+"""Class of the fault whose law has unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,8 @@ class CalibrationTask:
     method: Calibrator
     nuisances: Nuisances
     seed: int
+    law: Fault | None = None
+    """Recess whose law is searched too."""
 
     @property
     def key(self) -> str:
@@ -42,7 +47,8 @@ class CalibrationTask:
             (recording.recording_id, repr(recording.condition), recording.fingerprint())
             for recording in self.recordings
         ]
-        text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed))
+        law = () if self.law is None else (self.law,)
+        text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed, *law))
         return f"{file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
@@ -57,6 +63,7 @@ def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
         nuisances=task.nuisances,
         phases=False,
         explain_misfit=False,
+        law=task.law,
         seed=task.seed,
     )
     if out is not None:
@@ -116,7 +123,7 @@ class StudyDataset:
     def _calibrations_of(self, label: str) -> list[tuple[str, str]]:
         source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
         if source_label is None:
-            source_label = "normal" if self.scenario.calibrated_on == "normal" else self.scenario.scarce[0]
+            source_label = self.scenario.scarce[0] if self.scenario.calibrated_on == "fault" else "normal"
         return [key for key in sorted(self.calibrations) if key[1] == source_label]
 
 
@@ -125,10 +132,12 @@ def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed:
     split = split_scenario(recordings, scenario, seed)
     lender_ids = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
     trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
-    labels = ("normal",) if scenario.calibrated_on == "normal" else scenario.scarce
+    labels = scenario.scarce if scenario.calibrated_on == "fault" else ("normal",)
     tasks = []
     for label in labels:
-        of_label = [r for r in trained_on if r.label == label]
+        of_label = [
+            r for r in trained_on if r.label == label or (scenario.calibrated_on == "law" and r.label == RECESS)
+        ]
         for specimen in sorted({str(r.specimen) for r in of_label}):
             tasks.append(
                 _calibration_task(specimen, label, [r for r in of_label if r.specimen == specimen], scenario, seed)
@@ -298,9 +307,10 @@ def _calibration_task(
     stated = [recording.condition for recording in recordings if recording.condition is not None]
     conditions = [stated[group[-1]] for group in group_by_condition(stated)]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
+    law = scenario.faults[RECESS][0] if scenario.calibrated_on == "law" else None
     if label == "normal":
         twins = tuple(Twin(pump, condition) for condition in conditions)
     else:
         nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
         twins = (Twin(pump, nearest, scenario.faults[label][0]),)
-    return CalibrationTask(specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed)
+    return CalibrationTask(specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed, law)

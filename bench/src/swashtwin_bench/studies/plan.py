@@ -90,6 +90,8 @@ class Plan:
     """Seed of split, twins and synthesis, where only the training is repeated under each seed."""
     rig: str = "1"
     """Version of the virtual rig on which it is run."""
+    fleet: str = "paper"
+    """Size of the rig's fleets."""
     notes: tuple[str, ...] = ()
     """Notes that must be read with the numbers."""
 

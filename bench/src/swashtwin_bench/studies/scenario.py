@@ -93,11 +93,12 @@ class Scenario:
     """Constants found beside the six values."""
     calibrated_on: str = "fault"
     """``"fault"``: a twin for each scarce class, on that class's training recordings at the pressure nearest to the
-    scarce one; ``"normal"``: one twin for all, on healthy training recordings of every pressure."""
+    scarce one; ``"normal"``: one twin for all, on healthy training recordings of every pressure; ``"law"``: the same,
+    and the recess's law on its training recordings."""
 
     def __post_init__(self) -> None:
-        if self.calibrated_on not in ("fault", "normal"):
-            raise InputError(f"calibrated_on {self.calibrated_on!r} is neither 'fault' nor 'normal'.")
+        if self.calibrated_on not in ("fault", "normal", "law"):
+            raise InputError(f"calibrated_on {self.calibrated_on!r} must be 'fault', 'normal' or 'law'.")
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
             raise InputError(f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates.")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration import Posterior
+from swashtwin.calibration import FaultLaw, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
@@ -26,8 +26,9 @@ from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.studies.dataset import StudyDataset, cut_again
 
-TWINS = ("nominal", "calibrated", "posterior")
-"""What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open."""
+TWINS = ("nominal", "calibrated", "posterior", "law")
+"""What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open, as calibrated with
+the law of the recess."""
 
 
 CALIBRATED_TWINS = TWINS[1:]
@@ -87,6 +88,9 @@ PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
     {"measured": TrainingSet(), "nominal": TrainingSet("nominal"), "calibrated": TrainingSet("calibrated")}
 )
 """The paper's three training sets."""
+
+FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType({**PAPER_TRAINING_SETS, "law": TrainingSet("law")})
+"""The paper's three, and calibrated twins whose recess acts by the law that was identified."""
 
 TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
     {
@@ -171,17 +175,21 @@ def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Fil
         return FILLERS[training_set.by]
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
-    twins, posteriors = twins_of(dataset, training_set.by, label)
-    return TwinFiller(twins, posteriors, variation=training_set.variation)
+    twins, posteriors, laws = twins_of(dataset, training_set.by, label)
+    return TwinFiller(twins, posteriors, variation=training_set.variation, laws=laws)
 
 
-def twins_of(dataset: StudyDataset, by: str, label: str) -> tuple[list[Twin], list[Posterior] | None]:
-    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and training specimen,
-    and what their calibrations leave open, where it is to be drawn from."""
+def twins_of(
+    dataset: StudyDataset, by: str, label: str
+) -> tuple[list[Twin], list[Posterior] | None, list[FaultLaw | None] | None]:
+    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and training specimen;
+    what their calibrations leave open, where it is to be drawn from; and the law of each, where it is to be used."""
     scenario, conditions = dataset.scenario, dataset.conditions()
     faults = scenario.faults[label] if label != "normal" else (None,)
     if by == "nominal":
-        return [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions], None
+        return [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions], None, None
     simulated = list(product(faults, conditions, dataset.calibrations_for(label)))
     twins = [calibration.twin.at(condition).with_fault(fault) for fault, condition, calibration in simulated]
-    return twins, [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None
+    posteriors = [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None
+    laws = [calibration.law for _, _, calibration in simulated] if by == "law" else None
+    return twins, posteriors, laws

@@ -146,11 +146,12 @@ def _fit(
     _, slope = inversion.at(minimum.point)
     scaled = slope * np.concatenate([np.ones(first), widths])
     determinants = 2 * np.log(np.diag(inversion.root)).sum() + np.linalg.slogdet(scaled.T @ scaled)[1]
-    fault = space.at(minimum.point[first:])
-    if not isinstance(fault, SwashPlateDefect):
-        raise DataError("the recordings show no recess: nothing tells of its law.")
+    coordinates = minimum.point[first:].copy()
+    coordinates[0] = max(coordinates[0], math.exp(-4 * DEPTH_PRIOR))  # no recess at all is one at the bound
+    fault = space.at(coordinates)
+    assert isinstance(fault, SwashPlateDefect)
     std = np.sqrt(np.diag(covariance))[first:]
-    std[0] /= minimum.point[first]
+    std[0] /= coordinates[0]
     estimates = []
     for dimension, deviation in zip(space.free, std.tolist(), strict=True):
         typical, prior = getattr(space.reference, dimension.name), min(dimension.deviation, DEPTH_PRIOR)

@@ -23,8 +23,8 @@ from swashtwin.synthesis import (
     synthesize,
 )
 from swashtwin.synthesis import twin_windows as synthesis
+from swashtwin.synthesis.background import background_noise
 from swashtwin.synthesis.fidelity import causes
-from swashtwin.synthesis.twin_windows import background_noise
 from swashtwin_bench import rig_recordings
 from swashtwin_bench.rigs.writing import RigSize
 

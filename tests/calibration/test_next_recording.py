@@ -113,7 +113,9 @@ def test_what_cannot_be_planned_is_said_in_plain_words(calibration: Calibration)
         plan_recording(replace(calibration, settings={**calibration.settings, "band": [0, 150]}), speeds=[rpm(1500)])
 
 
-def test_the_command_ranks_what_the_function_ranks(calibration: Calibration, tmp_path: Path) -> None:
+def test_the_command_ranks_what_the_function_ranks(
+    calibration: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = calibration.save(tmp_path / "calibration.json")
     words = ("twin", "next", path, "--speeds", "600 rpm, 1500 rpm", "--pressures", "5 MPa,15 MPa")
     answer = run_json(*words, "--sensors", "cover_z, body_y, body_x")
@@ -131,3 +133,8 @@ def test_the_command_ranks_what_the_function_ranks(calibration: Calibration, tmp
     assert "1500 rpm" in shown
     assert "must be different sensors of the pump" in one_line(run("twin", "next", path, "--sensors", "top", code=3))
     assert "600" in one_line(run("twin", "next", path, "--speeds", "600", code=3))
+    widened = replace(plan, total_width=plan.candidates[1].total_width)
+    monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *args, **options: widened)
+    shown = " ".join(run(*words).stdout.split())
+    assert shown.count(" none ") == len(plan.candidates) - 1
+    assert "none: the twin errs there by more than a further recording can tell" in shown

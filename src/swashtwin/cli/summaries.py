@@ -36,28 +36,6 @@ def _group(items: Iterable[T], key: Callable[[T], Hashable]) -> list[list[T]]:
     return list(groups.values())
 
 
-def _condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]) -> list[str]:
-    """Operating condition of each recording in words, a dash where none is stated.
-
-    Parameters
-    ----------
-    ids : recordings, for messages.
-    speed : angular speed [rad/s], NaN where not stated.
-    pressure : discharge pressure [Pa], NaN where not stated.
-    """
-    import numpy as np
-
-    from swashtwin.recordings import condition_names
-
-    facts = np.array([speed, pressure], dtype=float)
-    words = np.full(len(ids), "-", dtype=object)
-    for stated in {tuple(column) for column in (~np.isnan(facts)).T.tolist()}:
-        if any(stated):
-            indices = np.flatnonzero((~np.isnan(facts) == np.array(stated)[:, None]).all(axis=0))
-            words[indices] = condition_names([ids[index] for index in indices.tolist()], *facts[:, indices])
-    return [str(word) for word in words]
-
-
 def _range(values: Iterable[float], digits: int = 4) -> str:
     """Least and greatest of the values that are numbers, in so many digits, or the one they all are."""
     numbers = [value for value in values if math.isfinite(value)]
@@ -96,12 +74,11 @@ def show_inspection(report: "InspectionReport", recordings: "Sequence[Recording]
 
 
 def _show_recording_summary(reports: "Sequence[RecordingReport]", recordings: "Sequence[Recording]") -> None:
-    from swashtwin.recordings import stated_pressure, stated_speed
+    from swashtwin.recordings import condition_words, stated_angular_speed, stated_pressure
 
-    speeds = [stated_speed(recording) for recording in recordings]
-    words = _condition_words(
+    words = condition_words(
         [recording.recording_id for recording in recordings],
-        [math.nan if speed is None else 2 * math.pi * speed for speed in speeds],
+        [stated_angular_speed(recording) for recording in recordings],
         [stated_pressure(recording) for recording in recordings],
     )
     rows = []
@@ -200,6 +177,8 @@ def show_trend(trend: "Trend") -> None:
 
 
 def _words(rows: "Sequence[Row]") -> list[str]:
-    return _condition_words(
+    from swashtwin.recordings import condition_words
+
+    return condition_words(
         [row.recording_id for row in rows], [row.speed for row in rows], [row.pressure for row in rows]
     )

@@ -1,6 +1,5 @@
 """Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with it."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -18,11 +17,12 @@ from swashtwin.recordings import (
     InspectionReport,
     Recording,
     best_test_rows,
-    condition_names,
+    condition_words,
     inspect_recordings,
     manifest_of,
     recording_groups,
     repeated_recordings,
+    stated_angular_speed,
     stated_pressure,
     stated_speed,
 )
@@ -152,7 +152,9 @@ def check_recordings(
     copies, notes = _copies(usable)
     repeated = {*repeated_recordings(manifest_of(usable)), *(copy.again.recording_id for copy in copies)}
     usable = [recording for recording in usable if recording.recording_id not in repeated]
-    conditions = _conditions(usable)
+    names = [recording.recording_id for recording in usable]
+    facts = ([stated(recording) for recording in usable] for stated in (stated_angular_speed, stated_pressure))
+    conditions = dict(zip(names, condition_words(names, *facts), strict=True))
     counts = _counts(usable, conditions)
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
@@ -199,20 +201,6 @@ def _origins(recordings: Sequence[Recording]) -> list[str]:
         for origin, count in origins.items()
         if "virtual rig" in origin
     ]
-
-
-def _conditions(recordings: Sequence[Recording]) -> dict[str, str]:
-    """Condition of each recording in words; a dash where it cannot be named."""
-    speed = np.array([2 * math.pi * (stated_speed(recording) or math.nan) for recording in recordings])
-    pressure = np.array([stated_pressure(recording) for recording in recordings])
-    names = [recording.recording_id for recording in recordings]
-    words = dict.fromkeys(names, "-")
-    for stated in ((True, True), (True, False), (False, True)):
-        chosen = (~np.isnan(speed) == stated[0]) & (~np.isnan(pressure) == stated[1])
-        members = [name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
-        if members:
-            words |= dict(zip(members, condition_names(members, speed[chosen], pressure[chosen]), strict=True))
-    return words
 
 
 def _counts(recordings: Sequence[Recording], conditions: dict[str, str]) -> tuple[ClassCount, ...]:

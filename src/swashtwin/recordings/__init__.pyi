@@ -32,8 +32,10 @@ from .formats.registry import write_recording as write_recording
 from .grouping import GROUPS as GROUPS
 from .grouping import best_test_rows as best_test_rows
 from .grouping import condition_names as condition_names
+from .grouping import condition_words as condition_words
 from .grouping import no_group as no_group
 from .grouping import recording_groups as recording_groups
+from .grouping import stated_angular_speed as stated_angular_speed
 from .grouping import stated_pressure as stated_pressure
 from .grouping import stated_speed as stated_speed
 from .index import INDEX_NAME as INDEX_NAME

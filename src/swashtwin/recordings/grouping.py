@@ -138,6 +138,16 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
     return [", ".join(part) for part in zip(*parts, strict=True)]
 
 
+def condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]) -> list[str]:
+    """The same for recordings of which each states what it does; a dash where that is nothing."""
+    facts = np.array([speed, pressure], dtype=np.float64)
+    words = np.full(len(ids), "-", dtype=object)
+    for stated in {tuple(column) for column in (~np.isnan(facts)).T.tolist() if any(column)}:
+        indices = np.flatnonzero((~np.isnan(facts) == np.array(stated)[:, None]).all(axis=0))
+        words[indices] = condition_names([ids[index] for index in indices.tolist()], *facts[:, indices])
+    return [str(word) for word in words]
+
+
 def no_group(missing: Sequence[str], count: int, group: str) -> str:
     """Message that some of `count` recordings state no group."""
     more = f" and {len(missing) - 1} more of {count}" if len(missing) > 1 else ""

@@ -74,7 +74,7 @@ def calibrate(
             "--set",
             metavar="NAME=VALUE",
             help="A setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis (unmeasured "
-            "constants that are searched as well), phases=false, lines=shaft, solver=rk4, bounds=10 or "
+            "constants that are searched as well), phases=false, lines=shaft or spectrum, solver=rk4, bounds=10 or "
             '"bounds=C_sw=1e4..1e8 N*s/m"; repeatable.',
         ),
     ] = None,
@@ -214,7 +214,7 @@ def _settings(
     from swashtwin.physics import RK4
 
     words: dict[str, dict[str, Any]] = {
-        "lines": {"piston": "piston", "shaft": "shaft"},
+        "lines": {name: name for name in ("piston", "shaft", "spectrum")},
         "nuisances": {
             "none": Nuisances(), "usual": Nuisances.usual(), "housing": Nuisances.housing(),
             "by-axis": Nuisances.by_axis(),

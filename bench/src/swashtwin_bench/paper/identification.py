@@ -27,7 +27,7 @@ from swashtwin_bench.rigs.fleet import DISPERSION, FLEET_FACTORS
 
 STUDY = f"{PAPER_STUDY}identification"
 LABEL = "swash_plate"
-PRESSURE = MPa(10)
+PRESSURE = MPa(15)
 """Discharge pressure of the recordings that are calibrated on [Pa]."""
 NOMINAL = "nominal"
 CHOSEN = f"ipinn_{min(PAPER_RATES):g}"

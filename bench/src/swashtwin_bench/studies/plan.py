@@ -15,9 +15,10 @@ from sklearn.decomposition import PCA
 from swashtwin.diagnosis import save_classifier
 from swashtwin.foundation import InputError
 from swashtwin.learning import Classifier, FittedClassifier, Scores, WindowSet, evaluate
-from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, load_pump, values_match
 from swashtwin_bench.results.result import score_row
 from swashtwin_bench.results.runs import Task
+from swashtwin_bench.rigs.writing import PUMPS
 from swashtwin_bench.rivals.baselines import ON_FEATURES
 from swashtwin_bench.rivals.models import Model, models_of, train_model
 from swashtwin_bench.studies.dataset import StudyDataset, cells_of
@@ -51,6 +52,8 @@ class PlanSettings:
     """Samples per window."""
     rig: str | None = None
     """Version of the virtual rig."""
+    sensors: int | None = None
+    """Accelerometers of the rig and of the twin: 3, or 13 as the paper has them (version 1)."""
     precision: str | None = None
     """Number format of networks in training, ``"float32"`` or ``"bfloat16"``."""
 
@@ -92,6 +95,8 @@ class Plan:
     """Version of the virtual rig on which it is run."""
     fleet: str = "paper"
     """Size of the rig's fleets."""
+    sensors: int = 3
+    """Accelerometers of the rig."""
     notes: tuple[str, ...] = ()
     """Notes that must be read with the numbers."""
 
@@ -127,6 +132,10 @@ class Plan:
             scenario = replace(self.scenario, faults=machined_faults(settings.rig))
             changes |= {"rig": settings.rig, "scenario": scenario}
         plan = replace(plan, **changes)
+        if settings.sensors is not None:
+            self._require([str(settings.sensors)], {str(count): "" for count in PUMPS}, "number of sensors")
+            scenario = replace(plan.scenario, pump=load_pump(PUMPS[settings.sensors]))
+            plan = replace(plan, scenario=scenario, sensors=settings.sensors)
         if settings.precision is not None:
             models = {name: each.with_training(precision=settings.precision) for name, each in plan.models.items()}
             plan = replace(plan, models=models)

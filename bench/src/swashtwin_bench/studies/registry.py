@@ -105,7 +105,7 @@ def run_study(
         elif work.out is None:
             raise InputError(f"{name} on the virtual rig needs a folder, which the fleets are built into.")
         else:
-            study = run_plan(plan, fleets(work.out, plan.fleet, plan.rig, work), work)
+            study = run_plan(plan, fleets(work.out, plan.fleet, plan.rig, work, plan.sensors), work)
     return replace(study, wall_s=time.perf_counter() - started, command=work.command or study.command)
 
 

@@ -208,16 +208,16 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
     }
 
 
-def fleets(folder: Path, size: str, version: str, work: Work) -> Callable[[int], Sequence[Recording]]:
+def fleets(folder: Path, size: str, version: str, work: Work, sensors: int = 3) -> Callable[[int], Sequence[Recording]]:
     """What gives the fleet of the virtual rig of a seed, built once and kept as ``rig-SIZE-SEED`` in `folder`, or
-    ``rigVERSION-SIZE-SEED`` where the version is not 1."""
+    ``rigVERSION-SIZE-SEED`` where the version is not 1, with ``-13`` behind it where there are 13 sensors."""
 
     def fleet(seed: int) -> Sequence[Recording]:
         name = "rig" if version == RIG_VERSION else f"rig{version}"
-        place = Path(folder) / f"{name}-{size}-{seed}"
+        place = Path(folder) / f"{name}-{size}-{seed}{'' if sensors == 3 else f'-{sensors}'}"
         if not (place / "recordings.toml").is_file():
             show = lambda count, total: work.progress("recording on the rig", count, total)  # noqa: E731
-            build_rig(place, seed=seed, size=size, version=version, jobs=work.jobs, progress=show)
+            build_rig(place, seed=seed, size=size, version=version, sensors=sensors, jobs=work.jobs, progress=show)
         recordings = list(load_recordings(place))
         require_rig(place, recordings, SIZES[size], version)
         return recordings

@@ -29,7 +29,7 @@ LINE_SPEED_TOLERANCE = 0.01
 """Relative difference of speed up to which a recording agrees with a twin: less than elsewhere, since lines that lie
 1 % apart meet another part of a mode's peak."""
 GRAVITY = 9.80665
-Lines = Literal["piston", "shaft"]
+Lines = Literal["piston", "shaft", "spectrum"]
 """Which lines are compared: multiples of the piston count, or all multiples of the shaft frequency."""
 MOST_SHAFT_ORDER = 75
 """Shaft orders above blend with their neighbors where the speed wanders by 0.6 %, as `order_spectrum` allows for."""
@@ -83,7 +83,8 @@ def measure(
     ----------
     band : frequencies [Hz] whose lines are taken.
     lines : ``"piston"``: multiples of the piston count, the only lines of equal pistons; ``"shaft"``: every order
-        up to 75, for twins of a fault that sets one piston apart.
+        up to 75, for twins of a fault that sets one piston apart; ``"spectrum"``: every order of the band, the twin
+        being silent between its lines: the paper's L_freq over the whole spectrum.
     phases : measure the lines' phases too, along the shaft's angle (`phases.phased_lines`).
 
     Raises
@@ -241,11 +242,12 @@ def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.n
             )
         orders = np.arange(1, min(MOST_SHAFT_ORDER, int(high / shaft)) + 1)
     else:
-        orders = count * np.arange(1, int(high / (count * shaft)) + 1)
+        step = 1 if lines == "spectrum" else count
+        orders = step * np.arange(1, int(high / (step * shaft)) + 1)
     orders = orders[orders * shaft >= low]
     if not len(orders):
         raise InputError(
-            f"band ({low:g}, {high:g}) Hz holds no multiple of the {lines if lines == 'shaft' else 'piston-pass'} "
-            f"frequency ({(1 if lines == 'shaft' else count) * shaft:.1f} Hz)."
+            f"band ({low:g}, {high:g}) Hz holds no multiple of the {'piston-pass' if lines == 'piston' else 'shaft'} "
+            f"frequency ({(count if lines == 'piston' else 1) * shaft:.1f} Hz)."
         )
     return orders

@@ -312,7 +312,7 @@ def objective_of(
 
 
 def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()) -> Comparison:
-    """Comparison within the band that was measured, of the lines that the twin has.
+    """Comparison within the band that was measured, of the lines that the twin has, or of all of a ``"spectrum"``.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...
     """
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
-    common = np.isin(measurement.orders, limited.orders)
+    common = np.isin(measurement.orders, limited.orders) | (measurement.lines == "spectrum")
     names = ("amplitude", "deviation", "phasor", "phasor_deviation")
     rows = {name: row[:, common] for name in names if (row := getattr(measurement, name)) is not None}
     compared = replace(measurement, orders=measurement.orders[common], **rows)

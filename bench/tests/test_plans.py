@@ -194,6 +194,13 @@ def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
         run_plan(augmentation.with_settings(PlanSettings(training_sets=("calibrated",), values=("0",))), [])
 
 
+def test_a_study_takes_thirteen_sensors() -> None:
+    thirteen = plan_of("case1").with_settings(PlanSettings(sensors=13))
+    assert (thirteen.sensors, len(thirteen.scenario.pump.sensors)) == (13, 13)
+    with pytest.raises(InputError, match="no number of sensors '5'"):
+        plan_of("case1").with_settings(PlanSettings(sensors=5))
+
+
 def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -> None:
     case1 = plan_of("case1")
     one, two, deep = (case1.with_settings(PlanSettings(rig=version)) for version in ("1", "2", "2-deep"))

@@ -165,6 +165,14 @@ def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: O
     assert calibration.fit_after.spectrum_value_error < 0.5 * calibration.fit_before.spectrum_value_error
 
 
+def test_the_whole_spectrum_counts_what_no_value_changes(twin: Twin, recording: Recording) -> None:
+    method = GaussNewton(starts=1)
+    whole = calibrate(twin, [recording], method=method, lines="spectrum", **SIX_VALUES)
+    lines = calibrate(twin, [recording], method=method, **SIX_VALUES)
+    assert whole.fits[0].spectra.orders.tolist() == list(range(1, 175))
+    np.testing.assert_allclose(whole.twin.values, lines.twin.values, rtol=0.1)
+
+
 def test_shaft_orders_are_refused_where_all_pistons_are_alike(twin: Twin, recording: Recording) -> None:
     words = "a twin of swash_plate has lines at multiples of 7 only; use the piston-pass lines"
     refused(InputError, words, twin, [recording], lines="shaft")

@@ -42,7 +42,8 @@ def calibration(pump: Pump, recordings: list[Recording]) -> Calibration:
 def test_corner_and_contact_are_found_with_an_interval(calibration: Calibration) -> None:
     law = calibration.law
     assert law is not None
-    depth, corner, *_ = law.estimates
+    depth, corner, fall, *_ = law.estimates
+    assert fall.interval[0] < TRUE.fall < fall.interval[1]
     assert corner.value == pytest.approx(CORNER, rel=0.3)
     assert corner.interval[0] < CORNER < corner.interval[1]
     assert corner.verdict == "identified"

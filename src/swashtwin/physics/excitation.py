@@ -79,13 +79,14 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
 
 
 def following(defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]) -> Float[np.ndarray, " line"]:
-    """Share of a recess that slippers follow at `frequency` [Hz]: exp(-(f / width)^2), half of it at the corner.
+    """Share of a recess that slippers follow at `frequency` [Hz]: 2^-(f / corner)^fall, half of it at the corner.
 
-    The shape is our reading; recordings tell the corner, and hardly the shape.
+    With the fall of 2 it is a Gaussian, with less it is nearer to a first or second order's fall. Without a corner it
+    is exp(-(f / `CONTACT_CUTOFF`)^2), or all of it where films are strained.
     """
-    own = math.inf if defect.strains_films else CONTACT_CUTOFF
-    width = defect.corner / math.sqrt(math.log(2)) if defect.corner else own
-    return np.exp(-((frequency / width) ** 2))
+    if defect.corner:
+        return np.exp2(-((frequency / defect.corner) ** defect.fall))
+    return np.exp(-((frequency / (math.inf if defect.strains_films else CONTACT_CUTOFF)) ** 2))
 
 
 def slipper_profile(

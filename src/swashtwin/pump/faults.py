@@ -102,8 +102,10 @@ class SwashPlateDefect(Fault):
     off_axis: bool = True
     """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
     corner: float = 0.0
-    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^2. With 0 it is the law's own: they follow
+    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^fall. With 0 it is the law's own: they follow
     all of it where films are strained, else up to `physics.excitation.CONTACT_CUTOFF`."""
+    fall: float = 2.0
+    """How steeply they follow less around the corner."""
     leakage: float = 1.0
     """Factor on the leakage that a slipper opens where it does not seal; acts where films are not strained."""
 

@@ -155,13 +155,15 @@ class Comparison:
         return replace(self, measurement=replace(self.measurement, phasor=phasor, amplitude=np.abs(phasor)))
 
     def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
-        """Amplitudes [m/s^2] that `twin`, with its own values, has where this comparison has lines."""
+        """Amplitudes [m/s^2] of `twin` with its own values where this comparison has lines; 0 where it is silent."""
         limited = replace(twin, bandwidth=self.twin.bandwidth)
         with torch.no_grad():
             lines = limited.acceleration().index_select(-2, self._rows)
             lines = lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
-        columns = np.flatnonzero(np.isin(limited.orders, self.measurement.orders))
-        return lines[:, columns].abs().numpy()
+        orders = self.measurement.orders
+        amplitude = np.zeros((len(lines), len(orders)))
+        amplitude[:, np.isin(orders, limited.orders)] = lines[:, np.isin(limited.orders, orders)].abs().numpy()
+        return amplitude
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,6 +115,7 @@ for _kind, _search in (
                 Dimension("width", *_MM, 0.3),
                 Dimension("angle", *_DEG, 0.1),
                 Dimension("corner", "Hz", 1.0, 1.0),
+                Dimension("fall", "", 1.0, 0.3),
                 Dimension("gain", "", 1.0, 0.5),
                 Dimension("leakage", "", 1.0, 0.7),
             ),

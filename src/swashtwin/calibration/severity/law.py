@@ -37,7 +37,7 @@ class FaultLaw:
         """
         if not isinstance(fault, SwashPlateDefect) or fault.corner:
             return fault
-        names = ("contact", "edge", "gain", "leakage")
+        names = ("contact", "edge", "fall", "gain", "leakage")
         corner = next(item for item in self.estimates if item.letter == "corner")
         drawn = corner.value * math.exp(corner.log_std * corner_shift)
         return replace(fault, corner=drawn, **{name: getattr(self.fault, name) for name in names})

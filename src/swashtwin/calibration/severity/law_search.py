@@ -32,8 +32,8 @@ LAWS: tuple[tuple[Contact, Edge], ...] = (
 )
 """Contacts and shapes of the entry that are compared: films that pull, and slippers that lift off and land."""
 FREE: dict[Contact, tuple[str, ...]] = {
-    "shared": ("corner", "length", "angle"),
-    "lift_off": ("corner", "length", "angle", "gain", "leakage"),
+    "shared": ("corner", "fall", "length", "angle"),
+    "lift_off": ("corner", "fall", "length", "angle", "gain", "leakage"),
 }
 """What is searched beside the depth. Where films are strained, the depth and a slipper's share of the stiffness
 (`gain`) multiply one another: the lines hold their product alone, which counts as depth."""

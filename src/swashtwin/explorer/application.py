@@ -1,5 +1,6 @@
 """The explorer's addresses: one page, and what its script asks for as JSON."""
 
+import asyncio
 import secrets
 import threading
 from collections.abc import Callable, Mapping
@@ -15,6 +16,7 @@ from starlette.middleware import Middleware
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
+from swashtwin.explorer.diagnoses import Diagnoses
 from swashtwin.explorer.figures import Figures
 from swashtwin.explorer.twins import Setting, TwinRoom
 from swashtwin.explorer.workspace import BIN, FACTS, Workspace
@@ -29,7 +31,7 @@ MOST_VALUES = 1 << 22
 """Samples that one answer holds, at most."""
 TOKEN = "x-explorer"
 """Header with the page's token, without which nothing is changed."""
-_UPLOADS = frozenset({"/api/facts", "/api/model"})
+_UPLOADS = frozenset({"/api/facts", "/api/drop"})
 
 Name = Annotated[str, Query(max_length=1000)]
 
@@ -43,8 +45,8 @@ class Changes:
     """Whether they undo changes."""
 
 
-def build_explorer(workspace: Workspace) -> FastAPI:
-    """The explorer of a workspace, to be served on this computer only."""
+def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
+    """The explorer of a workspace, to be served on this computer only; with a model to diagnose with, or without."""
     token = secrets.token_urlsafe(32)
     guard = Middleware(Guard, hosts=LOCAL_NAMES, access=Access(PageSettings()), uploads=_UPLOADS)
     application = FastAPI(title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard])
@@ -65,12 +67,13 @@ def build_explorer(workspace: Workspace) -> FastAPI:
     async def report_disk(request: Request, error: OSError) -> Response:
         return JSONResponse({"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422)
 
-    answers, twins = Answers(workspace), TwinAnswers(workspace)
+    answers, twins, models = Answers(workspace), TwinAnswers(workspace), ModelAnswers(workspace, model)
     for reading in (answers.rows, answers.samples, answers.spectrum, answers.waterfall, answers.levels, answers.speed,
-                    twins.twin_starts, twins.twin_cutaway, twins.twin_job):  # fmt: skip
+                    answers.comparison, twins.twin_starts, twins.twin_cutaway, twins.twin_job, models.model,
+                    models.diagnosis):  # fmt: skip
         application.get(f"/api/{reading.__name__}")(reading)
     for changing in (answers.answers, answers.facts, twins.twin_lines, twins.twin_calibrate, twins.twin_stop,
-                     twins.twin_save, twins.twin_windows, twins.twin_pump):  # fmt: skip
+                     twins.twin_save, twins.twin_windows, twins.twin_pump, models.prior, models.drop):  # fmt: skip
         application.post(f"/api/{changing.__name__}", dependencies=[Depends(require_token)])(changing)
     packages: list[str | tuple[str, str]] = [(__package__, "static"), ("swashtwin.monitoring.page", "static")]
     application.mount("/static", StaticFiles(packages=packages))
@@ -144,6 +147,12 @@ class Answers:
         """Level over time."""
         return answer(self._figures.levels(name))
 
+    def comparison(
+        self, first: Annotated[list[str], Query(max_length=50)], second: Annotated[list[str], Query(max_length=50)]
+    ) -> Response:
+        """What differs between two groups of recordings."""
+        return answer(self._figures.comparison(first, second))
+
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> Response:
         """Speed that the lines show."""
         return answer(self._figures.speed(name, pistons))
@@ -195,6 +204,31 @@ class TwinAnswers:
         return answer(self._room.add_pump(name, plate))
 
 
+class ModelAnswers:
+    """What the room of diagnoses asks for."""
+
+    def __init__(self, workspace: Workspace, model: Path | None) -> None:
+        self._diagnoses = Diagnoses(workspace, model)
+
+    def model(self) -> Response:
+        """The model's name."""
+        return answer({"model": self._diagnoses.name})
+
+    def diagnosis(self, name: Name) -> Response:
+        """Verdict on a recording."""
+        return answer(self._diagnoses.diagnosis(name))
+
+    def prior(self) -> Response:
+        """Take the shipped prior."""
+        self._diagnoses.take_prior()
+        return self.model()
+
+    async def drop(self, request: Request, name: Name) -> Response:
+        """Take a model that was dropped on the page."""
+        await asyncio.to_thread(self._diagnoses.drop, await request.body(), name)
+        return self.model()
+
+
 def answer(content: Mapping[str, Any]) -> Response:
     """JSON of a table; what is no finite number is null."""
     return Response(json_text(content), media_type="application/json")
@@ -216,7 +250,9 @@ def _page() -> Any:
     return environment.get_template("explorer.html.jinja")
 
 
-def run_explorer(source: Path, *, port: int, stop: threading.Event, started: Callable[[str], None]) -> None:
+def run_explorer(
+    source: Path, *, model: Path | None = None, port: int, stop: threading.Event, started: Callable[[str], None]
+) -> None:
     """Serve the explorer of `source` on this computer until `stop` is set.
 
     Raises
@@ -226,6 +262,6 @@ def run_explorer(source: Path, *, port: int, stop: threading.Event, started: Cal
     InputError
         Another program uses the port.
     """
-    with serving_page(build_explorer(Workspace(source)), "127.0.0.1", port):
+    with serving_page(build_explorer(Workspace(source), model), "127.0.0.1", port):
         started(f"http://127.0.0.1:{port}/")
         stop.wait()

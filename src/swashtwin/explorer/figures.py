@@ -2,6 +2,7 @@
 
 import base64
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -33,6 +34,8 @@ RANGE = 80.0
 """Levels of a waterfall [dB] below its greatest that differ in color."""
 MOST_HEALTHY = 8
 """Healthy recordings that a spectrum is compared with."""
+LEAST_CHANGE = 1.0
+"""Spread [dB] that every level has at least: mounting and temperature move it so much."""
 SHARED = 0.5
 """Shortest healthy recording over the one compared with it."""
 
@@ -175,3 +178,38 @@ class Figures:
             raise DataError(f"{name}: no lines of {pistons} pistons stand clear of the noise, so it shows no speed.")
         sure = 1 - math.exp(-best.shown_contrast)
         return {"rpm": 60 * best.shown, "contrast": best.shown_contrast, "sure": sure}
+
+    def comparison(self, first: Sequence[str], second: Sequence[str]) -> dict[str, Any]:
+        """What differs between two groups of recordings: the levels that changed most, in spreads within the groups.
+
+        The spread of a level is the pooled standard deviation within both groups, `LEAST_CHANGE` at least.
+
+        Raises
+        ------
+        InputError
+            A group is empty.
+        DataError
+            The recordings differ in rate, channels or unit, or one is unfit.
+        """
+        from swashtwin.learning import level_layout
+
+        if not first or not second:
+            raise InputError("a comparison takes a recording on either side; choose them.")
+        recordings = {name: self._workspace.recording(name).unloaded() for name in {*first, *second}}
+        if len({(item.sample_rate, item.channels, item.unit) for item in recordings.values()}) > 1:
+            raise DataError("these recordings differ in sample rate, channels or unit; compare alike ones.")
+        layout, notes = level_layout(list(recordings.values()))
+        levels = {name: layout.measure(recording) for name, recording in recordings.items()}
+        groups = [np.stack([levels[name] for name in names]) for names in (first, second)]
+        freedom = sum(len(group) - 1 for group in groups)
+        scatter = sum(((group - group.mean(axis=0)) ** 2).sum(axis=0) for group in groups)
+        spread = np.maximum(np.sqrt(scatter / max(freedom, 1)), LEAST_CHANGE)
+        change = groups[1].mean(axis=0) - groups[0].mean(axis=0)
+        shaft = stated_speed(recordings[second[0]])
+        ranked = np.argsort(-np.abs(change / spread))[:20]
+        rows = [
+            {"level": layout.levels[n].words(shaft), "channel": layout.levels[n].channel, "change": float(change[n]),
+             "spreads": float(change[n] / spread[n]), "edges": layout.levels[n].edges(shaft)}
+            for n in ranked.tolist()
+        ]  # fmt: skip
+        return {"rows": rows, "notes": notes, "freedom": freedom}

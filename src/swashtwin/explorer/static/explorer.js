@@ -13,7 +13,7 @@ export const state = { rows: new Map(), names: [], selected: new Set(), order: [
 export async function ask(path, values = {}) {
   // an answer of the server; an error shows its reason
   const query = new URLSearchParams(Object.entries(values).filter(([, value]) => value !== null && value !== undefined && value !== ""));
-  return finish(await fetch(`/api/${path}?${query}`));
+  return finish(await fetch(`/api/${path}${path.includes("?") ? "" : `?${query}`}`));
 }
 
 export const send = async (path, body, isFile = false) =>
@@ -37,7 +37,10 @@ export const attempt = async (work, place = null) => {
 };
 
 export const address = (room, values = {}) => `#${room}${Object.keys(values).length ? `?${new URLSearchParams(values)}` : ""}`;
-export const remember = (room, values) => history.replaceState(null, "", address(room, values)); // a deep link
+export const remember = (room, values) => {
+  // a deep link, unless somebody went elsewhere meanwhile
+  if (location.hash.startsWith(`#${room}?`) || location.hash === `#${room}`) history.replaceState(null, "", address(room, values));
+};
 
 function take(table) {
   const isNew = table.revision !== state.revision;
@@ -236,21 +239,24 @@ function recordingsRoom(place) {
 // rooms and keys
 
 const ROOMS = { recordings: recordingsRoom, recording: recordingRoom, compare: compareRoom, twin: twinRoom, diagnose: diagnoseRoom };
-let room = null;
+let room = null, opened = 0;
 
 async function open() {
   const [name, query = ""] = location.hash.slice(1).split("?");
   const key = ROOMS[name] ? name : "recordings";
   room?.leave?.();
   room = null;
-  main.replaceChildren();
+  const place = h("div"), number = ++opened;
+  main.replaceChildren(place);
   for (const link of document.querySelectorAll(".bar nav a")) {
     if (link.hash === `#${key}` || (key === "recording" && link.hash === "#recordings")) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
   document.title = `${key[0].toUpperCase()}${key.slice(1)} · swashtwin`;
   scrollTo(0, 0);
-  room = await attempt(() => ROOMS[key](main, Object.fromEntries(new URLSearchParams(query))), main);
+  const made = await attempt(() => ROOMS[key](place, Object.fromEntries(new URLSearchParams(query))), place);
+  if (number === opened) room = made;
+  else made?.leave?.();
 }
 
 let isGoing = false;

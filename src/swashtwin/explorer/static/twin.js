@@ -133,7 +133,6 @@ export async function twinRoom(place, values) {
     fields.map(([name, words, hint, value = ""]) => h("label", {}, words, " ", h("input", { name, placeholder: hint, value, required: name !== "mass" }))), h("button", {}, button)));
   const saving = form("Save the calibration", [["name", "Name", "calibration", "calibration"]], "Save", async ({ name }) => { const { file } = await send("twin_save", { name }); say(`${file} is written beside the recordings.`); Object.assign(known, await ask("twin_starts")); menu(); });
   saving.hidden = true;
-  place.querySelector("#twin-wait").remove();
   place.append(h("div", { class: "row tight" }, start, recordings, faults), facts,
     h("div", { class: "twin" }, h("div", {}, sliders, h("div", { class: "row tight" }, calibrate, h("label", {}, others, "with all of the same machine, point and class"), h("button", { onclick: () => { Object.assign(setting, { values: null, scales: {}, rpm: null, mpa: null }); renew(); } }, "Back to the start")), job, saving,
       form("Add to training: synthetic windows of this twin", [["name", "Name", "windows", "windows"], ["count", "Number", "150", "150"]], "Make windows", async ({ name, count }) => {
@@ -150,6 +149,7 @@ export async function twinRoom(place, values) {
       }), notes), h("div", {}, figures, cutaway)), misfit);
   figures.id = "twin-lines";
   await renew();
+  place.querySelector("#twin-wait").remove();
   follow();
   return { leave: () => { isGone = true; } };
 }

@@ -2,6 +2,9 @@
 
 import base64
 import re
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +135,16 @@ def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
     assert not re.search(r"https?://", page.text)
     for name in re.findall(r'(?:src|href)="(/static/[^"?]+)', page.text):
         assert client.get(name).status_code == 200
+
+
+@pytest.mark.nightly
+def test_the_command_serves_until_it_is_ended(folder: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    command = [sys.executable, "-m", "swashtwin", "explore", str(folder), "--port", port]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert f"http://127.0.0.1:{port}/" in process.stderr.readline()
+        process.terminate()
+        assert process.wait(60) == 0

@@ -7,7 +7,6 @@ import typer
 
 from swashtwin.cli.console import note
 from swashtwin.cli.exits import require_files
-from swashtwin.cli.options import as_model
 from swashtwin.cli.watching import require_extra, stop_signals
 
 
@@ -17,7 +16,7 @@ def explore(
         typer.Argument(metavar="FOLDER|INDEX|FILE|CALIBRATION", help="What to look at; a folder needs no index."),
     ],
     model: Annotated[
-        Path | None, typer.Option(help="Model to diagnose with; others can be dropped on the page.", callback=as_model)
+        Path | None, typer.Option(help="Model to diagnose with; others can be dropped on the page.")
     ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")] = 8643,
 ) -> None:

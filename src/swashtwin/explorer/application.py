@@ -20,7 +20,7 @@ from swashtwin.explorer.diagnoses import Diagnoses
 from swashtwin.explorer.figures import Figures
 from swashtwin.explorer.twins import Setting, TwinRoom
 from swashtwin.explorer.workspace import BIN, FACTS, Workspace
-from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text
+from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text, to_table
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
 from swashtwin.report import cutaway_html
@@ -231,7 +231,7 @@ class ModelAnswers:
 
 def answer(content: Mapping[str, Any]) -> Response:
     """JSON of a table; what is no finite number is null."""
-    return Response(json_text(content), media_type="application/json")
+    return Response(json_text(to_table(content)), media_type="application/json")
 
 
 def _understood(change: FactChange) -> FactChange:

@@ -29,7 +29,7 @@ from swashtwin.recordings import INDEX_NAME, Recording, Recordings
 from swashtwin.signals import spectral_correlation, spectrum_value_error
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, Estimate
+    from swashtwin.calibration import Calibration
     from swashtwin.physics import Twin
 
 BANDWIDTH = 3000.0
@@ -103,20 +103,14 @@ class TwinRoom:
         if own is not None:
             calibrations = [own.name, *(name for name in calibrations if name != own.name)]
         names = [RESULT] * (self.job.result is not None) + calibrations + pumps + list(available_pumps())
-        faults = []
-        for kind, typical in FAULT_KINDS.items():
-            if typical is not None:
-                dimensions = [
-                    {**asdict(item), "typical": getattr(typical, item.name)} for item in search_of(typical).dimensions
-                ]
-                faults.append({"kind": kind, "label": typical.label, "dimensions": dimensions})
+        faults = [
+            {"kind": kind, "label": typical.label, "dimensions": [
+                {**asdict(item), "typical": getattr(typical, item.name)} for item in search_of(typical).dimensions
+            ]}
+            for kind, typical in FAULT_KINDS.items() if typical is not None
+        ]  # fmt: skip
         self._names = set(names)
-        return {
-            "starts": names,
-            "faults": faults,
-            "letters": [LETTERS[name] for name in PARAMETERS],
-            "names": PARAMETERS,
-        }
+        return {"starts": names, "faults": faults, "letters": [LETTERS[name] for name in PARAMETERS]}
 
     def _start(self, name: str) -> "tuple[Twin, Calibration | None]":
         """Twin of a start at its own operating point, and the calibration that made it."""
@@ -147,9 +141,8 @@ class TwinRoom:
             item.name: getattr(twin.scales, item.name) * setting.scales.get(item.name, 1.0)
             for item in fields(twin.scales)
         }
-        return self._last[1].with_interfaces(
-            Interfaces.from_values(values), replace(twin.scales, **factors)
-        ), calibration
+        moved = self._last[1].with_interfaces(Interfaces.from_values(values), replace(twin.scales, **factors))
+        return moved, calibration
 
     def _recording(self, setting: Setting) -> Recording | None:
         return self._workspace.recording(setting.recording) if setting.recording else None
@@ -168,30 +161,22 @@ class TwinRoom:
             "pistons": count, "values": twin.values.tolist(), "label": twin.label, "rpm": 60 * shaft,
             "pump": twin.pump.name, "mpa": twin.condition.discharge_pressure / 1e6,
             "displacement": twin.pump.rotating_group.displacement,
-            "estimates": [] if calibration is None else [_estimate(item) for item in calibration.estimates],
+            "estimates": [{**asdict(item), "open": item.open_sides} for item in calibration.estimates] if calibration
+            else [],
             "notes": [] if calibration is None else calibration.notes, "measured": None, "reason": "",
         }  # fmt: skip
         try:
             if setting.recording:
-                channels, orders, measured, deviation = self._measured(
-                    setting.recording,
-                    repr(self._workspace.rows[setting.recording].stated),
-                    setting.start,
-                    setting.fault,
-                    by_shaft,
-                )
+                facts = repr(self._workspace.rows[setting.recording].stated)
+                found = self._measured(setting.recording, facts, setting.start, setting.fault, by_shaft)
             elif calibration is not None:
                 spectra = calibration.fits[0].spectra
-                channels, orders, measured, deviation = (
-                    spectra.channels,
-                    spectra.orders,
-                    spectra.measured,
-                    spectra.deviation,
-                )
+                found = spectra.channels, spectra.orders, spectra.measured, spectra.deviation
             else:
-                return _listed(result)
+                return result
         except SwashTwinError as cause:
-            return _listed({**result, "reason": str(cause)})
+            return {**result, "reason": str(cause)}
+        channels, orders, measured, deviation = found
         rows = [twin.pump.channels.index(name) for name in channels]
         simulated = np.zeros_like(measured)
         has, at = np.isin(orders, twin.orders), np.searchsorted(twin.orders, orders)
@@ -203,7 +188,7 @@ class TwinRoom:
             "correlation": spectral_correlation(measured, simulated),
             "error": spectrum_value_error(measured, simulated),
         }  # fmt: skip
-        return _listed(result)
+        return result
 
     def _measure(self, name: str, _: str, start: str, fault: str, by_shaft: bool) -> tuple[Any, ...]:
         """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the twin's class."""
@@ -329,10 +314,6 @@ def _load(name: str | Path, _: int) -> "tuple[Twin, Calibration | None]":
     return Twin(pump, point, bandwidth=max(BANDWIDTH, least)), None
 
 
-def _estimate(item: "Estimate") -> dict[str, Any]:
-    return {**asdict(item), "open": item.open_sides}
-
-
 def _begins(path: Path, *words: str) -> bool:
     """Whether the beginning of a text holds one of some words."""
     with path.open("rb") as file:
@@ -359,11 +340,3 @@ def _placed(recording: Recording, twin: "Twin") -> Recording:
     """A single channel that is none of the pump's sensors counts as the first of them, as in `calibrate`."""
     is_unplaced = recording.n_channels == 1 and recording.channels[0] not in twin.pump.channels
     return recording.replace(channels=twin.pump.channels[:1]) if is_unplaced else recording
-
-
-def _listed(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table with lists for its arrays."""
-    return {
-        name: value.tolist() if isinstance(value, np.ndarray) else _listed(value) if isinstance(value, dict) else value
-        for name, value in table.items()
-    }

@@ -13,7 +13,7 @@ middle of the recess.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 
 import numpy as np
@@ -87,6 +87,11 @@ def following(defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]) -
     if defect.corner:
         return np.exp2(-((frequency / defect.corner) ** defect.fall))
     return np.exp(-((frequency / (math.inf if defect.strains_films else CONTACT_CUTOFF)) ** 2))
+
+
+def ridden(defect: SwashPlateDefect) -> SwashPlateDefect:
+    """The same recess but for how its force is felt: all such share one ride, and the same pressures."""
+    return replace(defect, corner=0.0, fall=2.0, gain=1.0)
 
 
 def slipper_profile(

@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, following, recess_of
+from swashtwin.physics.excitation import bore_lines, displacement_lines, following, recess_of, ridden
 from swashtwin.physics.riding import riding_lines
 from swashtwin.physics.solvers.periodic import PeriodicTerm
 from swashtwin.pump import (
@@ -51,7 +51,7 @@ def motion_lines(
     if recess is None:
         return np.zeros(n_lines, dtype=complex)
     if recess.contact == "lift_off":
-        return riding_lines(pump, condition, recess, n_lines)
+        return riding_lines(pump, condition, ridden(recess), n_lines)
     return displacement_lines(pump, condition, recess, n_lines)
 
 

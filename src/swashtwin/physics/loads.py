@@ -20,7 +20,7 @@ from jaxtyping import Complex, Float
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import Chambers, NotConverged, solve
 from swashtwin.physics.dynamics import N_DOF, Dof
-from swashtwin.physics.excitation import recess_of, slipper_profile
+from swashtwin.physics.excitation import recess_of, ridden, slipper_profile
 from swashtwin.physics.fault_leakage import added_leakage, port_change
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.pump import Fault, OperatingCondition, Pump
@@ -310,7 +310,7 @@ def _pressing(case: LoadCase) -> LoadCase:
     """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
     recess = recess_of(case.fault)
     if recess is not None and not recess.strains_films:
-        return case
+        return replace(case, fault=ridden(recess))
     for effect in (port_change, added_leakage):
         if effect.dispatch(type(case.fault)) is not effect.dispatch(object):
             return case

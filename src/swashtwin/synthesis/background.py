@@ -15,6 +15,9 @@ from swashtwin.physics import Twin
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 from swashtwin.signals import inverse_transform, line_frequencies, power_density, transform
 
+AUDIBLE = 0.3
+"""Share of the loudest channel's amplitude below which a line may be cross-talk, which is a tenth [estimate]."""
+
 
 @dataclass(frozen=True, eq=False)
 class BackgroundNoise:
@@ -34,7 +37,8 @@ class BackgroundNoise:
 
         exp of half the median, over the piston-pass lines up to `DEFAULT_BAND` that stand above the noise, of ln
         (measured power over simulated): no line counts more for being loud, and none is mended by itself, for that
-        would paint the healthy machine's errors over the fault.
+        would paint the healthy machine's errors over the fault. Where the twin says that another channel is so much
+        louder (`AUDIBLE`), what is measured is that channel's cross-talk and tells no gain.
         """
         if not self.is_healthy:
             return np.ones(len(sensors))
@@ -53,7 +57,7 @@ class BackgroundNoise:
             near = ~clear & (number == order // count)
             above = power[:, near].sum(axis=1) - noise[:, near].sum(axis=1)
             model = simulated[:, orders == order][:, 0] ** 2 / 2
-            stands = above > noise[:, near].sum(axis=1)
+            stands = (above > noise[:, near].sum(axis=1)) & (model > AUDIBLE**2 * model.max())
             logarithms.append(np.where(stands, np.log(np.maximum(above, 1e-30) / np.maximum(model, 1e-30)), np.nan))
         ratios = np.array(logarithms)
         return np.array([np.exp(np.nanmedian(row) / 2) if np.isfinite(row).any() else 1.0 for row in ratios.T])

@@ -30,7 +30,8 @@ LAWS: tuple[tuple[Contact, Edge], ...] = (
     ("lift_off", "half_sine"),
     ("lift_off", "raised_cosine"),
 )
-"""Contacts and shapes of the entry that are compared: films that pull, and slippers that lift off and land."""
+"""Contacts and shapes of the entry that are compared: films that pull, and slippers that lift off and land. Only the
+likelier entry is ridden."""
 FREE: dict[Contact, tuple[str, ...]] = {
     "shared": ("corner", "fall", "length", "angle"),
     "lift_off": ("corner", "fall", "length", "angle", "gain", "leakage"),
@@ -60,16 +61,12 @@ def typical_corner(pump: Pump) -> float:
 
 
 def identify_law(
-    calibration: Calibration,
-    recordings: Iterable[Recording],
-    fault: Fault,
-    healthy: Sequence[Recording],
-    laws: Sequence[tuple[Contact, Edge]] = LAWS,
+    calibration: Calibration, recordings: Iterable[Recording], fault: Fault, healthy: Sequence[Recording]
 ) -> FaultLaw:
     """The law under which a recess explains recordings of it best.
 
     Its dimensions are searched together with the six values and all constants of the healthy calibration, whose
-    posterior is the prior, once under each of `laws`. All recordings share one recess, whatever their pressures.
+    posterior is the prior, once under each of `LAWS`. All recordings share one recess, whatever their pressures.
 
     Parameters
     ----------
@@ -77,7 +74,6 @@ def identify_law(
     recordings : those of the recess are used.
     fault : the recess as far as it is known: the search starts there.
     healthy : what was calibrated on, to compare the noise with.
-    laws : contacts and shapes of the entry that are compared.
 
     Raises
     ------
@@ -100,7 +96,10 @@ def identify_law(
     fits: dict[str, tuple[float, SwashPlateDefect, tuple[Estimate, ...], float]] = {}
     starts: list[np.ndarray] = []
     with one_thread():
-        for contact, edge in laws:
+        for contact, edge in LAWS:
+            shared = [fit[0] for name, fit in fits.items() if name.startswith("shared")]
+            if contact == "lift_off" and fits[f"shared, {edge}"][0] < max(shared):
+                continue  # a ride costs much: it is compared with the likelier entry alone
             space = fault_space(replace(fault, contact=contact, edge=edge), FREE[contact])
             comparisons = [
                 comparison_of_fault(calibration, [used[index] for index in group], space.reference, healthy, band)

@@ -151,4 +151,4 @@ def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(tmp_path: Path, mon
     with pytest.raises(DataError, match="other recordings"):
         require_rig(tmp_path, recordings, small["small"])
     with pytest.raises(InputError, match="choose one of 1, 1-deep, 2, 2-deep"):
-        build_rig(tmp_path / "new", seed=0, version="3")
+        build_rig(tmp_path / "new", seed=0, version="4")

@@ -98,7 +98,7 @@ def rig(
         str,
         typer.Option(
             "--rig-version",
-            help="1, 2 which shares less with the twin, or 1-deep and 2-deep with the paper's recess.",
+            help="1, 2 which shares less with the twin, 3 of another maker, or 1-deep, 2-deep with the paper's recess.",
         ),
     ] = "1",
     sensor_count: Annotated[

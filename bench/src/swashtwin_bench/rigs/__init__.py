@@ -8,5 +8,5 @@ and what came out, stands in docs/bench/rig.md). It has versions (`writing.VERSI
 **What it is not.** A machine. No figure made on it says how well anything works on a real pump, and every report that
 uses it says so. Version 1 shares with the twin the rigid-body equations, the chamber pressures, the fault laws and the
 pump's drawing (geometry, masses, sensor places). Its interface values, mounting, bearings, clearances, housing,
-contact, scatter, drift and noise are its own. `version_two` shares less.
+contact, scatter, drift and noise are its own. `version_two` shares less, `version_three` nothing.
 """

@@ -13,10 +13,9 @@ from jaxtyping import Float64
 from swashtwin.foundation import MPa, celsius, stream
 from swashtwin.pump import OperatingCondition, load_pump
 from swashtwin.recordings import Recording
-from swashtwin_bench.rigs.fleet import draw_specimen
-from swashtwin_bench.rigs.measuring import Run, measure
-from swashtwin_bench.rigs.trending import TRENDS
-from swashtwin_bench.rigs.writing import SAMPLE_RATE, SPEED, recording_of
+from swashtwin_bench.rigs.measuring import Run
+from swashtwin_bench.rigs.trending import trends_of
+from swashtwin_bench.rigs.writing import RIG_VERSION, SAMPLE_RATE, VERSIONS, recording_of
 
 PER_DAY = 3
 """Recordings in a day."""
@@ -33,7 +32,7 @@ class PlantCourse:
     recordings: int = 360
     """How many."""
     kind: str | None = None
-    """Fault that grows, of `TRENDS`, or None for a healthy course."""
+    """Fault that grows, of `trends_of` the version, or None for a healthy course."""
     onset: int = 60
     """Recordings before the fault begins."""
     severity: float = 2.0
@@ -42,6 +41,8 @@ class PlantCourse:
     """Set discharge pressure [Pa]."""
     duration: float = 2.0
     """Length of each recording [s]."""
+    version: str = RIG_VERSION
+    """Version of the rig, a name in `writing.VERSIONS`."""
 
     def severities(self) -> Float64[np.ndarray, " recording"]:
         """Severity over the typical one at each recording; 0 where nothing is wrong."""
@@ -62,25 +63,29 @@ def plant_course(
     specimen : which pump of it, such as ``"A"``.
     batch : recordings computed together; the samples do not depend on it.
     """
-    pump = draw_specimen(load_pump("25scy14-1b"), specimen, seed)
+    rig, trends = VERSIONS[course.version], trends_of(course.version)
+    pump = rig.draw_specimen(load_pump("25scy14-1b"), specimen, seed)
     severities = course.severities()
     name = f"{specimen}_{course.kind or 'normal'}_course"
-    conditions = _conditions(seed, name, course)
+    conditions = _conditions(seed, name, course, rig.speeds[0])
     for first in range(0, course.recordings, batch):
         numbers = range(first, min(first + batch, course.recordings))
         runs = []
         for number in numbers:
-            typical = None if course.kind is None or not severities[number] else TRENDS[course.kind]
+            typical = None if course.kind is None or not severities[number] else trends[course.kind]
             fault = None if typical is None else typical.scaled(float(severities[number]))
             runs.append(Run(pump, conditions[number], fault))
         names = [f"{name}_{number + 1:04d}" for number in numbers]
-        signals = measure(runs, course.duration, SAMPLE_RATE, [(seed, item) for item in names])
+        signals = rig.measure(runs, course.duration, SAMPLE_RATE, [(seed, item) for item in names])
         for number, item, run, signal in zip(numbers, names, runs, signals, strict=True):
             label = "normal" if run.fault is None else run.fault.label
-            yield recording_of(item, label, course.pressure, run, signal), float(severities[number])
+            recording = recording_of(
+                item, label, course.pressure, run, signal, speed=rig.speeds[0], version=course.version
+            )
+            yield recording, float(severities[number])
 
 
-def _conditions(seed: int, name: str, course: PlantCourse) -> list[OperatingCondition]:
+def _conditions(seed: int, name: str, course: PlantCourse, set_speed: float) -> list[OperatingCondition]:
     """What holds at each recording: a slow swing, a wandering of days, and scatter from recording to recording."""
     rng = stream(seed, "plant", name)
     count = course.recordings
@@ -101,7 +106,7 @@ def _conditions(seed: int, name: str, course: PlantCourse) -> list[OperatingCond
     speed = rng.uniform(0.997, 1.003, count)
     return [
         OperatingCondition(
-            speed=SPEED * speed[number],
+            speed=set_speed * speed[number],
             discharge_pressure=course.pressure * (1 + load[number]),
             oil_temperature=celsius(temperature[number]),
         )

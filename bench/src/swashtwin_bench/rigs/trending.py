@@ -9,6 +9,7 @@ from swashtwin.pump import BoreDefect, DamScratch, Fault, GrooveErosion, PistonW
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.fleet import RECESS, draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
+from swashtwin_bench.rigs.version_three.fleet import MODES, Damage
 from swashtwin_bench.rigs.writing import SAMPLE_RATE, recording_of, run_of
 
 TRENDS: Mapping[str, Fault] = MappingProxyType(
@@ -21,6 +22,11 @@ TRENDS: Mapping[str, Fault] = MappingProxyType(
     }
 )
 """Fault of each trend, as severe as the rig's typical one (docs/bench/rig.md)."""
+
+
+def trends_of(version: str) -> Mapping[str, Fault]:
+    """Typical fault of each trend in a version of the rig; versions 1 and 2 have the same, `TRENDS`."""
+    return {mode: Damage(1.0, mode) for modes in MODES.values() for mode in modes} if version == "3" else TRENDS
 
 
 def trend_recordings(

@@ -18,6 +18,8 @@ from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
+from swashtwin_bench.rigs.version_three import fleet as version_three
+from swashtwin_bench.rigs.version_three.measuring import measure as measure_three
 from swashtwin_bench.rigs.version_two import fleet as version_two
 from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
 
@@ -91,15 +93,21 @@ class _Slot:
         return speeds[(self.repeat - 1) % len(speeds)]
 
 
-def _slots(size: RigSize, version: str, sensors: int) -> list[_Slot]:
+def _slots(
+    size: RigSize, version: str, sensors: int, labels: Sequence[str] = CLASSES, pressures: Sequence[float] = PRESSURES
+) -> list[_Slot]:
     require_version(version)
+    classes = VERSIONS[version].labels
+    if unknown := set(labels) - set(classes):
+        raise InputError(f"{min(unknown)!r} is no class of rig version {version}; it has {', '.join(classes)}.")
     if sensors not in PUMPS or (sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen):
         raise InputError(
             f"{sensors} sensors cannot be recorded by version {version} of the rig: version 1 has "
-            f"{' or '.join(map(str, PUMPS))}, version 2 has 3."
+            f"{' or '.join(map(str, PUMPS))}, the others have 3."
         )
     names = [chr(ord("A") + i) for i in range(size.specimens)]
-    return [_Slot(*key, version, sensors) for key in product(names, CLASSES, PRESSURES, range(1, size.repeats + 1))]
+    cells = product(names, classes, pressures, range(1, size.repeats + 1))
+    return [_Slot(*cell, version, sensors) for cell in cells if cell[1] in labels]
 
 
 def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None, speed: float = SPEED) -> Run:
@@ -125,6 +133,8 @@ class RigVersion:
     """Measurement of a slot under a seed."""
     measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
     """Readings of runs, for a duration [s], at a sample rate [Hz]."""
+    labels: tuple[str, ...] = CLASSES
+    """Classes that it can record."""
 
 
 def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
@@ -147,6 +157,22 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
     return Run(specimen.reassemble(seed, purpose), condition, fault)
 
 
+def _third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
+    """A pump is put together anew for another part, and after every third recording of a class and pressure."""
+    if not isinstance(specimen, version_three.ThirdSpecimen):
+        raise TypeError(f"{specimen.name} is no pump of version 3 of the rig.")
+    purpose = f"{slot.specimen}_{slot.label}_{(slot.repeat - 1) // 3}"
+    rng = stream(seed, "condition of version 3", slot.name)
+    condition = OperatingCondition(
+        speed=slot.speed * (1 - specimen.slip * slot.pressure / MPa(15) * rng.uniform(0.7, 1.1)),
+        discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.965, 1.035),
+        oil_temperature=celsius(rng.uniform(28, 62)),
+        suction_pressure=rng.uniform(0.095e6, 0.13e6),
+    )
+    fault = version_three.draw_fault(slot.label, len(specimen.clearances), seed, purpose)
+    return Run(specimen.reassemble(seed, purpose), condition, fault)
+
+
 _SPEEDS = (SPEED, rpm(1120))
 
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
@@ -155,6 +181,9 @@ VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
         DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure),
         "2": RigVersion(_SPEEDS, version_two.draw_specimen, _second_run, measure_two),
         "2-deep": RigVersion(_SPEEDS, version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two),
+        "3": RigVersion(
+            (rpm(1000), rpm(1450)), version_three.draw_specimen, _third_run, measure_three, version_three.LABELS
+        ),
     }
 )
 """Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of
@@ -206,6 +235,7 @@ def rig_recordings(
     size: RigSize,
     *,
     labels: Sequence[str] = CLASSES,
+    pressures: Sequence[float] = PRESSURES,
     version: str = RIG_VERSION,
     sensors: int = 3,
     batch: int = 30,
@@ -214,19 +244,20 @@ def rig_recordings(
     """Recordings of the rig, one by one, each with the truth behind it.
 
     What a recording states of its condition is what was set and a thermometer read to a degree; the pressure and the
-    speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and 0.8 %), and nothing downstream learns
-    them.
+    speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and 0.8 %; version 3: 7 % and 1.6 %), and
+    nothing downstream learns them.
 
     Parameters
     ----------
     seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
-    labels : classes to record.
+    labels : classes to record, of those that the version has.
+    pressures : set discharge pressures [Pa].
     version : name in `VERSIONS`.
     sensors : accelerometers, one of `PUMPS`.
     batch : recordings computed together.
     jobs : processes that compute batches side by side; the samples do not depend on it.
     """
-    slots = [slot for slot in _slots(size, version, sensors) if slot.label in labels]
+    slots = _slots(size, version, sensors, labels, pressures)
     return _measured(slots, _fleet(slots, seed), size.duration, seed, batch=batch, jobs=jobs)
 
 

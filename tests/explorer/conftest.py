@@ -33,6 +33,7 @@ def folder(pair_folder: Path, tmp_path: Path) -> Path:
 def workspace(folder: Path) -> Workspace:
     """What the explorer shows, inspected."""
     workspace = Workspace(folder)
+    workspace.table(-1)
     worker = workspace._worker
     assert worker is not None
     worker.join()

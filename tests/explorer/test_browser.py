@@ -110,6 +110,7 @@ def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served
     tab.keyboard.press("Enter")
     tab.get_by_text("Class of recordings").wait_for()
     assert labels()[HEALTHY] == "piston"
+    row.get_by_text("piston").wait_for()
     for name in ("B_normal_15MPa_1", "B_normal_15MPa_2"):
         tab.get_by_label(f"Select recordings/{name}.h5").check()
     tab.locator("tr", has=tab.get_by_role("link", name="B_normal_15MPa_1")).click(position={"x": 3, "y": 3})

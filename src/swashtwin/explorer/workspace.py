@@ -112,6 +112,7 @@ class Workspace:
         self._opened: OrderedDict[str, Recording] = OrderedDict()
         self._extremes: OrderedDict[str, Float32[np.ndarray, "channel bin 2"]] = OrderedDict()
         self._worker: threading.Thread | None = None
+        self._is_shown = False
         if self.index is None:
             self._take({}, [Row(item.recording_id, recording=item) for item in load_recordings(source)])
         elif source.is_dir() and not self.index.is_file():
@@ -167,7 +168,7 @@ class Workspace:
             self._start()
 
     def _start(self) -> None:
-        if self._worker is None or not self._worker.is_alive():
+        if self._is_shown and (self._worker is None or not self._worker.is_alive()):
             self._worker = threading.Thread(target=self._inspect, daemon=True)
             self._worker.start()
 
@@ -221,6 +222,9 @@ class Workspace:
             facts |= {"names": list(self.rows), "findings": self.findings, "skipped": list(self.skipped)}
             facts |= {"source": str(self.source), "questions": self.questions}
             editable = self.index is not None and bool(self.rows)
+            if not self._is_shown:  # the first picture does not wait for the inspection
+                self._is_shown = True
+                self._start()
             return {**facts, "editable": editable, "unwritten": editable and self._stamp is None}
 
     def change(self, changes: Sequence[FactChange], *, undo: bool) -> None:

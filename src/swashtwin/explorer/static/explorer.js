@@ -104,13 +104,14 @@ export function factCell(row, fact) {
       if (isDone) return;
       isDone = true;
       field.replaceWith(button);
-      button.focus();
       if (isKept && field.value.trim() !== String(text)) change(names, fact, field.value.trim());
     };
     field.addEventListener("keydown", (event) => {
       event.stopPropagation();
-      if (event.key === "Enter") done(true);
-      if (event.key === "Escape") done(false);
+      if (event.key !== "Enter" && event.key !== "Escape") return;
+      event.preventDefault(); // else the button that gets the focus is pressed
+      done(event.key === "Enter");
+      button.focus();
     });
     field.addEventListener("blur", () => done(true));
     button.replaceWith(field);
@@ -254,7 +255,15 @@ async function open() {
   }
   document.title = `${key[0].toUpperCase()}${key.slice(1)} · swashtwin`;
   scrollTo(0, 0);
-  const made = await attempt(() => ROOMS[key](place, Object.fromEntries(new URLSearchParams(query))), place);
+  const values = Object.fromEntries(new URLSearchParams(query)), wanted = () => (key === "recording" ? state.rows.get(values.name)?.state === "waiting" : state.waiting);
+  place.append("reading the recordings …");
+  for (let tries = 0; key !== "recordings" && wanted() && number === opened && tries < 30; tries++) { // a link that was opened first
+    await new Promise((done) => setTimeout(done, 300));
+    await attempt(async () => take(await ask("rows", { since: state.revision })));
+  }
+  if (number !== opened) return;
+  place.replaceChildren();
+  const made = await attempt(() => ROOMS[key](place, values), place);
   if (number === opened) room = made;
   else made?.leave?.();
 }

@@ -9,7 +9,7 @@ export async function twinRoom(place, values) {
   const rows = [...state.rows.values()].filter((row) => row.state === "ready");
   place.append(h("h1", {}, "Twin"), h("p", { class: "soft", id: "twin-wait" }, "The twin is being prepared …"));
   const known = await ask("twin_starts");
-  const setting = { start: known.starts[0], values: null, scales: {}, rpm: null, mpa: null, fault: "start", dimensions: {}, recording: values.recording ?? state.current ?? rows.find((row) => row.label === "normal")?.name ?? "", ...JSON.parse(values.setting ?? "{}") };
+  const setting = { start: known.starts[0], values: null, scales: {}, rpm: null, mpa: null, fault: "start", dimensions: {}, recording: values.recording ?? state.current ?? (rows.find((row) => row.label === "normal") ?? rows[0])?.name ?? "", ...JSON.parse(values.setting ?? "{}") };
   if (setting.recording && !state.rows.has(setting.recording)) setting.recording = "";
   let origin = null, charts = [], isAsking = false, isWaiting = false, isGone = false, moved = null;
   const sliders = h("div", { class: "sliders" }), figures = h("div"), misfit = h("div"), cutaway = h("div"), facts = h("p", { class: "soft" }), notes = h("div"), job = h("div", { role: "status" });

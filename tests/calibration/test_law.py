@@ -51,6 +51,7 @@ def test_corner_and_contact_are_found_with_an_interval(calibration: Calibration)
     assert max(law.evidence, key=lambda name: law.evidence[name]) == "shared, half_sine"
     assert law.evidence["lift_off, half_sine"] < -3
     assert law.floor > 1.2
+    assert [item.unit for item in law.estimates] == ["m", "Hz", "", "m", "rad", ""]
 
 
 def test_the_file_carries_the_law_and_its_recordings(calibration: Calibration, tmp_path: Path) -> None:

@@ -155,7 +155,15 @@ def _fit(
     for dimension, deviation in zip(space.free, std.tolist(), strict=True):
         typical, prior = getattr(space.reference, dimension.name), min(dimension.deviation, DEPTH_PRIOR)
         estimates.append(
-            _estimate(dimension.name, dimension.unit, typical, getattr(fault, dimension.name), deviation, prior, misfit)
+            _estimate(
+                dimension.name,
+                fault.units.get(dimension.name, ""),
+                typical,
+                getattr(fault, dimension.name),
+                deviation,
+                prior,
+                misfit,
+            )
         )
     return -0.5 * float(minimum.height + determinants), fault, tuple(estimates), misfit
 

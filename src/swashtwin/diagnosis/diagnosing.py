@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
-from swashtwin.diagnosis.reasons import another_machine, reasons_of
+from swashtwin.diagnosis.reasons import another_machine, own_healthy_would_help, reasons_of
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
@@ -47,7 +47,8 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     InputError
         An error rate that the classifier's validation recordings are too few for, or that it knows none of.
     """
-    confidence, reference = classifier.confidence, classifier.training_reference
+    reference = classifier.training_reference
+    confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:
         raise InputError(
             f"error_rate ({error_rate!r}) needs a classifier whose confidence was calibrated; train it without "
@@ -87,6 +88,8 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
         result = _with_trust(result, classifier.classes, confidence, probability, score, error_rate)
     if machine := another_machine(reference, specimen, always=result.unknown):
         reasons = (machine, *reasons) if specimen else (*reasons, machine)
+    if own := own_healthy_would_help(classifier, specimen):
+        reasons = (*reasons, own)
     return replace(
         result,
         label=classifier.classes[int(pooled.argmax())],

@@ -1,6 +1,7 @@
 """`FaultClassifier`: from recordings, windows or arrays to classes, by scikit-learn's conventions."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,14 @@ from swashtwin.diagnosis.classifier_input import (
     refuse_seen,
     relabeled,
     require_none,
+    require_recordings,
     synthetic_sets,
     windows_of_array,
     with_synthetic,
 )
 from swashtwin.diagnosis.diagnosing import diagnose, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
+from swashtwin.diagnosis.own_reference import make_known
 from swashtwin.diagnosis.reasons import few_machines
 from swashtwin.diagnosis.saving import load_classifier, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
@@ -303,10 +306,44 @@ class FaultClassifier(Estimator):
         self._require_fitted()
         return self.fitted_.manifest
 
-    def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
-        """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`."""
+    def diagnose(
+        self, recording: Recording, *, healthy: Iterable[Recording] = (), error_rate: float | None = None
+    ) -> Diagnosis:
+        """The class of one recording, how sure that is, and what to doubt; see `swashtwin.diagnosis.diagnose`.
+
+        Parameters
+        ----------
+        healthy : healthy recordings of machines, by specimen, that the model is to compare with beside those of the
+            training; for many recordings make them known once (`with_healthy`).
+        error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
+
+        Raises
+        ------
+        InputError
+            As `with_healthy`.
+        """
         self._require_fitted()
-        return diagnose(self.fitted_, recording, error_rate=error_rate)
+        used = self.with_healthy(healthy) if (healthy := list(healthy)) else self
+        return diagnose(used.fitted_, recording, error_rate=error_rate)
+
+    def with_healthy(self, healthy: Iterable[Recording]) -> "FaultClassifier":
+        """A classifier that knows further healthy recordings of machines, and compares recordings of these with them.
+
+        `notes_` says where the model, without comparing, calls several of them faulty.
+
+        Raises
+        ------
+        InputError
+            The model compares with no healthy recordings, or one states no machine or is labeled faulty.
+        DataError
+            A machine has a single one; or they have another sample rate, other channels or another unit, or are unfit.
+        """
+        self._require_fitted()
+        healthy = list(require_recordings(healthy))
+        fitted, notes = make_known(self.fitted_, healthy)
+        other = copy(self)
+        other.fitted_, other.notes_ = fitted, notes
+        return other
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the trained network was written to it; classes are saved as text.

@@ -1,11 +1,13 @@
 """What of a recording is outside the training's range, in words: condition, gain, noise floor, lines, machine."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float64
 
+from swashtwin.foundation import plural
 from swashtwin.learning import FittedClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
@@ -98,6 +100,31 @@ def another_machine(reference: TrainingReference | None, specimen: str, *, alway
         f"Its machine, {specimen}, had no part in the training, which knows {known}. Machines differ as much as faults "
         f"do, so this difference need not be a fault. Healthy recordings of {specimen} in the training, a detector of "
         "these alone, or a pump prior adapted to them (swashtwin model adapt) would tell."
+    )
+
+
+def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
+    """What healthy recordings of a machine that the model has none of would buy, in words, by the training's folds."""
+    model, choice = classifier.recordings, classifier.choice
+    if model is None or model.on_changes is None or choice is None or model.knows(specimen):
+        return ""
+    without, with_own = (choice.whole[f"{kind} own healthy recordings"] for kind in ("without", "with"))
+    if choice.group != "specimen" or with_own <= without:
+        return ""
+    counts = Counter(model.healthy.specimen)
+    few, many = min(counts.values()), max(counts.values())
+    return (
+        f"No healthy recordings of {specimen or 'its machine'} are known. Of machines left out of the training "
+        f"{100 * without:.0f} % of the recordings were named right so, and {100 * with_own:.0f} % compared with "
+        f"{few if few == many else f'{few} to {many}'} healthy recordings of their own: give some (--healthy)."
+    )
+
+
+def called_faulty(specimen: str, faulty: int, healthy: int) -> str:
+    """That a machine's healthy recordings are called faulty where it is compared with other machines, in words."""
+    return (
+        f"{faulty} of {plural(healthy, 'recording')} of {specimen} that are healthy would be called faulty without "
+        "comparing: the machine differs from the training's as a fault does."
     )
 
 

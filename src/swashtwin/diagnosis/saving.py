@@ -16,6 +16,7 @@ from swashtwin.learning import (
     Epoch,
     FittedClassifier,
     Normalization,
+    RecordingModel,
     TrainingReference,
     TrainingSettings,
     WindowLayout,
@@ -24,8 +25,8 @@ from swashtwin.learning import (
 )
 from swashtwin.recordings import Manifest
 
-KIND, _VERSION = "classifier", 6
-_MAY_BE_NAN = ("training_reference.condition",)
+KIND, _VERSION = "classifier", 7
+_MAY_BE_NAN = ("training_reference.condition", "recordings.healthy.condition")
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
 
@@ -57,6 +58,8 @@ class _Card:
     choice: Choice | None
     fault_of: Mapping[str, str]
     confidence: Confidence | None
+    recordings: RecordingModel | None
+    own_confidence: Confidence | None
 
     def __post_init__(self) -> None:
         n_channels, n_classes = len(self.layout.channels), len(self.classes)
@@ -71,9 +74,11 @@ class _Card:
             raise ValueError(f"its normalization has not one value for each of {n_channels} channel(s)")
         if self.training_reference is not None and self.training_reference.facts.shape[1:] != (n_channels, N_FACTS):
             raise ValueError("its training reference has other channels or facts")
-        target = None if self.confidence is None else self.confidence.target
-        if target is not None and not ((target >= 0) & (target < n_classes)).all():
-            raise ValueError("confidence.target holds no indexes of the classes")
+        for confidence in (self.confidence, self.own_confidence):
+            if confidence and not ((confidence.target >= 0) & (confidence.target < n_classes)).all():
+                raise ValueError("confidence.target holds no indexes of the classes")
+        if self.recordings is not None:
+            self.recordings.require_sizes(n_channels, n_classes)
 
 
 _SAME = tuple(item.name for item in fields(_Card) if item.name != "network")

@@ -57,6 +57,7 @@ from .networks.settings import default_settings as default_settings
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
 from .networks.window_levels import WindowLevel as WindowLevel
 from .onnx_graph import onnx_model as onnx_model
+from .recordings.recording_model import RecordingModel as RecordingModel
 from .training.classifier import FittedClassifier as FittedClassifier
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence

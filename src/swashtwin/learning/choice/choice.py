@@ -1,7 +1,10 @@
 """What was tried in a choice, how it fared, and what was chosen."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from swashtwin.foundation import plural
 
 
 @dataclass(frozen=True)
@@ -15,7 +18,7 @@ class Trial:
     standard_error: float
     """Standard error of `score`, between the groups; 0 with one group."""
     clean: float
-    """Mean over the classes of the share of windows told right, as they were measured."""
+    """Mean over the classes of the share of recordings told right, as they were measured."""
     disturbed: float
     """The same under noise at 5 dB, and under other gains and speeds, on average."""
     is_tied: bool
@@ -27,8 +30,7 @@ class Choice:
     """The trials of all candidates, and the one chosen."""
 
     chosen: str
-    """Name of the candidate chosen: of those tied with the best the first in the declared order, which is from the most
-    invariant to the least."""
+    """Name of the candidate chosen, of those tied with the best; see `choose`."""
     trials: tuple[Trial, ...]
     """Every candidate tried, in the declared order; none where the recordings are too few for a trial."""
     group: str
@@ -39,6 +41,11 @@ class Choice:
     """Measured windows that were tested on."""
     reason: str
     """Why there was no trial, or why candidates were left out; empty where all were tried."""
+    n_machines: int = 0
+    """Machines that it rests on; 0 where folds did not leave machines out."""
+    whole: Mapping[str, float] = field(default_factory=dict)
+    """Mean recall, by recording, of each head on whole recordings, and of all heads together ``"without own healthy
+    recordings"`` of the machine and ``"with own healthy recordings"``; empty where recordings are too short."""
 
     def sentence(self) -> str:
         """The choice in words."""
@@ -46,11 +53,18 @@ class Choice:
             return f"Chosen without a trial: {self.chosen} ({self.reason})."
         trial = next(trial for trial in self.trials if trial.candidate == self.chosen)
         tied = sum(trial.is_tied for trial in self.trials)
-        others = f"; the first of {tied} that are as good within one standard error" if tied > 1 else ""
-        return (
-            f"Chosen: {self.chosen}, {100 * trial.clean:.0f} % of the windows of unseen {self.group}s right, "
+        others = f"; one of {tied} that are as good within one standard error" if tied > 1 else ""
+        text = (
+            f"Chosen: {self.chosen}, {100 * trial.clean:.0f} % of the recordings of unseen {self.group}s right, "
             f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."
         )
+        if self.whole:
+            alone, own = (self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with"))
+            text += f" With heads on whole recordings {100 * (alone or 0):.0f} %"
+            text += "." if own is None else f", and {100 * own:.0f} % with healthy recordings of the same machine."
+        if self.n_machines:
+            text += f" This rests on {plural(self.n_machines, 'machine')}."
+        return text
 
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it."""

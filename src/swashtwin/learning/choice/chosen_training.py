@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, one_thread
 from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose, usual_turns
 from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
 from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.recordings.recording_fitting import RecordingTrial, fit_recordings
+from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, require_enough
 from swashtwin.learning.training.fitting import fit, require_trainable
@@ -26,7 +28,10 @@ def fit_chosen(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> FittedClassifier:
-    """Classifier of the candidate that `choose` finds, trained on all windows, with a cross-fitted confidence.
+    """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a cross-fitted confidence.
+
+    Where recordings have 4,096 samples or more, heads on their levels join (`RecordingModel`), each tempered by what it
+    said of the recordings that the folds left out.
 
     Same seed, windows and machine: same choice, same bits.
 
@@ -55,13 +60,34 @@ def fit_chosen(
     settings = candidate.network_settings(usual_turns(windows))
     network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
     fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest)
-    confidence = _confidence(fitted.training_reference, answers, error_rate)
+    reference = fitted.training_reference
+    whole = None if answers is None else _whole(windows, answers, seed, progress)
+    if whole is None or answers is None:
+        confidence, own = _confidence(reference, answers, error_rate), None
+    else:
+        model, trial = whole
+        fitted = replace(fitted, recordings=model)
+        with_own = model.on_changes is not None
+        alone, own_answers = (trial.answers(answers, own=own) for own in (False, True))
+        confidence = _confidence(reference, alone, error_rate)
+        own = _confidence(reference, own_answers, error_rate) if with_own else None
+        choice = replace(choice, whole=trial.recalls(with_own))
     if confidence is None and error_rate is not None:
         raise InputError(
             f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
             "leave error_rate out."
         )
-    return replace(fitted, choice=choice, confidence=confidence)
+    return replace(fitted, choice=choice, confidence=confidence, own_confidence=own)
+
+
+def _whole(
+    windows: WindowSet, answers: FoldAnswers, seed: int, progress: Callable[[str, int, int], None] | None
+) -> tuple[RecordingModel, RecordingTrial] | None:
+    """Heads on whole recordings, and what they said of the recordings that the folds left out."""
+    if progress is not None:
+        progress("listening to whole recordings", 0, 1)
+    with one_thread():
+        return fit_recordings(windows, answers, seed)
 
 
 def _confidence(

@@ -144,7 +144,7 @@ class LevelNetwork(SolvedNetwork):
         }
         levels = self.encode(values)
         if "discriminant" in self.settings["heads"]:
-            self.weights |= _discriminant(levels, target, self.n_classes)
+            self.weights |= discriminant(levels, target, self.n_classes)
         if "hidden" in self.settings["heads"]:
             size, dropout, noise = (self.settings[name] for name in ("hidden", "dropout", "noise"))
             self.weights |= fit_hidden(levels, target, self.n_classes, size, dropout=dropout, noise=noise, seed=seed)
@@ -235,7 +235,7 @@ def _log_softmax(scores: Float64[np.ndarray, "window class"]) -> Float64[np.ndar
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
-def _discriminant(
+def discriminant(
     levels: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], n_classes: int
 ) -> dict[str, Float32[np.ndarray, "..."]]:
     """Weights of the linear discriminant: W = S⁻¹ m_c, b = -m_cᵀ S⁻¹ m_c / 2, S the covariance within classes."""

@@ -10,6 +10,7 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.choice.choice import Choice
 from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
+from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
@@ -54,6 +55,10 @@ class FittedClassifier:
     """Fault of the model (`swashtwin.pump`) that a class of another name stands for."""
     confidence: Confidence | None = None
     """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
+    recordings: RecordingModel | None = None
+    """Heads on whole recordings (`fit_chosen`); None where the network was named, or recordings were too short."""
+    own_confidence: Confidence | None = None
+    """Confidence of answers to machines whose healthy recordings the model knows; None where `confidence` is theirs."""
 
     @property
     def sample_rate(self) -> float:
@@ -85,7 +90,21 @@ class FittedClassifier:
         InputError
             The windows differ from those of the training in rate, channels, unit or length.
         """
-        return self._through(windows, self._probabilities)
+        probability = self._through(windows, self._probabilities)
+        if self.recordings is None:
+            return probability
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.recordings.combined(np.log(np.maximum(probability, 1e-12)), windows)
+
+    def confidence_of(self, specimen: str) -> Confidence | None:
+        """The confidence of answers to a machine."""
+        is_known = self.recordings is not None and self.recordings.knows(specimen)
+        return self.own_confidence if is_known and self.own_confidence is not None else self.confidence
+
+    def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
+        """The classifier that knows further healthy recordings, by their windows, and compares with them."""
+        assert self.recordings is not None
+        return replace(self, recordings=self.recordings.with_healthy(self.recordings.table(windows).healthy()))
 
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)

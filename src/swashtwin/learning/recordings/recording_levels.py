@@ -1,0 +1,187 @@
+"""Levels of whole recordings: third octaves, lines at shaft orders, the floor between them, orders of the envelope."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from jaxtyping import Float, Float32, Float64
+
+from swashtwin.foundation import InputError
+from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.signals import hann_taper, transform
+
+LONGEST = 1 << 18
+"""Samples of a segment, at most."""
+_THIRDS, _ORDERS, _ENVELOPE_ORDERS, _FLOORS, _OCTAVES = 24, 40, 20, 8, 4
+_LINE, _BETWEEN = 0.25, (0.3, 0.7)
+"""Half the width of the band around an order, and where the floor between two orders is read, in orders."""
+_SEARCH, _STEPS, _NARROW = 0.025, 101, 0.06
+"""How far from the stated speed the comb of orders may lie, in so many steps, and half the width of its teeth."""
+_LEAST_TURNS = 4
+"""Turns of the shaft in a segment from which orders are told apart."""
+_FAINTEST = 1e-12
+"""Least power of a band over that of its channel: steps of a converter are above it."""
+
+
+@dataclass(frozen=True)
+class RecordingLevels:
+    """Which levels recordings are described by; their number does not depend on how long a recording is.
+
+    Per channel 24 third octaves up to half the sample rate; the lines of shaft orders 1 to 40, the floor between them
+    in eight groups, and lines 1 to 20 of the squared envelope of four octaves over its mean, which no gain changes.
+    Without a speed, bands of a twelfth octave stand for the lines, and logarithmic bands of the envelopes for theirs.
+    All are mean squares in dB.
+    """
+
+    sample_rate: float
+    """Samples per second and channel [Hz]."""
+    length: int
+    """Samples of the segments, half-overlapping, whose powers are averaged; a shorter recording is one segment."""
+    n_orders: int
+    """Shaft orders that have a line; 0 where no speed is stated."""
+
+    def __post_init__(self) -> None:
+        if not (0 < self.sample_rate < math.inf and 2 <= self.length <= LONGEST and 0 <= self.n_orders <= _ORDERS):
+            raise InputError(f"levels need a rate, segments of 2 to {LONGEST} samples and {_ORDERS} orders at most.")
+
+    @classmethod
+    def of(cls, windows: WindowSet, shortest: int) -> "RecordingLevels":
+        """The levels that recordings with these windows allow.
+
+        Parameters
+        ----------
+        shortest : samples of the shortest recording.
+        """
+        rate, shaft = windows.sample_rate, windows.speed / (2 * np.pi)
+        length = min(shortest, LONGEST)
+        n_orders = 0
+        if np.isfinite(shaft).all() and shaft.min() * length / rate >= _LEAST_TURNS:
+            n_orders = min(_ORDERS, int(0.45 * rate / shaft.max()))
+        return cls(rate, length, n_orders if n_orders >= _FLOORS else 0)
+
+    @cached_property
+    def n_scaled(self) -> int:
+        """Levels of a channel that rise with its gain; they come first."""
+        return _THIRDS + (self.n_orders + len(self._groups) if self.n_orders else 4 * _THIRDS)
+
+    @property
+    def n_levels(self) -> int:
+        """Levels of a channel."""
+        return self.n_scaled + _OCTAVES * _ENVELOPE_ORDERS
+
+    @cached_property
+    def _groups(self) -> list[tuple[int, int]]:
+        """First order of each group whose floors are one level, and the first after it."""
+        edges = np.unique(np.geomspace(1, self.n_orders + 1, _FLOORS + 1).round().astype(int))
+        return list(pairwise(edges.tolist()))
+
+    def measure(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float32[np.ndarray, "channel level"]:
+        """Levels of a recording [dB of the squared unit; of the envelopes dB].
+
+        Parameters
+        ----------
+        shaft : shaft frequency [Hz]; NaN where it is not stated, which orders cannot do without.
+        """
+        length = min(self.length, signal.shape[1])
+        starts = range(0, signal.shape[1] - length + 1, max(1, length - length // 2))
+        power = np.mean([self._powers(signal[:, start : start + length], shaft) for start in starts], axis=0)
+        return np.asarray(10 * np.log10(power), dtype=np.float32)
+
+    def _powers(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float64[np.ndarray, "channel level"]:
+        x = signal.astype(np.float32) - signal.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
+        spacing = self.sample_rate / x.shape[1]
+        sums = _running_sums(_line_powers(x))
+        edges = self.sample_rate / 2 * 2.0 ** (-np.arange(_THIRDS, -1, -1) / 3)
+        parts = [_between(sums, edges[:-1], edges[1:], spacing)]
+        if self.n_orders:
+            order = np.arange(1, self.n_orders + 1)
+            shaft *= _aligned(sums, order * shaft, shaft, spacing)
+            parts.append(_between(sums, (order - _LINE) * shaft, (order + _LINE) * shaft, spacing))
+            floor = _between(sums, (order + _BETWEEN[0]) * shaft, (order + _BETWEEN[1]) * shaft, spacing)
+            parts.append(np.stack([floor[:, a - 1 : b - 1].mean(axis=1) for a, b in self._groups], axis=1))
+        else:
+            fine = self.sample_rate / 2 * 2.0 ** (-np.arange(4 * _THIRDS, -1, -1) / 12)
+            parts.append(_between(sums, fine[:-1], fine[1:], spacing))
+        parts[:] = [np.maximum(np.concatenate(parts, axis=1), _FAINTEST * sums[:, -1:] + 1e-30)]
+        lines = transform(x)
+        for octave in range(_OCTAVES, 0, -1):
+            parts.append(self._envelope(lines, self.sample_rate / 2**octave / 2, shaft, spacing))
+        return np.concatenate(parts, axis=1)
+
+    def _envelope(
+        self, lines: np.ndarray, low: float, shaft: float, spacing: float
+    ) -> Float64[np.ndarray, "channel level"]:
+        """Powers of lines of the squared envelope of the octave above `low` [Hz], over its mean squared."""
+        first, last = int(low / spacing), int(2 * low / spacing)
+        count = scipy.fft.next_fast_len(2 * max(last - first, 8))
+        analytic = scipy.fft.ifft(lines[:, first:last], count, axis=1)
+        square = analytic.real**2 + analytic.imag**2
+        square /= np.maximum(square.mean(axis=1, keepdims=True), 1e-30)
+        sums = _running_sums(_line_powers(square - 1))
+        number = np.arange(1, _ENVELOPE_ORDERS + 1)
+        if self.n_orders:
+            edges = (number - _LINE) * shaft, (number + _LINE) * shaft
+        else:
+            bands = np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * self.sample_rate / 2**_OCTAVES / 2
+            edges = bands[:-1], bands[1:]
+        return np.maximum(_between(sums, *edges, spacing), 1e-12)
+
+    def shapes(self, levels: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row channel level"]:
+        """Levels less the mean of each channel's third octaves where they rise with its gain."""
+        shaped = levels.copy()
+        shaped[..., : self.n_scaled] -= levels[..., :_THIRDS].mean(axis=-1, keepdims=True)
+        return shaped
+
+    def without_gain(self, change: Float[np.ndarray, "channel level"]) -> Float[np.ndarray, "channel level"]:
+        """Changes of levels less what a channel's gain explains: bands that all moved by 3 dB or more, and alike."""
+        shift = np.median(change[:, :_THIRDS], axis=1, keepdims=True)
+        rest = np.median(np.abs(change[:, :_THIRDS] - shift), axis=1, keepdims=True)
+        is_gain = (np.abs(shift) >= 3) & (rest <= 0.25 * np.abs(shift))
+        corrected = change.copy()
+        corrected[:, : self.n_scaled] -= np.where(is_gain, shift, 0.0)
+        return corrected
+
+
+def _line_powers(x: Float[np.ndarray, "channel time"]) -> Float32[np.ndarray, "channel line"]:
+    """Mean square of each line of the spectrum, the mean's among them; Hann taper."""
+    taper = hann_taper(x.shape[1]).astype(np.float32)
+    lines = transform(x * taper)
+    power = np.asarray(lines.real**2 + lines.imag**2)
+    power *= np.float32(2 / (x.shape[1] * float(taper @ taper)))
+    return power
+
+
+def _running_sums(power: Float32[np.ndarray, "channel line"]) -> Float64[np.ndarray, "channel edge"]:
+    sums = np.zeros((len(power), power.shape[1] + 1))
+    np.cumsum(power, axis=1, out=sums[:, 1:])
+    return sums
+
+
+def _between(
+    sums: Float64[np.ndarray, "channel edge"],
+    low: Float[np.ndarray, "*band"],
+    high: Float[np.ndarray, "*band"],
+    spacing: float,
+) -> Float64[np.ndarray, "channel *band"]:
+    """Power between two frequencies [Hz]; of a line that an edge cuts its share."""
+
+    def up_to(frequency: np.ndarray) -> np.ndarray:
+        place = np.clip(frequency / spacing + 0.5, 0, sums.shape[1] - 1)
+        line = np.minimum(place.astype(np.int64), sums.shape[1] - 2)
+        return np.asarray(sums[:, line] + (place - line) * (sums[:, line + 1] - sums[:, line]))
+
+    return up_to(high) - up_to(low)
+
+
+def _aligned(
+    sums: Float64[np.ndarray, "channel edge"], center: Float64[np.ndarray, " order"], shaft: float, spacing: float
+) -> float:
+    """Factor on the stated speed under which a comb of orders stands out most: what is stated is the set speed."""
+    factor = np.linspace(1 - _SEARCH, 1 + _SEARCH, _STEPS)
+    teeth = factor[:, None] * center
+    line = _between(sums, teeth - _NARROW * shaft, teeth + _NARROW * shaft, spacing)
+    around = _between(sums, center - shaft / 2, center + shaft / 2, spacing)[:, None]
+    return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])

@@ -22,7 +22,7 @@ from swashtwin.cli.summaries import class_words, confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.diagnosis import Diagnosis, Evidence
+    from swashtwin.diagnosis import Diagnosis, Evidence, FaultClassifier
     from swashtwin.learning import FittedClassifier
     from swashtwin.recordings import Recording
 
@@ -39,6 +39,13 @@ def diagnose(
         float | None,
         typer.Option(help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."),
     ] = None,
+    healthy: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER|INDEX",
+            help="Healthy recordings of the machine, which a classifier then compares with; others in it are left out.",
+        ),
+    ] = None,
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
     report: Report = None,
     force: Force = False,
@@ -53,7 +60,9 @@ def diagnose(
     require_page(report, inputs=[model, *paths], force=force)
     trained = load_model(model)
     recordings = load_sources(paths, **reading)
-    rate = {} if error_rate is None else {"error_rate": error_rate}
+    if healthy is not None:
+        trained, recordings = _compared(trained, healthy, recordings)
+    rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
     verdicts = [trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")]
     if pistons is not None:
         verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
@@ -80,6 +89,31 @@ def diagnose(
     tell({**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
+
+
+def _compared(
+    trained: object, healthy: Path, recordings: "Sequence[Recording]"
+) -> "tuple[FaultClassifier, list[Recording]]":
+    """(the classifier that compares with healthy recordings, recordings to diagnose): where the healthy ones are of one
+    machine, so are those that state none."""
+    from swashtwin.diagnosis import FaultClassifier
+    from swashtwin.foundation import InputError
+    from swashtwin.pump import is_healthy
+
+    if not isinstance(trained, FaultClassifier):
+        raise typer.BadParameter("belongs to a classifier; leave it out.", param_hint="--healthy")
+    reference = [item for item in load_sources([healthy]) if item.label is None or is_healthy(item.label)]
+    if not reference:
+        raise InputError(f"{healthy} has no healthy recording; name a folder or an index that has.")
+    names, compared = {item.specimen or "" for item in reference}, list(recordings)
+    if len(names) == 1:
+        name = names.pop() or "this machine"
+        reference = [item.replace(specimen=name) for item in reference]
+        compared = [item if item.specimen else item.replace(specimen=name) for item in compared]
+    informed = trained.with_healthy(reference)
+    for text in informed.notes_:
+        note(f"note: {text}")
+    return informed, compared
 
 
 def _evidence_of(

@@ -26,8 +26,8 @@ def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tu
     """
     if classifier.recordings is None or classifier.recordings.on_changes is None:
         raise InputError(
-            "the model compares with no healthy recordings: its network was named, its recordings were short, or a machine "
-            "of its training has not two healthy ones; train it again, or leave the healthy recordings out.",
+            "the model compares with no healthy recordings: its network was named, its recordings were short, or a "
+            "machine of its training has not two healthy ones; train it again, or leave the healthy recordings out.",
             field="healthy",
         )
     for recording in healthy:

@@ -18,6 +18,9 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import Manifest
 
+_LEAST_RECORDINGS = 20
+"""Recordings of one machine from which a confidence is learned from it alone."""
+
 
 def fit_chosen(
     windows: WindowSet,
@@ -63,14 +66,14 @@ def fit_chosen(
     reference = fitted.training_reference
     whole = None if answers is None else _whole(windows, answers, seed, progress)
     if whole is None or answers is None:
-        confidence, own = _confidence(reference, answers, error_rate), None
+        confidence, own = _confidence(reference, answers, error_rate, choice.group == "specimen"), None
     else:
         model, trial = whole
         fitted = replace(fitted, recordings=model)
         with_own = model.on_changes is not None
         alone, own_answers = (trial.answers(answers, own=own) for own in (False, True))
-        confidence = _confidence(reference, alone, error_rate)
-        own = _confidence(reference, own_answers, error_rate) if with_own else None
+        confidence = _confidence(reference, alone, error_rate, choice.group == "specimen")
+        own = _confidence(reference, own_answers, error_rate, choice.group == "specimen") if with_own else None
         choice = replace(choice, whole=trial.recalls(with_own))
     if confidence is None and error_rate is not None:
         raise InputError(
@@ -91,13 +94,22 @@ def _whole(
 
 
 def _confidence(
-    reference: TrainingReference | None, answers: FoldAnswers | None, error_rate: float | None
+    reference: TrainingReference | None,
+    answers: FoldAnswers | None,
+    error_rate: float | None,
+    left_out_machines: bool,
 ) -> Confidence | None:
-    """Confidence from the folds; None without a trial, or where no class has two recordings to compare."""
+    """Confidence from the folds; None without a trial, or where no class has two recordings to compare.
+
+    Where folds left machines out it is that of the machine that was hardest to name: the next one may be as unlike the
+    others, and the mean over a few machines says nothing of how far machines differ.
+    """
     if reference is None or answers is None:
         return None
     scores = reference.cross_fitted_scores()
     scored = np.isfinite(scores)
+    if left_out_machines and (machine := _hardest_machine(reference, answers)):
+        scored &= np.array(reference.specimen) == machine
     chosen = np.isin(answers.recording_id, np.array(reference.recording_id)[scored])
     if not chosen.any():
         return None
@@ -108,3 +120,12 @@ def _confidence(
         scores[scored & np.isin(reference.recording_id, answers.recording_id)],
         error_rate=error_rate,
     )
+
+
+def _hardest_machine(reference: TrainingReference, answers: FoldAnswers) -> str:
+    """Machine whose recordings the folds gave the least probability; empty where it has too few for a confidence."""
+    specimen = dict(zip(reference.recording_id, reference.specimen, strict=True))
+    of_window = np.array([specimen.get(name, "") for name in answers.recording_id.tolist()])
+    right = np.log(np.maximum(answers.probability[np.arange(len(answers.target)), answers.target], 1e-12))
+    hardest = min(np.unique(of_window).tolist(), key=lambda name: float(right[of_window == name].mean()))
+    return hardest if np.unique(answers.recording_id[of_window == hardest]).size >= _LEAST_RECORDINGS else ""

@@ -86,14 +86,14 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 
 
 def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
-    card, tensors = read_artifact(saved, "classifier", 6, advice="")
+    card, tensors = read_artifact(saved, "classifier", 7, advice="")
     for name in card:
-        write_artifact(saved, "classifier", 6, {key: value for key, value in card.items() if key != name}, tensors)
+        write_artifact(saved, "classifier", 7, {key: value for key, value in card.items() if key != name}, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
     del tensors["network.weights.head.weight"]
-    write_artifact(saved, "classifier", 6, card, tensors)
+    write_artifact(saved, "classifier", 7, card, tensors)
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)
 

@@ -21,6 +21,8 @@ from swashtwin.recordings import (
 )
 
 _ERROR_RATE = 0.1
+OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
+"""Settings of the training that the constructor of a `FaultClassifier` names."""
 
 
 def as_recordings(X: Any) -> Sequence[Recording] | None:
@@ -90,26 +92,45 @@ def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:
     return set() if recordings is None else {str(item.label) for item in relabeled(recordings, y) if item.label}
 
 
-def network_parameters(fitted: learning.FittedClassifier, own: Collection[str]) -> dict[str, Any]:
-    """Parameters of a `FaultClassifier` that trains a network like this one.
-
-    Parameters
-    ----------
-    own : settings of the training that are parameters themselves.
-    """
+def network_parameters(fitted: learning.FittedClassifier) -> dict[str, Any]:
+    """Parameters of a `FaultClassifier` that trains a network like this one."""
     training, usual = asdict(fitted.settings), asdict(learning.RECOMMENDED_TRAINING)
     plain = learning.default_settings(learning.network_class(fitted.network.name))
     shape = ("n_channels", "n_classes", "length")
-    other = {name: training[name] for name in usual if name not in own and training[name] != usual[name]}
+    other = {name: training[name] for name in usual if name not in OWN_PARAMETERS and training[name] != usual[name]}
     network = {
         name: value for name, value in fitted.network.settings.items() if name not in shape and value != plain.get(name)
     }
     return {
         "network": fitted.network.name,
-        **{name: training[name] for name in own},
+        **{name: training[name] for name in OWN_PARAMETERS},
         "training_settings": other or None,
         "network_settings": network or None,
     }
+
+
+def checked_settings(classifier: Any) -> learning.TrainingSettings:
+    """Settings of the training by the parameters of a `FaultClassifier`.
+
+    Raises
+    ------
+    InputError
+        One belongs to a network that is not named, or there is none of that name.
+    """
+    if classifier.network is None:
+        usual = type(classifier)()
+        for name in (*OWN_PARAMETERS, "training_settings", "network_settings", "device"):
+            if getattr(classifier, name) != getattr(usual, name):
+                raise InputError(f"{name} belongs to a network; name it, such as network='bitcn'.")
+    values = {name: getattr(classifier, name) for name in OWN_PARAMETERS}
+    other = dict(classifier.training_settings or {})
+    unknown = [name for name in other if name not in asdict(learning.RECOMMENDED_TRAINING) or name in values]
+    if unknown:
+        raise InputError(
+            f"training_settings has no field {unknown[0]!r}; it takes fields of TrainingSettings other than "
+            f"{', '.join(values)}, which are parameters of FaultClassifier."
+        )
+    return learning.TrainingSettings(**values, **other)
 
 
 def require_none(y: Any, groups: Any, reason: str) -> None:

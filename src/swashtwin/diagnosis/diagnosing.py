@@ -47,6 +47,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     InputError
         An error rate that the classifier's validation recordings are too few for, or that it knows none of.
     """
+    require_recording(recording)
     reference = classifier.training_reference
     confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import swashtwin.learning as learning
 from swashtwin.diagnosis.classifier_input import (
     as_recordings,
+    checked_settings,
     classes_of,
     copy_notes,
     hold_out_validation,
@@ -34,7 +35,6 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import (
     RECOMMENDED_TRAINING,
     FittedClassifier,
-    TrainingSettings,
     WindowSet,
     require_verdicts,
 )
@@ -44,8 +44,6 @@ Progress = Callable[[str, int, int], None]
 
 _WINDOWS = {"bitcn": 2048}
 """Samples per window of a network that has its own by default: the paper's."""
-_OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
-"""Settings of the training that the constructor names."""
 
 
 class FaultClassifier(Estimator):
@@ -182,7 +180,7 @@ class FaultClassifier(Estimator):
             A recording that was held out had a part in synthetic windows.
         """
         self._require_parameters()
-        settings, tell = self._settings(), progress or (lambda activity, finished, total: None)
+        settings, tell = checked_settings(self), progress or (lambda activity, finished, total: None)
         checkpoint = None if checkpoint is None else Path(checkpoint)
         if checkpoint is not None and checkpoint.exists() and not resume:
             raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
@@ -313,36 +311,18 @@ class FaultClassifier(Estimator):
 
         Parameters
         ----------
-        healthy : healthy recordings of machines, by specimen, that the model is to compare with beside those of the
-            training; for many recordings make them known once (`with_healthy`).
+        healthy : as in `with_healthy`, which for many recordings is called once.
         error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
-
-        Raises
-        ------
-        InputError
-            As `with_healthy`.
         """
         self._require_fitted()
         used = self.with_healthy(healthy) if (healthy := list(healthy)) else self
         return diagnose(used.fitted_, recording, error_rate=error_rate)
 
     def with_healthy(self, healthy: Iterable[Recording]) -> "FaultClassifier":
-        """A classifier that knows further healthy recordings of machines, and compares recordings of these with them.
-
-        `notes_` says where the model, without comparing, calls several of them faulty.
-
-        Raises
-        ------
-        InputError
-            The model compares with no healthy recordings, or one states no machine or is labeled faulty.
-        DataError
-            A machine has a single one; or they have another sample rate, other channels or another unit, or are unfit.
-        """
+        """A classifier that compares recordings of machines with these healthy ones too (errors: `make_known`)."""
         self._require_fitted()
-        healthy = list(require_recordings(healthy))
-        fitted, notes = make_known(self.fitted_, healthy)
         other = copy(self)
-        other.fitted_, other.notes_ = fitted, notes
+        other.fitted_, other.notes_ = make_known(self.fitted_, require_recordings(healthy))
         return other
 
     def save(self, path: Path | str) -> Path:
@@ -369,7 +349,7 @@ class FaultClassifier(Estimator):
         """
         fitted = load_classifier(path)
         classifier = cls(
-            **({} if fitted.choice is not None else network_parameters(fitted, _OWN_PARAMETERS)),
+            **({} if fitted.choice is not None else network_parameters(fitted)),
             window=fitted.length,
             fault_of=dict(fitted.fault_of) or None,
             sample_rate=fitted.sample_rate,
@@ -378,22 +358,6 @@ class FaultClassifier(Estimator):
         classifier.fitted_ = fitted
         classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
         return classifier
-
-    def _settings(self) -> TrainingSettings:
-        if self.network is None:
-            usual = type(self)()
-            for name in (*_OWN_PARAMETERS, "training_settings", "network_settings", "device"):
-                if getattr(self, name) != getattr(usual, name):
-                    raise InputError(f"{name} belongs to a network; name it, such as network='bitcn'.")
-        values = {name: getattr(self, name) for name in _OWN_PARAMETERS}
-        other = dict(self.training_settings or {})
-        unknown = [name for name in other if name not in asdict(RECOMMENDED_TRAINING) or name in values]
-        if unknown:
-            raise InputError(
-                f"training_settings has no field {unknown[0]!r}; it takes fields of TrainingSettings other than "
-                f"{', '.join(values)}, which are parameters of FaultClassifier."
-            )
-        return TrainingSettings(**values, **other)
 
     def _training_windows(
         self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None

@@ -21,8 +21,10 @@ def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tu
 
     Raises
     ------
-    InputError, DataError
-        As `FaultClassifier.with_healthy`.
+    InputError
+        The model compares with no healthy recordings, or one states no machine or is labeled faulty.
+    DataError
+        A machine has a single one; or they have another sample rate, other channels or another unit, or are unfit.
     """
     if classifier.recordings is None or classifier.recordings.on_changes is None:
         raise InputError(

@@ -11,6 +11,7 @@ from sklearn.utils.estimator_checks import check_estimator
 
 from swashtwin import presets
 from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier, diagnose
+from swashtwin.diagnosis.classifier_input import checked_settings
 from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
@@ -72,15 +73,15 @@ def test_the_checks_of_scikit_learn_pass():
 
 
 def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers():
-    assert FaultClassifier("levels")._settings() == RECOMMENDED_TRAINING
+    assert checked_settings(FaultClassifier("levels")) == RECOMMENDED_TRAINING
     assert FaultClassifier(**presets.recommended.classifier).get_params() == FaultClassifier().get_params()
     paper = FaultClassifier(**presets.paper.classifier)
-    assert (paper.network, paper._settings()) == ("bitcn", PAPER_TRAINING)
+    assert (paper.network, checked_settings(paper)) == ("bitcn", PAPER_TRAINING)
 
 
 def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifier):
     windows = cut_windows(recordings("train"), length=128)
-    settings = classifier._settings()
+    settings = checked_settings(classifier)
     fitted = fit(LevelNetwork(1, 2), windows, settings=settings)
     new = cut_windows(recordings("new"), length=128)
     np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))

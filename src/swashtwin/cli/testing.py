@@ -133,6 +133,8 @@ def export(
         speed = ", speed (any) in rad/s, NaN if unknown" if classifier.network.uses_speed else ""
         rate = f"{layout.sample_rate:g} Hz"
         say(f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class")
+        if classifier.recordings is not None:
+            note("note: it holds the part on short windows alone; diagnose listens to whole recordings beside it.")
         if kind == "recording":
             note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
 

@@ -243,7 +243,7 @@ def _show_choice(choice: "Choice") -> None:
     rows = [
         (trial.candidate, trial.clean, trial.disturbed, "chosen" if trial.candidate == choice.chosen else "")
         for trial in choice.trials
-    ]
+    ] + [(f"whole recordings: {name}", recall, None, "") for name, recall in choice.whole.items()]
     if rows:
         folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
         table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)

@@ -14,7 +14,8 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
 
     The input ``windows`` (window, channel, time) takes any number of windows of the classifier's layout in its unit,
     float32. A network on orders of the shaft has a second input, ``speed`` (window) [rad/s], NaN for that of the
-    training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives. The
+    training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives, without
+    what heads on whole recordings (`FittedClassifier.recordings`) add. The
     scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
     the samples must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
     (whether the file scales by itself), ``temperature`` and ``dependence`` (by which `diagnose` calibrates the

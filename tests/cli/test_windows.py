@@ -46,6 +46,16 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
     assert not list(tmp_path.rglob(".swashtwin-*"))
 
 
+def test_recordings_are_indexed_and_inspected_without_what_only_posix_has(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    text = "Zeit [s];Gehäuse [m/s²]\r\n" + "".join(f"{n / 100:.2f};{n % 7}\r\n".replace(".", ",") for n in range(400))
+    (tmp_path / "data" / "normal_0.csv").write_bytes(text.encode("cp1252"))
+    command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS[:2]]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr[-3000:]
+    assert b"\r" not in (tmp_path / "data" / "recordings.toml").read_bytes()
+
+
 def test_names_of_machines_become_names_that_every_system_takes() -> None:
     names = [r"..\pump", "a:b", "CON", "lpt1.old", "x" * 300, "end. ", "", "Größe 1"]
     files = [file_name(name) for name in names]

@@ -43,9 +43,11 @@ def test_a_told_dialect_is_obeyed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.signal, [[7.5, 8.5]])
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "latin-1", "utf-8-sig"])
-def test_text_of_another_encoding_is_read(tmp_path: Path, encoding: str) -> None:
-    (tmp_path / "a.csv").write_bytes("Zeit [s];Gehäuse [m/s²]\n0;1\n0,1;2\n0,2;3\n".encode(encoding))
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252", "utf-8-sig"])
+@pytest.mark.parametrize("line", ["\n", "\r\n"])
+def test_text_of_another_encoding_is_read(tmp_path: Path, encoding: str, line: str) -> None:
+    text = line.join(("Zeit [s];Gehäuse [m/s²]", "0;1", "0,1;2", "0,2;3", ""))
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
     loaded = load_recording(tmp_path / "a.csv")
     assert (loaded.channels, loaded.unit, loaded.sample_rate) == (("Gehäuse",), "m/s^2", 10.0)
 

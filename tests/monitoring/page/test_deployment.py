@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 from starlette.testclient import TestClient
@@ -55,3 +56,23 @@ def test_the_image_starts_a_command_that_there_is_and_is_no_root() -> None:
     assert re.search(r"^USER 10001", text, re.MULTILINE)
     for source in re.findall(r"^COPY (.*) /\S+$", text, re.MULTILINE):
         assert all((DEPLOY.parent / name).exists() for name in source.split())
+
+
+def test_the_page_of_the_container_is_reached_from_its_computer_alone() -> None:
+    text = (DEPLOY / "compose.yaml").read_text()
+    assert re.findall(r"^ +ports: (.*)$", text, re.MULTILINE) == ['["127.0.0.1:8642:8642"]']
+    assert "cap_drop: [ALL]" in text
+
+
+def test_the_lock_file_pins_all_that_a_plant_needs_by_hash() -> None:
+    """``pip-compile`` with the options that the file's first lines state makes it again."""
+    text = (DEPLOY.parent / "requirements-plant.txt").read_text()
+    pins = re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE)
+    assert len(pins) == len(re.findall(r"^[^\s#]", text, re.MULTILINE))
+    project = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())["project"]
+    extras = (project["optional-dependencies"][name] for name in ("monitor", "mqtt", "postgresql", "readers"))
+    stated = [line for lines in (project["dependencies"], *extras) for line in lines]
+    names = {re.match(r"[\w.-]+", line)[0].lower().replace("_", "-") for line in stated}
+    assert names <= {pin.lower().replace("_", "-") for pin in pins}
+    assert not {"torch", "numba"} & set(pins)
+    assert "://" not in text

@@ -94,8 +94,8 @@ def free_port() -> int:
 class WatchProcess:
     """``swashtwin watch CONFIG`` as a process of its own."""
 
-    def __init__(self, config: Path) -> None:
-        self.config = config
+    def __init__(self, config: Path, python: Path | None = None) -> None:
+        self.config, self._python = config, python or Path(sys.executable)
         port = int(config.read_text(encoding="utf-8").split("port = ")[1].split()[0])
         self.address = f"http://127.0.0.1:{port}"
         self.process: subprocess.Popen[bytes] | None = None
@@ -104,8 +104,10 @@ class WatchProcess:
         """Time [s] until the page answers."""
         began = time.monotonic()
         with self.config.with_name("log.txt").open("ab") as log:
-            command = [sys.executable, "-m", "swashtwin", "watch", str(self.config)]
-            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONUNBUFFERED": "1"}
+            command = [self._python, "-m", "swashtwin", "watch", str(self.config)]
+            environment = {**os.environ, "PYTHONPATH": "", "PYTHONUNBUFFERED": "1"}
+            if self._python == Path(sys.executable):
+                environment["PYTHONPATH"] = os.pathsep.join(sys.path)
             self.process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
         while time.monotonic() - began < seconds:
             if self.process.poll() is not None:

@@ -38,7 +38,7 @@ def test_a_model_is_dropped_and_anything_else_refused_by_name(client: TestClient
 
 @pytest.mark.nightly
 def test_the_shipped_prior_is_adapted_to_the_healthy_recordings(client: TestClient) -> None:
-    assert "adapted to 4 healthy recordings" in send(client, "/api/prior", {}).json()["model"]
+    assert re.search(r"adapted to \d+ healthy recordings", send(client, "/api/prior", {}).json()["model"])
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["kind"] == "prior"
 
 

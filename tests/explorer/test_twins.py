@@ -42,7 +42,7 @@ def test_a_stiffer_film_moves_lines_and_misfit(client) -> None:
 def test_a_fault_brings_its_lines_and_its_drawing(client) -> None:
     worn = lines(client, recording=WORN, fault="piston", dimensions={"clearance": 60e-6})
     assert 1 in np.diff(worn["measured"]["orders"])
-    drawing = client.get("/api/twin_cutaway", params={"label": "piston", "pistons": 7, "shaft": 14.3}).text
+    drawing = client.get("/api/twin_cutaway", params={"label": "piston", "pistons": 7, "shaft": 14.3}).json()["html"]
     assert "marked: piston" in drawing
     refused = send(client, "/api/twin_lines", {**SETTING, "fault": "piston", "dimensions": {"size": 1.0}})
     assert "no dimension 'size'" in refused.json()["detail"]

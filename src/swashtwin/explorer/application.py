@@ -1,16 +1,15 @@
 """The explorer's addresses: one page, and what its script asks for as JSON."""
 
-import asyncio
 import secrets
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import Body, Depends, FastAPI, HTTPException, Query, Request
+from fastapi import Depends, FastAPI, HTTPException, Query, Request
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.middleware import Middleware
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -18,13 +17,11 @@ from starlette.staticfiles import StaticFiles
 
 from swashtwin.explorer.diagnoses import Diagnoses
 from swashtwin.explorer.figures import Figures
-from swashtwin.explorer.twins import Setting, TwinRoom
-from swashtwin.explorer.workspace import BIN, FACTS, Workspace
+from swashtwin.explorer.twins import TwinRoom
+from swashtwin.explorer.workspace import BIN, FACTS, Name, Workspace
 from swashtwin.foundation import VERSION, InputError, SwashTwinError, json_text, to_table
 from swashtwin.monitoring import Access, Guard, PageSettings, serving_page
 from swashtwin.recordings import FactChange
-from swashtwin.report import cutaway_html
-from swashtwin.signals import LineSpectrumKind
 
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 MOST_VALUES = 1 << 22
@@ -32,8 +29,6 @@ MOST_VALUES = 1 << 22
 TOKEN = "x-explorer"
 """Header with the page's token, without which nothing is changed."""
 _UPLOADS = frozenset({"/api/facts", "/api/drop"})
-
-Name = Annotated[str, Query(max_length=1000)]
 
 
 @dataclass(frozen=True)
@@ -67,39 +62,47 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
     async def report_disk(request: Request, error: OSError) -> Response:
         return JSONResponse({"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422)
 
-    answers, twins, models = Answers(workspace), TwinAnswers(workspace), ModelAnswers(workspace, model)
-    for reading in (answers.rows, answers.samples, answers.spectrum, answers.waterfall, answers.levels, answers.speed,
-                    answers.comparison, twins.twin_starts, twins.twin_cutaway, twins.twin_job, models.model,
-                    models.diagnosis):  # fmt: skip
-        application.get(f"/api/{reading.__name__}")(reading)
-    for changing in (answers.answers, answers.facts, twins.twin_lines, twins.twin_calibrate, twins.twin_stop,
-                     twins.twin_save, twins.twin_windows, twins.twin_pump, models.prior, models.drop):  # fmt: skip
-        application.post(f"/api/{changing.__name__}", dependencies=[Depends(require_token)])(changing)
+    answers, figures, twins, models = (
+        Answers(workspace),
+        Figures(workspace),
+        TwinRoom(workspace),
+        Diagnoses(workspace, model),
+    )
+    reading: dict[str, Callable[..., Any]] = {
+        "rows": workspace.table, "samples": answers.samples, "spectrum": figures.spectrum, "levels": figures.levels,
+        "waterfall": figures.waterfall, "speed": figures.speed, "comparison": figures.comparison,
+        "twin_starts": twins.starts, "twin_cutaway": twins.cutaway, "twin_job": twins.progress,
+        "model": models.model, "diagnosis": models.diagnosis,
+    }  # fmt: skip
+    changing: dict[str, Callable[..., Any]] = {
+        "answers": answers.propose, "facts": answers.change, "twin_lines": twins.lines, "twin_save": twins.save,
+        "twin_calibrate": twins.calibrate, "twin_stop": twins.stop, "twin_windows": twins.add_windows,
+        "twin_pump": twins.add_pump, "prior": models.take_prior, "drop": models.drop,
+    }  # fmt: skip
+    for name, work in reading.items():
+        application.get(f"/api/{name}")(_answering(work))
+    for name, work in changing.items():
+        application.post(f"/api/{name}", dependencies=[Depends(require_token)])(_answering(work))
     packages: list[str | tuple[str, str]] = [(__package__, "static"), ("swashtwin.monitoring.page", "static")]
     application.mount("/static", StaticFiles(packages=packages))
     return application
 
 
 class Answers:
-    """What the rooms of recordings ask for."""
+    """What changes the recordings' facts, and their samples."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
-        self._figures = Figures(workspace)
 
-    def rows(self, since: int = -1) -> Response:
-        """Rows of the table that changed."""
-        return answer(self._workspace.table(since))
-
-    def answers(self, given: dict[str, str]) -> Response:
+    def propose(self, given: dict[str, str]) -> dict[str, Any]:
         """Take what nobody but the user can say of a folder's files, and propose its index again."""
         self._workspace.propose({key: text.strip() for key, text in given.items()})
-        return self.rows()
+        return self._workspace.table()
 
-    def facts(self, edit: Changes) -> Response:
+    def change(self, edit: Changes) -> dict[str, Any]:
         """Change facts."""
         self._workspace.change([_understood(change) for change in edit.changes], undo=edit.undo)
-        return self.rows()
+        return self._workspace.table()
 
     def samples(
         self,
@@ -123,115 +126,18 @@ class Answers:
             values = recording.slice(start, min(start + count, recording.n_samples)).signal[channel]
         return Response(np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream")
 
-    def spectrum(
-        self,
-        name: Name,
-        kind: LineSpectrumKind = "amplitude",
-        low: float | None = None,
-        high: float | None = None,
-        pistons: Annotated[int | None, Query(ge=1, le=100)] = None,
-        bodies: Annotated[int | None, Query(ge=1, le=1000)] = None,
-        ratio: float | None = None,
-        healthy: bool = False,
-    ) -> Response:
-        """A spectrum with its marks."""
-        band = None if low is None or high is None else (low, high)
-        bearing = None if bodies is None or ratio is None else (bodies, ratio)
-        return answer(self._figures.spectrum(name, kind, band=band, pistons=pistons, bearing=bearing, healthy=healthy))
 
-    def waterfall(self, name: Name, channel: int = 0, orders: bool = False) -> Response:
-        """Level over time and frequency, or turns and order."""
-        return answer(self._figures.waterfall(name, channel, orders=orders))
+def _answering(work: Callable[..., Any]) -> Callable[..., Response]:
+    """`work` with its table as JSON, where what is no finite number is null."""
 
-    def levels(self, name: Name) -> Response:
-        """Level over time."""
-        return answer(self._figures.levels(name))
+    @wraps(work)
+    def answer(*values: Any, **named: Any) -> Response:
+        content = work(*values, **named)
+        if isinstance(content, Response):
+            return content
+        return Response(json_text(to_table(content)), media_type="application/json")
 
-    def comparison(
-        self, first: Annotated[list[str], Query(max_length=50)], second: Annotated[list[str], Query(max_length=50)]
-    ) -> Response:
-        """What differs between two groups of recordings."""
-        return answer(self._figures.comparison(first, second))
-
-    def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> Response:
-        """Speed that the lines show."""
-        return answer(self._figures.speed(name, pistons))
-
-
-class TwinAnswers:
-    """What the twin's room asks for."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        self._room = TwinRoom(workspace)
-
-    def twin_starts(self) -> Response:
-        """What a twin can start from."""
-        return answer(self._room.starts())
-
-    def twin_cutaway(self, label: Name, pistons: int, shaft: float) -> HTMLResponse:
-        """The pump, cut open."""
-        return HTMLResponse(cutaway_html(label, pistons, shaft))
-
-    def twin_lines(self, setting: Setting) -> Response:
-        """Lines of a twin over the measured ones."""
-        return answer(self._room.lines(setting))
-
-    def twin_job(self) -> Response:
-        """How far the calibration is."""
-        return answer(self._room.progress())
-
-    def twin_calibrate(self, setting: Setting, others: Annotated[bool, Body()] = False) -> Response:
-        """Calibrate from here."""
-        return answer(self._room.calibrate(setting, others))
-
-    def twin_stop(self) -> Response:
-        """Stop the calibration."""
-        self._room.job.is_stopped = True
-        return self.twin_job()
-
-    def twin_save(self, name: Annotated[str, Body(embed=True)]) -> Response:
-        """Save the last calibration."""
-        return answer({"file": self._room.save(name)})
-
-    def twin_windows(
-        self, setting: Setting, name: Annotated[str, Body()], count: Annotated[int, Body(ge=1, le=10_000)]
-    ) -> Response:
-        """Synthetic windows, to train with."""
-        return answer(self._room.add_windows(setting, count, name))
-
-    def twin_pump(self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]) -> Response:
-        """A pump of a nameplate."""
-        return answer(self._room.add_pump(name, plate))
-
-
-class ModelAnswers:
-    """What the room of diagnoses asks for."""
-
-    def __init__(self, workspace: Workspace, model: Path | None) -> None:
-        self._diagnoses = Diagnoses(workspace, model)
-
-    def model(self) -> Response:
-        """The model's name."""
-        return answer({"model": self._diagnoses.name})
-
-    def diagnosis(self, name: Name) -> Response:
-        """Verdict on a recording."""
-        return answer(self._diagnoses.diagnosis(name))
-
-    def prior(self) -> Response:
-        """Take the shipped prior."""
-        self._diagnoses.take_prior()
-        return self.model()
-
-    async def drop(self, request: Request, name: Name) -> Response:
-        """Take a model that was dropped on the page."""
-        await asyncio.to_thread(self._diagnoses.drop, await request.body(), name)
-        return self.model()
-
-
-def answer(content: Mapping[str, Any]) -> Response:
-    """JSON of a table; what is no finite number is null."""
-    return Response(json_text(to_table(content)), media_type="application/json")
+    return answer
 
 
 def _understood(change: FactChange) -> FactChange:

@@ -3,9 +3,11 @@
 import tempfile
 from collections import OrderedDict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from swashtwin.explorer.workspace import Workspace
+from fastapi import Body
+
+from swashtwin.explorer.workspace import Name, Workspace
 from swashtwin.foundation import InputError, SwashTwinError, plural, to_table
 from swashtwin.pump import is_healthy
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 
 PRIOR = "25scy14-1b"
 """Design whose prior is shipped."""
+Content = Annotated[bytes, Body(media_type="application/octet-stream")]
 _KEPT = 64
 
 
@@ -45,11 +48,16 @@ class Diagnoses:
         self._model, self.name = model, name
         self._answers.clear()
 
-    def take_prior(self) -> None:
+    def model(self) -> dict[str, Any]:
+        """The model's name."""
+        return {"model": self.name}
+
+    def take_prior(self) -> dict[str, Any]:
         """Take the shipped pump prior, adapted to the healthy recordings."""
         self._take(Path(PRIOR), f"the prior of {PRIOR}")
+        return self.model()
 
-    def drop(self, content: bytes, name: str) -> None:
+    def drop(self, content: Content, name: Name) -> dict[str, Any]:
         """Take a model that was dropped on the page; it is kept in memory only.
 
         Raises
@@ -64,8 +72,9 @@ class Diagnoses:
                 self._take(path, name)
             except SwashTwinError as cause:
                 raise type(cause)(str(cause).replace(str(path), name)) from None
+        return self.model()
 
-    def diagnosis(self, name: str) -> dict[str, Any]:
+    def diagnosis(self, name: Name) -> dict[str, Any]:
         """Verdict on a recording, how sure it is, and its evidence."""
         from swashtwin.diagnosis import next_checks
 

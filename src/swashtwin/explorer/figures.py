@@ -2,14 +2,14 @@
 
 import base64
 import math
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from fastapi import Query
 from jaxtyping import Float
 
-from swashtwin.explorer.workspace import Workspace, level_track
+from swashtwin.explorer.workspace import Name, Workspace, level_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import (
@@ -39,6 +39,7 @@ LEAST_CHANGE = 1.0
 SHARED = 0.5
 """Shortest healthy recording over the one compared with it."""
 
+Names = Annotated[list[str], Query(max_length=50)]
 Key = tuple[str, str, LineSpectrumKind, tuple[float, float] | None]
 """Recording by name and facts, kind of spectrum, band of the envelope [Hz]."""
 
@@ -73,22 +74,24 @@ class Figures:
 
     def spectrum(
         self,
-        name: str,
-        kind: LineSpectrumKind,
-        *,
-        band: tuple[float, float] | None = None,
-        pistons: int | None = None,
-        bearing: tuple[int, float] | None = None,
+        name: Name,
+        kind: LineSpectrumKind = "amplitude",
+        low: float | None = None,
+        high: float | None = None,
+        pistons: Annotated[int | None, Query(ge=1, le=100)] = None,
+        bodies: Annotated[int | None, Query(ge=1, le=1000)] = None,
+        ratio: float | None = None,
         healthy: bool = False,
     ) -> dict[str, Any]:
         """Spectrum of each channel with its marks, and the range of healthy recordings of the same point.
 
         Parameters
         ----------
-        band : edges [Hz] for the envelope; None lets the kurtogram choose.
-        bearing : number of rolling bodies, and their diameter over the pitch diameter.
+        low, high : edges [Hz] of the band for the envelope; without them the kurtogram chooses.
+        bodies, ratio : of a bearing: number of rolling bodies, and their diameter over the pitch diameter.
         healthy : whether healthy recordings are asked for.
         """
+        band = None if low is None or high is None else (low, high)
         spectrum, step, amplitude = self._spectrum(self.key(name, kind, band))
         recording = self._workspace.recording(name)
         shaft = stated_speed(recording)
@@ -96,8 +99,8 @@ class Figures:
         unit = 1.0 if kind == "order" else shaft
         if unit and pistons:
             marks += [(unit * pistons * k, f"{pistons * k}×", True) for k in range(1, 6)]
-        if unit and bearing:
-            orders = defect_orders(*bearing)
+        if unit and bodies and ratio is not None:
+            orders = defect_orders(bodies, ratio)
             for letters, order in zip(("BPFI", "BPFO", "2 BSF", "FTF"), orders, strict=True):
                 marks += [(unit * order, letters, False), (2 * unit * order, f"2 {letters}", False)]
         result: dict[str, Any] = {"step": step, "amplitude": packed(amplitude), "lines": amplitude.shape[1]}
@@ -127,7 +130,7 @@ class Figures:
         low, middle, high = np.quantile(spectra, (0, 0.5, 1), axis=0)
         return {"healthy": names, "low": packed(low), "middle": packed(middle), "high": packed(high)}
 
-    def waterfall(self, name: str, channel: int, *, orders: bool) -> dict[str, Any]:
+    def waterfall(self, name: Name, channel: int = 0, orders: bool = False) -> dict[str, Any]:
         """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the greatest."""
         recording = self._channel(name, channel)
         rate = recording.sample_rate
@@ -147,7 +150,7 @@ class Figures:
         result |= {"end": float((starts[-1] + length) / rate), "high": group * lines.shape[1] * rate / length}
         return {**result, "unit": recording.unit, "shades": base64.b64encode(shades.tobytes()).decode()}
 
-    def levels(self, name: str) -> dict[str, Any]:
+    def levels(self, name: Name) -> dict[str, Any]:
         """Root mean square of each channel along a recording."""
         recording = self._workspace.recording(name)
         level = level_track(recording, 120)
@@ -160,7 +163,7 @@ class Figures:
             raise InputError(f"{name} has {recording.n_channels} channels; there is no number {channel}.")
         return recording.picked(recording.channels[channel : channel + 1])
 
-    def speed(self, name: str, pistons: int) -> dict[str, Any]:
+    def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> dict[str, Any]:
         """Speed that the piston-pass lines show, and how clearly.
 
         Raises
@@ -179,7 +182,7 @@ class Figures:
         sure = 1 - math.exp(-best.shown_contrast)
         return {"rpm": 60 * best.shown, "contrast": best.shown_contrast, "sure": sure}
 
-    def comparison(self, first: Sequence[str], second: Sequence[str]) -> dict[str, Any]:
+    def comparison(self, first: Names, second: Names) -> dict[str, Any]:
         """What differs between two groups of recordings: the levels that changed most, in spreads within the groups.
 
         The spread of a level is the pooled standard deviation within both groups, `LEAST_CHANGE` at least.

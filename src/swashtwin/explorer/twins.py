@@ -2,15 +2,16 @@
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from fastapi import Body
 
-from swashtwin.explorer.workspace import Workspace
+from swashtwin.explorer.workspace import Name, Workspace
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, file_name, rpm
 from swashtwin.pump import (
     FAULT_KINDS,
@@ -26,6 +27,7 @@ from swashtwin.pump import (
     read_nameplate,
 )
 from swashtwin.recordings import INDEX_NAME, Recording, Recordings
+from swashtwin.report import cutaway_html
 from swashtwin.signals import spectral_correlation, spectrum_value_error
 
 if TYPE_CHECKING:
@@ -203,7 +205,7 @@ class TwinRoom:
         lines = measure(twin, [recording.relabeled(twin.label)], BAND, "shaft" if by_shaft else "piston")
         return lines.channels, lines.orders, lines.amplitude, lines.deviation
 
-    def calibrate(self, setting: Setting, others: bool) -> dict[str, Any]:
+    def calibrate(self, setting: Setting, others: Annotated[bool, Body()] = False) -> dict[str, Any]:
         """Start to calibrate the twin of a setting on its recording, and on those of the same machine, class and point.
 
         Raises
@@ -250,13 +252,24 @@ class TwinRoom:
         job = self.job
         return {"state": job.state, "done": job.done, "total": job.total, "loss": job.loss, "error": job.error}
 
-    def save(self, name: str) -> str:
-        """Name of the file that the last calibration was saved to, beside the recordings."""
+    def stop(self) -> dict[str, Any]:
+        """Stop the calibration."""
+        self.job.is_stopped = True
+        return self.progress()
+
+    def cutaway(self, label: Name, pistons: int, shaft: float) -> dict[str, Any]:
+        """The pump, cut open, with the part of a class marked."""
+        return {"html": cutaway_html(label, pistons, shaft)}
+
+    def save(self, name: Annotated[str, Body(embed=True)]) -> dict[str, Any]:
+        """Save the last calibration beside the recordings."""
         if self.job.result is None:
             raise InputError("nothing was calibrated here yet.")
-        return self._written(name, ".json", self.job.result.save)
+        return {"file": self._written(name, ".json", self.job.result.save)}
 
-    def add_windows(self, setting: Setting, count: int, name: str) -> dict[str, Any]:
+    def add_windows(
+        self, setting: Setting, count: Annotated[int, Body(ge=1, le=10_000)], name: Annotated[str, Body()]
+    ) -> dict[str, Any]:
         """Make synthetic windows of the twin of a setting, and save them beside the recordings."""
         from swashtwin.learning import save_windows
         from swashtwin.synthesis import synthesize
@@ -275,7 +288,7 @@ class TwinRoom:
         path = self._written(name, ".safetensors", lambda target: save_windows(windows, target))
         return {"file": path, "count": len(windows), "label": str(windows.label[0]), "notes": windows.notes}
 
-    def add_pump(self, name: str, plate: Mapping[str, str]) -> dict[str, Any]:
+    def add_pump(self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]) -> dict[str, Any]:
         """Write the file of a pump scaled to a nameplate beside the recordings."""
         try:
             pistons = int(plate.get("pistons", ""))

@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from fastapi import Query
 from jaxtyping import Float32, Float64
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError
@@ -33,6 +34,8 @@ from swashtwin.recordings import (
     stated_speed,
 )
 
+Name = Annotated[str, Query(max_length=1000)]
+"""Name of a row, as an address states it."""
 FACTS = ("label", "specimen", "speed", "pressure", "sensitivity", "unit", "sample_rate")
 """Facts that are edited."""
 BIN = 64
@@ -212,7 +215,7 @@ class Workspace:
         assert row.entry is not None
         return recording_of(indexed_path(self._root, row.entry.file), row.entry)
 
-    def table(self, since: int) -> dict[str, Any]:
+    def table(self, since: int = -1) -> dict[str, Any]:
         """Rows that changed after a revision, the names of all, and what is known of the whole."""
         self.refresh()
         with self._lock:

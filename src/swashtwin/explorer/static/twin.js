@@ -57,9 +57,8 @@ export async function twinRoom(place, values) {
     sliders.replaceChildren(...parts);
     notes.replaceChildren(...(lines.notes.length ? [h("details", {}, h("summary", {}, `${lines.notes.length} remarks of the calibration`), h("ul", {}, lines.notes.map((text) => h("li", {}, text))))] : []));
     facts.textContent = `${lines.pump}: ${lines.pistons} pistons, ${short(lines.displacement * 1e6)} cm³ per turn, at ${short(lines.rpm, 4)} rpm and ${short(lines.mpa, 3)} MPa; ${lines.label === "normal" ? "healthy" : lines.label.replace(/_/g, " ")}.`;
-    attempt(async () => {
-      const answer = await fetch(`/api/twin_cutaway?${new URLSearchParams({ label: lines.label, pistons: lines.pistons, shaft: lines.shaft })}`);
-      cutaway.innerHTML = answer.ok ? await answer.text() : ""; // drawn by our own server, of a class that it knows
+    attempt(async () => { // drawn by our own server, of a class that it knows
+      cutaway.innerHTML = (await ask("twin_cutaway", { label: lines.label, pistons: lines.pistons, shaft: lines.shaft })).html;
     });
   }
   function show(lines) {

@@ -1,4 +1,4 @@
-"""Levels of a recording in bands of shaft orders."""
+"""Levels of a recording at shaft orders."""
 
 import math
 
@@ -13,22 +13,30 @@ _TURNS = 8
 """Revolutions in each segment of a spectrum, so that eight spectral lines lie from order to order."""
 _STRETCH = 1 << 18
 """Samples of a channel that are transformed together."""
+_SPEED_REACH = 0.012
+"""How far the speed may be from what a recording states, relative."""
+_LEAST_PASSES = 12
+"""Piston passes that a sample rate must allow."""
 
 
-def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray, "channel band"]:
-    """log10 of the power of each channel in each band, from power densities (Welch, Hann taper) of eight turns each.
+def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray, "channel level"]:
+    """Levels of each channel (`OrderBands.levels`), from power densities (Welch, Hann taper) of eight turns each.
+
+    Lines of piston passes say the speed better than what was stated; orders are those of the speed that they say.
+    Levels of bands beyond half the sample rate are NaN.
 
     Raises
     ------
     DataError
-        The recording is unfit, shorter than eight turns, states no speed, or its rate is too low for the bands.
+        The recording is unfit, shorter than eight turns, states no speed, or its rate is too low for the first bands.
     """
     refuse_unfit(recording)
     shaft, rate = shaft_frequency(recording), float(recording.sample_rate)
-    if bands.highest * shaft > rate / 2:
+    lowest = _LEAST_PASSES * bands.piston_count * shaft
+    if lowest > rate / 2:
         raise DataError(
-            f"{recording.recording_id} is sampled at {rate:g} Hz; the prior's bands end at shaft order "
-            f"{bands.highest:g}, which takes {2 * bands.highest * shaft:.0f} Hz at least."
+            f"{recording.recording_id} is sampled at {rate:g} Hz; a prior looks at {_LEAST_PASSES} piston passes at "
+            f"least, which take {2 * lowest:.0f} Hz."
         )
     import scipy.fft
 
@@ -45,8 +53,17 @@ def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray,
         parts.append(density)
         weights.append(signal.shape[1])
     power = np.average(parts, axis=0, weights=weights) * frequency[1]
-    sums = bands.sums(power[:, 1:], frequency[1:] / shaft, frequency[1] / shaft / 2)
-    return np.asarray(np.log10(np.maximum(sums, 1e-30)))
+    width = frequency[1] / shaft
+    return bands.levels(power, width / _speed_ratio(power, width, bands))
+
+
+def _speed_ratio(power: Float64[np.ndarray, "channel cell"], width: float, bands: OrderBands) -> float:
+    """Speed over the stated one at which the piston passes stand out most."""
+    ratios = 1 + np.linspace(-_SPEED_REACH, _SPEED_REACH, 97)
+    passes = np.arange(1, bands.passes + 1) * bands.piston_count
+    level = np.log10(np.maximum(power, 1e-30)).mean(axis=0)
+    cells = ratios[:, None] * passes / width
+    return float(ratios[np.interp(cells, np.arange(level.size), level).mean(axis=1).argmax()])
 
 
 def shaft_frequency(recording: Recording) -> float:

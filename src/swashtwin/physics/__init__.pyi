@@ -3,6 +3,7 @@
 from .dynamics import Structure as Structure
 from .dynamics import Topology as Topology
 from .dynamics import assemble as assemble
+from .excitation import displacement_lines as displacement_lines
 from .excitation import recess_of as recess_of
 from .excitation import slipper_displacements as slipper_displacements
 from .fault_forcing import FaultAction as FaultAction
@@ -24,6 +25,7 @@ from .loads import LoadCase as LoadCase
 from .loads import chamber_pressures as chamber_pressures
 from .loads import force_lines as force_lines
 from .loose_slipper import contact_lines as contact_lines
+from .riding import riding_lines as riding_lines
 from .solvers.periodic import PeriodicTerm as PeriodicTerm
 from .solvers.periodic import periodic_steady_state as periodic_steady_state
 from .solvers.steady import RK4 as RK4

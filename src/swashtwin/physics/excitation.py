@@ -178,18 +178,24 @@ def displacement_lines(
     scatter : displacement of each slipper over the nominal one; None: all 1.
     """
     orders = _orders(n_lines)
-    count = pump.rotating_group.piston_count
-    if scatter is None:
-        combined = np.where(orders % count == 0, float(count), 0.0).astype(complex)
-    else:
-        weights = np.asarray(scatter, dtype=float)
-        if weights.shape != (count,):
-            raise InputError(f"scatter has shape {weights.shape} for {count} slippers.")
-        turns = (orders[:, None] * np.arange(count)) % count / count
-        combined = np.exp(2j * math.pi * turns) @ weights
+    combined = combined_lines(pump, orders, scatter)
     if defect.strains_films:
         combined = combined * following(defect, orders * condition.shaft_frequency)
     return combined * np.exp(-1j * orders * defect.angle) * _profile_lines(pump, defect, orders.astype(float))
+
+
+def combined_lines(
+    pump: Pump, orders: Int[np.ndarray, " line"], scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None
+) -> Complex[np.ndarray, " line"]:
+    """Sum over the slippers of the lines of a slipper at piston 0 over its own; see `displacement_lines`."""
+    count = pump.rotating_group.piston_count
+    if scatter is None:
+        return np.where(orders % count == 0, float(count), 0.0).astype(complex)
+    weights = np.asarray(scatter, dtype=float)
+    if weights.shape != (count,):
+        raise InputError(f"scatter has shape {weights.shape} for {count} slippers.")
+    turns = (orders[:, None] * np.arange(count)) % count / count
+    return np.asarray(np.exp(2j * math.pi * turns) @ weights)
 
 
 def bore_lines(

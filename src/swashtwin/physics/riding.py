@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin.physics.excitation import slipper_profile, stages
+from swashtwin.physics.excitation import combined_lines, slipper_profile, stages
 from swashtwin.physics.loads import LoadCase, chamber_pressures
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import fourier_lines
@@ -75,9 +75,13 @@ def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) ->
 
 
 def riding_lines(
-    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect, n_lines: int
+    pump: Pump,
+    condition: OperatingCondition,
+    defect: SwashPlateDefect,
+    n_lines: int,
+    *,
+    scatter: Float[np.ndarray, " slipper"] | None = None,
 ) -> Complex[np.ndarray, " line"]:
     """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of `displacement_lines`."""
-    count = pump.rotating_group.piston_count
-    lines = fourier_lines(ride(pump, condition, defect).displacement)[: n_lines + 1]
-    return count * np.where(np.arange(n_lines + 1) % count == 0, lines, 0.0)[1:]
+    lines = fourier_lines(ride(pump, condition, defect).displacement)[1 : n_lines + 1]
+    return combined_lines(pump, np.arange(1, n_lines + 1), scatter) * lines

@@ -14,10 +14,9 @@ from .filler import register_filler as register_filler
 from .filler import require_count as require_count
 from .filler import sources_of as sources_of
 from .machine_check import require_same_machine as require_same_machine
-from .pump_prior import OrderChanges as OrderChanges
+from .prior_changes import OrderChanges as OrderChanges
+from .prior_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
-from .pump_prior import plausible_fault as plausible_fault
-from .pump_prior import simulate_changes as simulate_changes
 from .twin_windows import Background as Background
 from .twin_windows import SyntheticWindows as SyntheticWindows
 from .twin_windows import simulate_windows as simulate_windows
@@ -25,3 +24,5 @@ from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .variation import Variation as Variation
 from .variation import draw_twin as draw_twin
+from .virtual_pump import VirtualPump as VirtualPump
+from .virtual_pump import plausible_fault as plausible_fault

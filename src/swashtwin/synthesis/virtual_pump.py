@@ -1,0 +1,454 @@
+"""One virtual pump: power spectra of its healthy recordings and of its faults, with what no twin knows drawn at random.
+
+A real pump differs from any twin in ways that have names: contacts push and cannot pull, so faults strike and what is
+struck rings; a fault raises the noise floor, or does not; slippers and pistons differ; the drive, the grid and a second
+machine are heard; sensors sit on something. `PumpPrior` says how wide each is drawn, and from which source.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from jaxtyping import Complex, Float
+
+from swashtwin.foundation import deg, mm, um
+from swashtwin.physics import (
+    HarmonicBalance,
+    LoadCase,
+    SensorPath,
+    Structure,
+    assemble,
+    contact_lines,
+    displacement_lines,
+    excitation_lines,
+    fault_forces,
+    force_lines,
+    riding_lines,
+    turning_terms,
+    worn_values,
+)
+from swashtwin.pump import (
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    LooseSlipper,
+    OperatingCondition,
+    PistonWear,
+    Pump,
+    SealingLandScratch,
+    SwashPlateDefect,
+    TiltedBlockFace,
+    ValvePlateWear,
+)
+from swashtwin.synthesis.pump_prior import PumpPrior, log_uniform, operating_range, spread
+
+CELLS = 8
+"""Cells of a spectrum from order to order: segments are eight turns long."""
+_AVERAGES = 12
+"""Segments whose spectra a recording averages: 4 s at 14 turns a second hold 13 that overlap by half."""
+OTHER = "other"
+"""Class of what is wrong with a pump and is none of the four faults."""
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """What strikes, once a turn and piston at each of some angles, more or less irregularly."""
+
+    impulse: float
+    """Mean impulse [N s]."""
+    angles: tuple[float, ...]
+    """Angles of a piston [rad] at which it strikes."""
+    shares: Float[np.ndarray, " piston"]
+    """Share of each piston."""
+    direction: int
+    """0 along the slippers' contact, 1 across in a bore, 2 along the valve plate's film."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trouble:
+    """What is wrong with a pump in one recording."""
+
+    faults: tuple[Fault, ...] = ()
+    """Faults of the twin; two are a compound."""
+    impacts: tuple[Impacts, ...] = ()
+    """Impacts that it adds."""
+    noise: float = 0.0
+    """Logarithm by which it raises the power of the noise floor."""
+    unbalance: float = 1.0
+    """Factor on the rotor's eccentricity."""
+    bearing: float = 0.0
+    """Power of the lines of a damaged bearing over that of a healthy recording."""
+
+
+def plausible_fault(label: str, rng: np.random.Generator) -> Fault | None:
+    """Fault of a class with a severity log-uniform over a decade around what physics.md, section 5, calls plausible.
+
+    The middles: recess 0.1 mm (what rejects a pump), bush 120 um, clearance 40 um, dam scratch 1 mm^2, grooves 2 deg,
+    plate film 7 um. A defect is anywhere on the pressure side; a bush is felt over +-20...50 deg. No law of contact is
+    known to hold, so a recess is drawn with each.
+    """
+    factor = float(10 ** rng.uniform(-0.5, 0.5))
+    angle = math.radians(rng.uniform(200, 340))
+    if label == "swash_plate":
+        recess = SwashPlateDefect(depth=mm(0.1) * factor, length=mm(30), width=mm(24), angle=angle)
+        return replace(recess, contact=rng.choice(("shared", "lift_off", "physical"), p=(0.5, 0.35, 0.15)))
+    if label == "cylinder_block":
+        return BoreDefect(depth=um(120) * factor, half_width=deg(rng.uniform(20, 50)), angle=angle)
+    if label == "piston":
+        return PistonWear(clearance=um(40) * factor)
+    if label == "valve_plate":
+        kind = rng.random()
+        if kind < 0.4:
+            return DamScratch(area=1e-6 * factor)
+        return GrooveErosion(advance=deg(2) * factor) if kind < 0.8 else ValvePlateWear(film_increase=um(7) * factor)
+    return None
+
+
+@dataclass(eq=False)
+class VirtualPump:
+    """One pump of a prior, and all that is the same in its recordings."""
+
+    prior: PumpPrior
+    rng: np.random.Generator
+    drawing: Pump
+    highest: int
+    """Highest shaft order."""
+    program: int = 0
+    """0: a twin's pump; 1: its faults strike; 2: they also raise the noise floor."""
+    pump: Pump = field(init=False)
+
+    def __post_init__(self) -> None:
+        prior, rng = self.prior, self.rng
+        self.program = int(rng.integers(3))
+        nominal, timing = self.drawing, rng.normal(0, prior.timing, 2)
+        plate = nominal.valve_plate
+        plate = replace(
+            plate, discharge_open=plate.discharge_open + timing[0], suction_open=plate.suction_open + timing[1]
+        )
+        eccentricity = nominal.masses.rotor_eccentricity * float(spread(rng, prior.unbalance, 1)[0])
+        self.pump = replace(nominal, masses=replace(nominal.masses, rotor_eccentricity=eccentricity), valve_plate=plate)
+        self.count = nominal.rotating_group.piston_count
+        group = nominal.rotating_group
+        self.clearances = group.piston_clearance * np.clip(rng.normal(1, prior.clearances, self.count), 0.3, None)
+        self.slippers = rng.normal(1, prior.slippers, self.count)
+        self.care = log_uniform(rng, prior.care)
+        self.setting = log_uniform(rng, prior.care)
+        self.warming = rng.random()
+        speed, pressure = operating_range(nominal, prior)
+        self.speed, self.pressure = rng.uniform(*speed), rng.uniform(*pressure)
+        self.values = np.array(nominal.interfaces.values()) * spread(rng, prior.interfaces, 6)
+        self.exponent = rng.uniform(*prior.viscosity)
+        self.following = log_uniform(rng, prior.following)
+        self.orders = np.arange(self.highest + 1)
+        self.structure = assemble(self.pump)
+        self.sensors = len(self.structure.sensor_rows)
+        self.pulse = log_uniform(rng, prior.pulse)
+        self.irregular, self.jitter = rng.uniform(*prior.irregular), math.radians(rng.uniform(0, 3))
+        self.one_sided = rng.random()
+        self.ringing = _modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
+        self.rattle = self._joints() if self.program and rng.random() < 0.5 else ()
+
+    def _joints(self) -> tuple[Impacts, ...]:
+        """Impacts of a healthy pump, where the force on each piston changes its sign."""
+        impulse = log_uniform(self.rng, (self.prior.impulse[0] / 2, self.prior.impulse[1] / 8))
+        shares = spread(self.rng, 0.2, self.count)
+        return (Impacts(impulse, tuple(np.radians([8.0, 188.0])), shares, int(self.rng.choice([0, 2]))),)
+
+    def trouble(self, label: str) -> Trouble:
+        """What is wrong in a recording of a class."""
+        rng = self.rng
+        if label == "normal":
+            return Trouble()
+        if label == OTHER:
+            return self._other_trouble()
+        fault = plausible_fault(label, rng)
+        assert fault is not None
+        return Trouble((fault,), self._strikes(fault) if self.program else (), self._noise_rise())
+
+    def _noise_rise(self) -> float:
+        return float(self.rng.uniform(0, self.prior.noise_rise)) if self.program == 2 else 0.0
+
+    def _other_trouble(self) -> Trouble:
+        """What the four classes do not hold."""
+        rng, factor = self.rng, float(10 ** self.rng.uniform(-0.5, 0.5))
+        rise = self._noise_rise()
+        kind = rng.choice(7, p=(0.15, 0.15, 0.1, 0.25, 0.1, 0.15, 0.1))
+        if kind == 0:
+            return Trouble((SealingLandScratch(conductance=1.2e-12 * factor),), noise=rise)
+        if kind == 1:
+            return Trouble((LooseSlipper(clearance=mm(0.1) * factor),), noise=rise)
+        if kind == 2:
+            return Trouble((TiltedBlockFace(variation=min(0.25 * factor, 0.9)),), noise=rise)
+        if kind == 3:
+            first, second = rng.permutation(["swash_plate", "cylinder_block", "piston", "valve_plate"])[:2]
+            faults = tuple(plausible_fault(str(label), rng) for label in (first, second))
+            strikes = tuple(item for fault in faults for item in self._strikes(fault)) if self.program else ()
+            return Trouble(faults, strikes, rise)  # type: ignore[arg-type]
+        if kind == 4:
+            return Trouble(noise=float(rng.uniform(0.5, self.prior.noise_rise)))
+        if kind == 5:
+            return Trouble(noise=rise, bearing=log_uniform(rng, (1e-3, 1.0)))
+        return Trouble(noise=rise, unbalance=float(rng.uniform(3, 30)))
+
+    def _strikes(self, fault: Fault | None) -> tuple[Impacts, ...]:
+        """Impacts of a fault at the edges of a defect, or where the force on a piston changes its sign."""
+        rng = self.rng
+        impulse = log_uniform(rng, self.prior.impulse)
+        alone, all_pistons = np.eye(self.count)[0], spread(rng, 0.3, self.count)
+        if isinstance(fault, BoreDefect):
+            edges = (fault.angle - fault.half_width, fault.angle + fault.half_width)
+            return (Impacts(impulse, _some(edges, rng), alone, 1),)
+        if isinstance(fault, SwashPlateDefect):
+            reach = fault.length / 2 / self.pump.rotating_group.pitch_radius
+            return (Impacts(impulse, _some((fault.angle - reach, fault.angle + reach), rng), all_pistons, 0),)
+        if rng.random() < 0.5:  # leakage alone
+            return ()
+        angles = _some((math.radians(8), math.radians(188)), rng)
+        if isinstance(fault, PistonWear):
+            return (Impacts(impulse, angles, alone, int(rng.choice([0, 1]))),)
+        return (Impacts(impulse, angles, all_pistons, int(rng.choice([0, 2]))),)
+
+    def spectra(self, labels: tuple[str, ...]) -> Float[np.ndarray, "recording sensor cell"]:
+        """Power of one recording of each class in each cell of an eighth of an order, from 0 on."""
+        prior, rng, pump = self.prior, self.rng, self.pump
+        troubles = [self.trouble(label) for label in labels]
+        warm = rng.uniform(*prior.temperature)
+        conditions = [
+            OperatingCondition(
+                speed=self.speed * (1 + prior.speed_setting * self.setting * rng.uniform(-1, 1)),
+                discharge_pressure=self.pressure * (1 + prior.pressure_setting * self.setting * rng.uniform(-1, 1)),
+                oil_temperature=warm + (rng.uniform(*prior.temperature) - warm) * self.warming,
+            )
+            for _ in labels
+        ]
+        frequency = np.array([condition.speed for condition in conditions])[:, None] * self.orders
+        hertz = frequency / (2 * math.pi)
+        forces, worn, floors = [], [], []
+        for trouble, condition, along in zip(troubles, conditions, frequency, strict=True):
+            force, values = self._forces(trouble, condition, along)
+            beating, floor = self._impacts(trouble, condition)
+            forces.append(force + torch.as_tensor(beating))
+            worn.append(values)
+            floors.append(floor)
+        supports = torch.as_tensor(spread(rng, prior.supports, 9)).expand(len(labels), 9)
+        damping = self.structure.damping(torch.stack(worn))
+        stiffness = self.structure.stiffness(torch.stack(worn), supports[:, 0], supports[:, 1], supports[:, 2:])
+        along, force = torch.as_tensor(frequency), torch.stack(forces)
+        solver = HarmonicBalance()
+        motion = solver.steady_state(self.structure.mass, damping, stiffness, along, force)
+        for row, (trouble, values) in enumerate(zip(troubles, worn, strict=True)):
+            for fault in trouble.faults:
+                for term in turning_terms(fault, pump, values):
+                    further = _turned(term.stiffness, motion[row])
+                    one = slice(row, row + 1)
+                    motion[row] += solver.steady_state(
+                        self.structure.mass, damping[one], stiffness[one], along[one], further[None]
+                    )[0]
+        directions = torch.stack(list(_directions(self.structure)))[:, None, :].expand(-1, self.orders.size, -1)
+        struck = solver.steady_state(
+            self.structure.mass, damping[:1], stiffness[:1], along[:1], directions.to(motion.dtype)
+        )
+        rows = self.structure.sensor_rows.numpy()
+        shell = np.einsum("rlk,sk->rsl", motion.numpy(), rows) * -(frequency[:, None] ** 2)
+        transfer = np.einsum("dlk,sk->dsl", struck.numpy(), rows) * -(frequency[:1, None] ** 2)
+        path = self._path(hertz)
+        mixing = self._mixing(len(labels))
+        lines = np.abs(mixing @ (shell * path)) ** 2 / 2
+        healthy = float(lines[0].sum(axis=-1).mean())
+        floor = np.einsum("rdl,rdsl->rsl", np.array(floors), np.abs(transfer[None] * path[:, None]) ** 2)
+        floor = floor + self._noise(hertz, np.abs(path) ** 2, troubles) * healthy
+        power = lines[..., 1:] @ self._smear() + np.repeat(floor, CELLS, axis=-1)[..., : CELLS * self.highest] / CELLS
+        power += healthy * self._foreign(troubles)
+        averages = rng.gamma(_AVERAGES, 1 / _AVERAGES, power.shape)
+        return np.asarray(power * averages)
+
+    def _forces(
+        self, trouble: Trouble, condition: OperatingCondition, frequency: Float[np.ndarray, " line"]
+    ) -> tuple[Complex[torch.Tensor, "line 13"], Float[torch.Tensor, " 6"]]:
+        """Force lines from order 0 on of pressures and faults, and the interface values."""
+        prior, rng, pump = self.prior, self.rng, self.pump
+        viscosity = pump.oil.viscosity_at(condition.oil_temperature) / pump.oil.viscosity
+        assembled = self.values * spread(rng, prior.assembly * self.care, 6)
+        assembled[::2] *= viscosity**self.exponent
+        values = torch.as_tensor(assembled)
+        clearances = self.clearances.copy()
+        pressing: Fault | None = None
+        straining = torch.zeros(self.orders.size, 13, dtype=torch.complex128)
+        for fault in trouble.faults:
+            values = worn_values(pump, fault, values)
+            if isinstance(fault, PistonWear):
+                clearances[fault.piston] += fault.clearance
+                continue
+            if not isinstance(fault, BoreDefect):
+                pressing = fault
+            motion = excitation_lines(pump, condition, fault, self.highest)
+            if isinstance(fault, SwashPlateDefect):
+                law = riding_lines if fault.contact == "lift_off" else displacement_lines
+                motion[1:] = law(pump, condition, fault, self.highest, scatter=self.slippers)
+                if fault.contact == "shared":
+                    motion = motion / (1 + (frequency / (2 * math.pi * self.following)) ** 2)
+            force = fault_forces(pump, self.structure, "T1", fault, values, frequency, motion)
+            if isinstance(fault, BoreDefect) and self.program:
+                force = force * self.one_sided
+            straining += force
+            contact = contact_lines(fault, pump, condition, self.highest, "T1")
+            if contact is not None:
+                straining += torch.as_tensor(contact)
+        eccentricity = pump.masses.rotor_eccentricity * trouble.unbalance
+        unbalanced = replace(pump, masses=replace(pump.masses, rotor_eccentricity=eccentricity))
+        case = LoadCase(unbalanced, condition, pressing, tuple(clearances.tolist()))
+        return straining + torch.as_tensor(force_lines([case], self.highest)[0]), values
+
+    def _impacts(
+        self, trouble: Trouble, condition: OperatingCondition
+    ) -> tuple[Complex[np.ndarray, "line 13"], Float[np.ndarray, "direction line"]]:
+        """Force lines of impacts, and the power [N^2 per order] of their irregularity along each direction."""
+        shaft, directions = condition.shaft_frequency, [row.numpy() for row in _directions(self.structure)]
+        frequency = self.orders * shaft
+        turned = 2 * np.pi * np.arange(self.count) / self.count
+        product = frequency * self.pulse
+        shape = np.where(
+            np.abs(product - 0.5) < 1e-3, math.pi / 4, np.cos(np.pi * product) / (1 - 4 * product**2 + 1e-12)
+        )
+        heard = shape * self.ringing.response(torch.as_tensor(frequency)).numpy()[0]
+        lines = np.zeros((self.orders.size, 13), dtype=complex)
+        floor = np.zeros((len(directions), self.orders.size))
+        for item in (*self.rattle, *trouble.impacts):
+            impulse = item.impulse * float(spread(self.rng, 0.3 * self.care, 1)[0])
+            at = (np.array(item.angles)[:, None] - turned).ravel()
+            shares = np.tile(item.shares, len(item.angles))
+            kept = np.exp(-((self.orders * self.jitter) ** 2) / 2)
+            struck = np.exp(-1j * self.orders[:, None] * at) @ shares
+            amplitude = 2 * shaft * impulse * heard
+            lines += (amplitude * kept * struck)[:, None] * directions[item.direction]
+            scatter = 1 + self.irregular**2 - kept**2
+            floor[item.direction] += np.abs(amplitude) ** 2 / 2 * (shares**2).sum() * scatter
+        lines[0] = 0
+        return lines, floor
+
+    def _path(self, hertz: Float[np.ndarray, "recording line"]) -> Complex[np.ndarray, "recording sensor line"]:
+        """Housing, mounting and gain of each sensor."""
+        prior, rng = self.prior, self.rng
+        along = torch.as_tensor(hertz)
+        housing = _modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share).response(along).numpy()
+        resonance = np.array([log_uniform(rng, prior.mounting) for _ in range(self.sensors)])
+        resonance = resonance * spread(rng, 0.03 * self.care, (len(hertz), self.sensors))
+        ratio = hertz[:, None] / resonance[..., None]
+        gain = spread(rng, 0.05 * self.care, (len(hertz), self.sensors, 1))
+        return housing * gain / (1 - ratio**2 + 0.1j * ratio)
+
+    def _mixing(self, count: int) -> Float[np.ndarray, "recording sensor sensor"]:
+        off = 1 - np.eye(self.sensors)
+        cross_talk = self.rng.normal(0, self.prior.cross_talk, (count + 1, self.sensors, self.sensors)) * off
+        return np.asarray(np.eye(self.sensors) + cross_talk[0] + self.care * cross_talk[1:])
+
+    def _noise(
+        self,
+        hertz: Float[np.ndarray, "recording line"],
+        response: Float[np.ndarray, "recording sensor line"],
+        troubles: list[Trouble],
+    ) -> Float[np.ndarray, "recording sensor line"]:
+        """Power of the noise in each order over that of a healthy recording: pink below 300 Hz, colored by the housing
+        and at random; a fault raises all of it, or rather the high frequencies."""
+        prior, rng, middle = self.prior, self.rng, np.maximum(hertz[0], 10)
+        tilt = rng.uniform(-0.5, 0.5)
+        color = (1 + 300 / np.maximum(middle, 30)) / (1 + (middle / log_uniform(rng, (2e3, 8e3))) ** 2)
+        color = response * color * (middle / 1000) ** tilt
+        color[..., 0] = 0
+        share = color / color[0].sum(axis=-1, keepdims=True)
+        size = log_uniform(rng, prior.noise) ** 2 * spread(rng, 0.3, (self.sensors, 1)) * share
+        deviation = log_uniform(rng, prior.noise_scatter)
+        level = rng.normal(0, deviation, (len(troubles), 1, 1)) + _smooth(
+            rng, deviation / 2, (len(troubles), self.sensors), middle
+        )
+        rise = np.array([trouble.noise for trouble in troubles])[:, None, None]
+        corner, slope = log_uniform(rng, (50.0, 3000.0)), rng.uniform(0, 2)
+        shape = 1 / (1 + (corner / middle) ** slope) * np.exp(_smooth(rng, 0.3, (len(troubles), 1), middle))
+        return np.asarray(size * np.exp(level + rise * shape))
+
+    def _smear(self) -> Float[np.ndarray, "order cell"]:
+        """Share of each line's power in each cell: the taper's main lobe, widened by the speed's wandering."""
+        cells, orders = CELLS * self.highest, self.orders[1:, None]
+        half = np.maximum(log_uniform(self.rng, self.prior.wandering) * orders * CELLS, 0.3)
+        reach = np.arange(-math.ceil(half.max()) - 3, math.ceil(half.max()) + 4)
+        at = np.linspace(-2, 2, 81)
+        lobe = np.cumsum(np.cos(np.pi / 4 * at) ** 4)
+        shares = np.interp(reach + half, at, lobe / lobe[-1]) - np.interp(reach - half, at, lobe / lobe[-1])
+        shares /= shares.sum(axis=1, keepdims=True)
+        matrix = np.zeros((self.highest, cells + reach.size))
+        np.put_along_axis(matrix, np.maximum(orders * CELLS + reach, 0), shares, axis=1)
+        return matrix[:, :cells]
+
+    def _foreign(self, troubles: list[Trouble]) -> Float[np.ndarray, "recording sensor cell"]:
+        """Power over that of a healthy recording of what else runs: single lines, a second machine, a bad bearing."""
+        prior, rng = self.prior, self.rng
+        power = np.zeros((len(troubles), self.sensors, CELLS * self.highest))
+
+        def add(order: float, row: slice | int, size: float) -> None:
+            cell = int(round(order * CELLS))
+            if 1 < cell < power.shape[-1] - 1:
+                of_sensor = size * spread(rng, 1.0, (self.sensors, 1))
+                power[row, :, cell - 1 : cell + 2] += of_sensor * np.array([0.2, 0.6, 0.2]) * (
+                    spread(rng, 0.5, (len(troubles), 1, 1)) if isinstance(row, slice) else 1
+                )
+
+        for _ in range(rng.poisson(3)):
+            add(log_uniform(rng, (0.3, 300)), slice(None), log_uniform(rng, prior.foreign))
+        if rng.random() < 0.5:
+            ratio, size, fall = log_uniform(rng, (0.3, 10)), log_uniform(rng, prior.foreign), rng.uniform(0.3, 2)
+            for harmonic in range(1, 20):
+                add(ratio * harmonic, slice(None), size / harmonic**fall)
+        for row, trouble in enumerate(troubles):
+            if trouble.bearing:
+                ratio, fall = rng.uniform(2.5, 9.5), rng.uniform(0, 1.5)
+                for harmonic in range(1, 30):
+                    for side in (-1, 0, 1):
+                        size = trouble.bearing / 30 * (0.3 if side else 1) / harmonic**fall
+                        add(ratio * harmonic + side, row, size)
+        return power
+
+
+def _directions(structure: Structure) -> tuple[torch.Tensor, ...]:
+    """Unit forces along which impacts act."""
+    axial = torch.zeros(13, dtype=torch.float64)
+    axial[7], axial[2] = 1.0, -1.0
+    return structure.slipper_vector, structure.lateral_vector, axial
+
+
+def _turned(matrix: torch.Tensor, motion: torch.Tensor) -> torch.Tensor:
+    """Force lines -Re(M exp(i theta)) x of a stiffness that turns with the shaft, to first order."""
+    force = torch.zeros_like(motion)
+    force[1:] += motion[:-1] @ matrix.T / 2
+    force[1] += motion[0] @ matrix.T / 2
+    force[:-1] += motion[1:] @ matrix.conj().T / 2
+    return -force
+
+
+def _modes(
+    rng: np.random.Generator, count: int, channels: int, frequency: tuple[float, float], share: float
+) -> SensorPath:
+    """Modes with random frequencies and shares."""
+    return SensorPath(
+        gain=(1.0,) * channels,
+        frequency=tuple(log_uniform(rng, frequency) for _ in range(count)),
+        damping_ratio=tuple(rng.uniform(0.015, 0.05, count).tolist()),
+        residue=tuple(map(tuple, rng.normal(0, share, (channels, count)).tolist())),
+    )
+
+
+def _some(angles: tuple[float, ...], rng: np.random.Generator) -> tuple[float, ...]:
+    """One of the angles, or all."""
+    return angles if rng.random() < 0.5 else (angles[int(rng.integers(len(angles)))],)
+
+
+def _smooth(
+    rng: np.random.Generator, deviation: float, shape: tuple[int, ...], frequency: Float[np.ndarray, " line"]
+) -> Float[np.ndarray, "... line"]:
+    """Random curves over the logarithm of the frequency, with six knots."""
+    knots = np.linspace(np.log(frequency[0]), np.log(frequency[-1]), 6)
+    at = np.searchsorted(knots, np.log(frequency)).clip(1, 5)
+    share = (np.log(frequency) - knots[at - 1]) / (knots[at] - knots[at - 1])
+    values = rng.normal(0, deviation, (*shape, 6))
+    return np.asarray(values[..., at - 1] * (1 - share) + values[..., at] * share)

@@ -137,7 +137,7 @@ def _evidence_of(
 _HEADERS = {
     "classifier": ("recording", "verdict", "probability", "share of windows that agree", "could be"),
     "detector": ("recording", "verdict", "p-value", "what moved"),
-    "prior": ("recording", "verdict", "share of the trees"),
+    "prior": ("recording", "verdict", "probability"),
 }
 
 

@@ -9,7 +9,7 @@ from swashtwin.cli.console import note, progress, say, tell
 from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Json, PumpName, Seed
 from swashtwin.cli.outputs import Force, artifact_marks, require_output
-from swashtwin.foundation import plural
+from swashtwin.foundation import InputError, plural
 
 _FEW = 200
 """Virtual pumps for which no further processes are worth their start."""
@@ -20,36 +20,31 @@ _PRIOR = artifact_marks("prior classifier")
 def prior(
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("prior.safetensors"),
     pump: PumpName = "25scy14-1b",
-    count: Annotated[int, typer.Option(min=10, help="Virtual pumps; 30,000 take about 20 minutes of a core.")] = 10_000,
-    speed: Annotated[str | None, typer.Option(help='Speeds of the pumps, such as "800 rpm to 1200 rpm".')] = None,
-    pressure: Annotated[str | None, typer.Option(help='Their discharge pressures, such as "4 MPa to 17 MPa".')] = None,
+    count: Annotated[int, typer.Option(min=10, help="Virtual pumps; 2,000 take about 4 minutes of a core.")] = 2_000,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
-    from swashtwin.diagnosis import fit_prior
+    from swashtwin.diagnosis import make_prior
     from swashtwin.pump import load_pump
-    from swashtwin.synthesis import PumpPrior, simulate_changes
+    from swashtwin.synthesis import PumpPrior, operating_range, simulate_changes
 
     require_output(out, suffixes=[".safetensors"], inputs=[Path(pump)], own=_PRIOR, force=force)
-    drawing = PumpPrior(
-        pump=load_pump(pump),
-        speed=_range(speed, "rad/s", "--speed") or PumpPrior.speed,
-        pressure=_range(pressure, "Pa", "--pressure") or PumpPrior.pressure,
-    )
+    drawing = PumpPrior(pump=load_pump(pump))
+    speed, pressure = operating_range(drawing.pump, drawing)
     with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
         changes = simulate_changes(drawing, count, seed=seed, jobs=-1 if count > _FEW else 1, progress=bar)
-    n_pumps = len(set(changes.pump.tolist()))
-    model = fit_prior(
-        changes.bands,
+    n_pumps = len(changes.drawn)
+    model = make_prior(
         changes.change,
         changes.label,
+        changes.pump,
+        changes.scatter,
+        changes.drawn,
         pump=drawing.pump,
-        speed=drawing.speed,
-        pressure=drawing.pressure,
-        n_pumps=n_pumps,
-        seed=seed,
+        speed=speed,
+        pressure=pressure,
     )
     model.save(out)
 
@@ -63,34 +58,27 @@ def prior(
     tell(result, as_json, show)
 
 
-def _range(text: str | None, unit: str, option: str) -> tuple[float, float] | None:
-    """Two quantities with "to" between them."""
-    from swashtwin.foundation import parse
-
-    if text is None:
-        return None
-    ends = [part.strip() for part in text.split(" to ")]
-    if len(ends) != 2:
-        raise typer.BadParameter(f'{text!r} is no range; write two quantities: "A to B".', param_hint=option)
-    return parse(ends[0], unit, name=option), parse(ends[1], unit, name=option)
-
-
 def adapt(
     design: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("pump.safetensors"),
+    pistons: Annotated[
+        int | None, typer.Option(min=5, help="Pistons of the machine where it is of another design than the prior's.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index teach it further."""
     from swashtwin.diagnosis import PriorClassifier
-    from swashtwin.recordings import load_recordings
+    from swashtwin.recordings import declared_faults, load_recordings
 
     require_output(out, suffixes=[".safetensors"], inputs=[Path(design), source], own=_PRIOR, force=force)
+    if Path(design).is_dir() or Path(design).suffix == ".toml":
+        raise InputError(f"{design} holds recordings; the prior stands first: swashtwin model adapt PRIOR {design}")
     shipped, recordings = PriorClassifier.load(design), load_recordings(source)
     unlabeled = sum(recording.label is None for recording in recordings)
     with progress("measuring levels"):
-        model = shipped.fit(recordings)
+        model = shipped.fit(recordings, pistons=pistons, fault_of=declared_faults(source))
     model.save(out)
     result = {
         "model": out, "kind": "prior classifier", "prior": design, "pump": model.pump, "classes": model.classes,
@@ -103,7 +91,8 @@ def adapt(
             note(
                 f"note: {plural(unlabeled, 'recording')} without a class counted as healthy; label or leave out faults."
             )
-        note(f"note: its faults were simulated for {model.pump}; on another design its answers mean nothing.")
+        if pistons is None:
+            note(f"note: its faults were simulated for {model.pump}; of a pump of another design name the --pistons.")
         say(f"Next: swashtwin diagnose {out} FILE")
 
     tell(result, as_json, show)

@@ -16,7 +16,7 @@ from .level_change import level_changes as level_changes
 from .model_file import load_model as load_model
 from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier
-from .prior_classifier import fit_prior as fit_prior
+from .prior_making import make_prior as make_prior
 from .reasons import few_machines as few_machines
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier

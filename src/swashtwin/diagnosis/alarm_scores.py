@@ -23,6 +23,8 @@ class ClassAlarms:
     """Recordings with a verdict."""
     n_no_verdict: int
     """Recordings without one."""
+    no_verdict: str | None
+    """Why the first of these has none."""
     n_alarms: int
     """Recordings with an alarm."""
     n_named: int | None
@@ -98,8 +100,9 @@ def evaluate_alarms(
                 is_healthy=label == healthy,
                 n_recordings=len(judged),
                 n_no_verdict=len(members) - len(judged),
+                no_verdict=next((answer.no_verdict for answer in members if answer.label is None), None),
                 n_alarms=n_alarms,
-                n_named=None if is_detector else sum(is_same_class(answer.label, label) for answer in judged),
+                n_named=None if is_detector else sum(is_same_class(answer.verdict, label) for answer in judged),
                 share=share,
                 interval=(0.0, 1.0) if share is None else wilson_interval(share, len(judged)),
                 auroc=None if label == healthy else _auroc(usual, scores),

@@ -32,7 +32,7 @@ class Diagnosis:
     probabilities: Mapping[str, float] = field(default_factory=dict)
     """Probability of each class, pooled over the windows with the temperature and the dependence that validation
     recordings gave. Without `error_rate` it is a score between classes rather than a calibrated chance: the windows of
-    one recording are not independent, and count as a single one. Of a prior it is the share of the trees."""
+    one recording are not independent, and count as a single one. Of a prior it is calibrated on virtual pumps."""
     window_labels: tuple[str | None, ...] = ()
     """Likeliest class of each window, in order of time; None where a number of it is not finite."""
     error_rate: float | None = None
@@ -106,6 +106,8 @@ class Diagnosis:
             return f"no verdict: {self.no_verdict}"
         if self.kind == "detector":
             return self._detector_sentence()
+        if self.kind == "prior" and self.unknown:
+            return f"Unknown: {self.reasons[0]}"
         if self.error_rate is None:
             ranked = sorted(self.probabilities.items(), key=lambda item: -item[1])
             return f"{self.label} ({', '.join(f'{name} {share:.3f}' for name, share in ranked)})."

@@ -77,6 +77,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
     far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
+    far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
     certainty = (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
@@ -106,7 +107,7 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
     assert diagnosis.label is not None
     count, share = len(diagnosis.probabilities), percent(diagnosis.probabilities[diagnosis.label])
     if diagnosis.kind == "prior":
-        return (f"Of {count} classes this one has {share} of the votes of the pump prior's trees.",)
+        return (f"Of {count} classes the pump prior gives this one a probability of {share}.",)
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     kind = "score" if diagnosis.error_rate is None else "probability"
     return (
@@ -161,14 +162,14 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
     kind = "score" if diagnosis.error_rate is None else "probability"
     of_windows = f"{kind} of the class, all windows together"
-    panel.set_xlabel("share of the trees" if diagnosis.kind == "prior" else of_windows)
+    panel.set_xlabel("probability by virtual pumps" if diagnosis.kind == "prior" else of_windows)
     panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     panel.set_xticks([0, 0.2, 0.4, 0.6, 0.8, 1])
     panel.invert_yaxis()
     panel.grid(axis="y", visible=False)
     caption = "From the mean log-probability over the windows. It ranks the classes and is no calibrated probability."
     if diagnosis.kind == "prior":
-        caption = "Share of the votes of the pump prior's trees. It ranks the classes and is no calibrated probability."
+        caption = "Probability of each class, softened by virtual pumps whose effects taught nothing."
     if diagnosis.error_rate is not None:
         possible = ", ".join(words(name) for name in diagnosis.prediction_set)
         caption = (

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.foundation import InputError
-from swashtwin.signals.spectra import JITTER
 
+_WANDERING = 0.004
+"""Half-width of the speed's variation [relative] over which a piston pass is summed."""
 _FLOOR_SHARE = 0.25
 """Share of a band's cells that lie below its floor: lines fill fewer than the rest."""
 
@@ -18,9 +19,9 @@ _FLOOR_SHARE = 0.25
 class OrderBands:
     """Bands of one number of pistons, alike in number for all.
 
-    Shaft orders 1 to 3 one by one; each of the first `passes` piston passes, as wide as a wandering speed smears it; all
-    between order 3 and the first pass, and between each pass and the next; and `wide` logarithmic bands from there to
-    `highest` passes. Bands that hold no pass have a floor besides.
+    Shaft orders 1 to 3 one by one; each of the first `passes` piston passes, as wide as a wandering speed smears it;
+    all between order 3 and the first pass, and between each pass and the next; and `wide` logarithmic bands from there
+    to `highest` passes. Bands that hold no pass have a floor besides.
     """
 
     piston_count: int
@@ -46,7 +47,7 @@ class OrderBands:
         single = [(order - 0.5, order + 0.5) for order in (1, 2, 3)]
         passes, between = [], [(3.5, count - 0.5)]
         for here in range(count, (self.passes + 1) * count, count):
-            reach = min(0.5 + JITTER * here, count / 4)
+            reach = min(0.5 + _WANDERING * here, count / 4)
             passes.append((here - reach, here + reach))
             between.append((here + reach, here + count - reach))
         wide = np.geomspace((self.passes + 1) * count, self.highest * count, self.wide + 1)

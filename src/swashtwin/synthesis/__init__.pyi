@@ -17,6 +17,7 @@ from .machine_check import require_same_machine as require_same_machine
 from .prior_changes import OrderChanges as OrderChanges
 from .prior_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
+from .pump_prior import operating_range as operating_range
 from .twin_windows import Background as Background
 from .twin_windows import SyntheticWindows as SyntheticWindows
 from .twin_windows import simulate_windows as simulate_windows
@@ -24,5 +25,4 @@ from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .variation import Variation as Variation
 from .variation import draw_twin as draw_twin
-from .virtual_pump import VirtualPump as VirtualPump
-from .virtual_pump import plausible_fault as plausible_fault
+from .virtual_troubles import plausible_fault as plausible_fault

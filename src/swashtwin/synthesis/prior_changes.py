@@ -5,14 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 from joblib import delayed
 
 from swashtwin.foundation import InputError, SwashTwinError, parallel, stream
 from swashtwin.pump import CLASSES
 from swashtwin.signals import OrderBands
-from swashtwin.synthesis.pump_prior import PumpPrior
-from swashtwin.synthesis.virtual_pump import CELLS, OTHER, VirtualPump
+from swashtwin.synthesis.pump_prior import PumpPrior, draw_drawing
+from swashtwin.synthesis.virtual_pump import CELLS, VirtualPump
+from swashtwin.synthesis.virtual_troubles import OTHER
 
 _REFERENCES = 4
 """Healthy recordings of a virtual pump, of which one to all are its reference."""
@@ -25,13 +26,17 @@ class OrderChanges:
     """Changes of the levels of simulated recordings against the healthy ones of their pumps."""
 
     bands: OrderBands
-    """Bands of the levels."""
+    """Bands of the drawing's levels; a pump of another number of pistons has as many."""
     change: Float[np.ndarray, "recording channel level"]
     """Level (`OrderBands.levels`), less its mean over the pump's reference recordings."""
     label: Shaped[np.ndarray, " recording"]
     """Class of each recording."""
     pump: Int[np.ndarray, " recording"]
-    """Number of its pump."""
+    """Row of its pump."""
+    scatter: Float[np.ndarray, "pump channel level"]
+    """Standard deviation of the levels between healthy recordings of each pump."""
+    drawn: Bool[np.ndarray, " pump"]
+    """Whether each pump has a drawing of its own."""
 
 
 def simulate_changes(
@@ -44,7 +49,8 @@ def simulate_changes(
 ) -> OrderChanges:
     """Healthy recordings and one of each fault, of `count` virtual pumps, as changes against their references.
 
-    Only spectra of the steady state are computed, no samples: about 0.1 s of a core for a pump.
+    Every other pump has a drawing of its own (`draw_drawing`), for no machine is its drawing. Only spectra of the
+    steady state are computed, no samples: about 0.1 s of a core for a pump.
 
     Parameters
     ----------
@@ -55,42 +61,46 @@ def simulate_changes(
     Raises
     ------
     InputError
-        No pump, or none whose chamber pressures converge.
+        Fewer than two pumps, or none whose chamber pressures converge.
     """
-    if count < 1:
-        raise InputError(f"a pump prior needs a pump at least, not {count}.")
-    bands = OrderBands(prior.pump.rotating_group.piston_count)
+    if count < 2:
+        raise InputError(f"a pump prior needs two pumps at least, not {count}.")
     work = parallel(jobs, return_as="generator")(
-        delayed(_changes_of_pump)(prior, bands, seed, number) for number in range(count)
+        delayed(_changes_of_pump)(prior, seed, number) for number in range(count)
     )
     parts = []
     for number, part in enumerate(work, 1):
         parts.append(part)
         if progress is not None:
             progress(number, count)
-    drawn = [number for number, part in enumerate(parts) if part is not None]
-    if not drawn:
+    drawn = np.array([number % 2 == 1 for number, part in enumerate(parts) if part is not None], dtype=bool)
+    if not drawn.size:
         raise InputError(f"no chamber pressure of {count} virtual pumps of {prior.pump.name} converges.")
+    changes, scatter = zip(*(part for part in parts if part is not None), strict=True)
     return OrderChanges(
-        bands,
-        np.concatenate([part for part in parts if part is not None]),
-        np.tile(np.array(_TESTED), len(drawn)),
-        np.repeat(drawn, len(_TESTED)),
+        OrderBands(prior.pump.rotating_group.piston_count),
+        np.concatenate(changes),
+        np.tile(np.array(_TESTED), drawn.size),
+        np.repeat(np.arange(drawn.size), len(_TESTED)),
+        np.stack(scatter),
+        drawn,
     )
 
 
 def _changes_of_pump(
-    prior: PumpPrior, bands: OrderBands, seed: int, number: int
-) -> Float[np.ndarray, "recording channel level"] | None:
-    """Changes of one pump; None where the chamber pressures of one of its recordings do not converge."""
+    prior: PumpPrior, seed: int, number: int
+) -> tuple[Float[np.ndarray, "recording channel level"], Float[np.ndarray, "channel level"]] | None:
+    """(changes of one pump, its healthy scatter); None where the chamber pressures of a recording do not converge."""
     torch.set_num_threads(1)
     rng = stream(seed, "pump prior", number)
+    drawing = draw_drawing(rng) if number % 2 else prior.pump
+    bands = OrderBands(drawing.rotating_group.piston_count)
+    highest = int(bands.highest * bands.piston_count) + 1
     try:
-        power = VirtualPump(prior, rng, int(bands.highest * bands.piston_count) + 1).spectra(
-            ("normal",) * _REFERENCES + _TESTED
-        )
+        power = VirtualPump(prior, rng, drawing, highest).spectra(("normal",) * _REFERENCES + _TESTED)
     except SwashTwinError:
         return None
     levels = bands.levels(power, 1 / CELLS)
     references = levels[: int(rng.integers(1, _REFERENCES + 1))]
-    return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float32)
+    scatter = levels[:_REFERENCES].std(axis=0, ddof=1)
+    return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float16), scatter.astype(np.float16)

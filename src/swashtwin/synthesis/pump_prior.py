@@ -7,7 +7,7 @@ literature and `docs/explanation/physics.md` allow. No width was taken from the 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -20,12 +20,12 @@ from swashtwin.pump import Nameplate, Pump, load_pump, scaled_pump
 class PumpPrior:
     """Widths of all draws; a standard deviation of a natural logarithm where no unit stands."""
 
-    pump: Pump | None = None
-    """The drawing; None draws one for each pump (`draw_drawing`)."""
-    speed: tuple[float, float] | None = None
-    """Range of the speed [rad/s], uniform; None is 0.4 to 1.2 of the rated one."""
-    pressure: tuple[float, float] | None = None
-    """Range of the discharge pressure [Pa], uniform; None is 0.15 to 1.1 of the rated one."""
+    pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))
+    """The drawing."""
+    speed: tuple[float, float] = (0.4, 1.5)
+    """Range of the speed over the rated one, uniform."""
+    pressure: tuple[float, float] = (0.15, 1.15)
+    """Range of the discharge pressure over the rated one, uniform."""
     interfaces: float = 0.7
     """Of each interface value from pump to pump: 95 % lie within a factor of four of the drawing (physics.md, 4: a film
     of 7.5 or of 10 um)."""
@@ -86,7 +86,7 @@ class PumpPrior:
     """Range of the power of a foreign line (drive, grid, second machine) over a healthy recording's, log-uniform."""
 
     def __post_init__(self) -> None:
-        for name in ("temperature", "mode_frequency", "following", "noise", "impulse", "pulse"):
+        for name in ("speed", "pressure", "temperature", "mode_frequency", "following", "noise", "impulse", "pulse"):
             low, high = getattr(self, name)
             if not 0 < low <= high:
                 raise InputError(f"the {name} of a pump prior ({low:g} to {high:g}) must rise from a positive value.")
@@ -103,16 +103,26 @@ def log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:
 
 
 def operating_range(pump: Pump, prior: PumpPrior) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of the speed [rad/s] and of the discharge pressure [Pa] of a drawing."""
-    if pump.rated is None and (prior.speed is None or prior.pressure is None):
-        raise InputError(f"{pump.name} states no [rated] speed and pressure; give both ranges, or add them to its file.")
-    speed, pressure = (0.0, 0.0) if pump.rated is None else (pump.rated.speed, pump.rated.discharge_pressure)
-    return prior.speed or (0.4 * speed, 1.2 * speed), prior.pressure or (0.15 * pressure, 1.1 * pressure)
+    """Ranges of the speed [rad/s] and of the discharge pressure [Pa] of a drawing.
+
+    Raises
+    ------
+    InputError
+        It states no rated operating point.
+    """
+    if pump.rated is None:
+        raise InputError(f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file.")
+    low, high = prior.speed
+    least, most = prior.pressure
+    rated = pump.rated
+    return (low * rated.speed, high * rated.speed), (least * rated.discharge_pressure, most * rated.discharge_pressure)
 
 
 def draw_drawing(rng: np.random.Generator) -> Pump:
-    """A pump of 5 to 11 pistons, 10 to 200 mL, 1000 to 2600 rev/min and 14 to 35 MPa: what catalogs of swash plate pumps
-    offer, scaled from the drawing of the 25SCY14-1B (`pump.scaled_pump`)."""
+    """Drawing of a pump scaled from that of the 25SCY14-1B (`pump.scaled_pump`).
+
+    It has 5 to 11 pistons, 10 to 200 mL, 1000 to 2600 rev/min and 14 to 35 MPa: what catalogs offer.
+    """
     while True:
         plate = Nameplate(
             displacement=log_uniform(rng, (10e-6, 200e-6)),

@@ -5,14 +5,14 @@ recordings from its first days, which others are compared with; they are never t
 a few of each beside the prior, or all of them alone (an oracle).
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import DataError, stream
-from swashtwin.learning import Forest, fit_forest
+from swashtwin.learning import fit_forest
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
@@ -32,8 +32,12 @@ METRICS = {
     "recording_accuracy": "recordings right",
     "recording_balanced_accuracy": "balanced accuracy by recording",
     "false_alarm_rate": "false alarms",
+    "sure_and_wrong": "sure and wrong",
     **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in CLASSES},
 }
+
+SURE = 0.8
+"""Probability from which an answer counts as sure."""
 
 PRIOR = "pump prior"
 """The training set without a measured fault."""
@@ -200,69 +204,47 @@ def prior_trials(
     prior : the shipped one by default.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    adapted = (prior or PriorClassifier.load("25scy14-1b")).fit([by_id[name] for name in sorted(split.healthy)])
-    rows = _Rows(
-        changes={name: adapted.change(by_id[name])[0].ravel() for name in sorted(by_id)},
-        labels={name: str(recording.label) for name, recording in by_id.items()},
-        classes=adapted.classes,
-        seed=seed,
-    )
-    pool = {
-        label: [name for name in sorted(split.faulty) if rows.labels[name] == label] for label in adapted.classes[1:]
-    }
+    healthy, shipped = [by_id[name] for name in sorted(split.healthy)], prior or PriorClassifier.load("25scy14-1b")
+    adapted = shipped.fit(healthy)
+    classes = adapted.classes[:-1]
+    changes = {name: adapted.change(by_id[name])[0] for name in sorted(by_id)}
+    labels = {name: str(recording.label) for name, recording in by_id.items()}
+    pool = {label: [name for name in sorted(split.faulty) if labels[name] == label] for label in classes[1:]}
     faulty = [name for names in pool.values() for name in names]
-    forests = {PRIOR: adapted.forest}
+    answers: dict[str, Answer] = {PRIOR: _answer_of(adapted)}
     rng = stream(seed, "few-shot")
     draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
     for count in SHOTS:
         names = [name for drawn in draws.values() for name in drawn[:count]]
         if all(len(drawn) >= count for drawn in draws.values()) and names:
-            forests[few_shot(count)] = rows.teach(adapted, names)
-    if faulty:
-        forests |= rows.learn_measured(ORACLE, adapted, faulty)
-    yield from rows.trials(forests, split.tests)
+            answers[few_shot(count)] = _answer_of(shipped.fit([*healthy, *(by_id[name] for name in names)]))
+    moves = adapted.healthy_changes()
+    if faulty and len(moves):
+        target = [0] * len(moves) + [classes.index(labels[name]) for name in faulty]
+        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(target), -1)
+        forest = fit_forest(values, np.array(target), len(classes), seed=seed)
+        answers[ORACLE] = lambda rows: forest.predict_proba(rows.reshape(len(rows), -1))
+    for training_set, answer in answers.items():
+        for test, ids in split.tests.items():
+            probability = answer(np.stack([changes[name] for name in sorted(ids)]))
+            target = [classes.index(labels[name]) for name in sorted(ids)]
+            factors = {"training_set": training_set, "test": test}
+            yield Trial(factors, seed, recording_scores(probability, np.array(target), classes))
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Changes of all recordings of a fleet, from which forests learn and on which they are tested."""
-
-    changes: Mapping[str, np.ndarray]
-    """Of each recording, by its id."""
-    labels: Mapping[str, str]
-    """Class of each."""
-    classes: tuple[str, ...]
-    """In the order of the probabilities."""
-    seed: int
-    """Of the fleet."""
-
-    def teach(self, adapted: PriorClassifier, names: Sequence[str]) -> Forest:
-        """The adapted prior's forest after these measured faults."""
-        return adapted.taught_by(
-            np.stack([self.changes[name] for name in names]), [self.labels[name] for name in names]
-        ).forest
-
-    def learn_measured(self, training_set: str, adapted: PriorClassifier, names: Sequence[str]) -> dict[str, Forest]:
-        """A forest of these measured faults and the healthy recordings alone; none without two healthy ones."""
-        healthy = adapted.healthy_changes()
-        if not len(healthy):
-            return {}
-        target = [0] * len(healthy) + [self.classes.index(self.labels[name]) for name in names]
-        values = np.stack([*healthy, *(self.changes[name] for name in names)])
-        return {training_set: fit_forest(values, np.array(target), len(self.classes), seed=self.seed)}
-
-    def trials(self, forests: Mapping[str, Forest], tests: Mapping[str, Collection[str]]) -> Iterator[Trial]:
-        """Scores of each forest on the recordings of each test."""
-        for training_set, forest in forests.items():
-            for test, ids in tests.items():
-                predicted = forest.predict_proba(np.stack([self.changes[name] for name in sorted(ids)])).argmax(axis=1)
-                target = np.array([self.classes.index(self.labels[name]) for name in sorted(ids)])
-                factors = {"training_set": training_set, "test": test}
-                yield Trial(factors, self.seed, recording_scores(predicted, target, self.classes))
+Answer = Callable[[np.ndarray], np.ndarray]
+"""Probabilities of the classes for changes; a further class, of what is none of them, may stand last."""
 
 
-def recording_scores(predicted: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:
-    """Scores by recording; the first class is the healthy one."""
+def _answer_of(adapted: PriorClassifier) -> Answer:
+    head = adapted.head
+    assert head is not None
+    return head.predict_proba
+
+
+def recording_scores(probability: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:
+    """Scores of the likeliest class by recording; the first class is the healthy one."""
+    predicted = probability[:, : len(classes)].argmax(axis=1)
     recalls = {
         name: float(np.mean(predicted[target == index] == index)) if (target == index).any() else float("nan")
         for index, name in enumerate(classes)
@@ -270,6 +252,7 @@ def recording_scores(predicted: np.ndarray, target: np.ndarray, classes: Sequenc
     return {
         "recording_balanced_accuracy": float(np.nanmean(list(recalls.values()))),
         "recording_accuracy": float(np.mean(predicted == target)),
+        "sure_and_wrong": float(np.mean((predicted != target) & (probability[:, : len(classes)].max(axis=1) >= SURE))),
         "false_alarm_rate": 1 - recalls[classes[0]],
         **{f"recall_{name}": recall for name, recall in recalls.items()},
     }

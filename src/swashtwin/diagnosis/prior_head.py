@@ -1,0 +1,219 @@
+"""What a prior makes of a machine's healthy recordings: changes laid on their scatter, and a network fitted to these.
+
+Changes of measured and of virtual recordings alike are divided by the healthy scatter of their own pump; the directions
+in which the machine's healthy recordings differ are shrunk by 1 / sqrt(1 + v / lambda), v being the variance along each
+(as structural health monitoring removes temperature and load: arXiv 2409.17735). Then two small networks learn the
+classes of the virtual changes.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int, Int64
+
+from swashtwin.foundation import InputError
+from swashtwin.signals import OrderBands
+
+LAMBDA = 0.1
+"""Variance, in squared healthy scatters, from which a healthy direction is shrunk; chosen on fleets 100-103 of both
+versions of the rig."""
+TEMPERATURE = 1.5
+"""Divides the networks' logits: on virtual pumps whose program of effects taught nothing, the likelihood is flat from
+1.1 to 1.6."""
+UNKNOWN_RATE = 0.05
+"""Share of virtual recordings of the prior's own classes that are called unlike them."""
+MOVED = 1.5
+"""Root mean square of the lines' changes, in healthy scatters, up to which only the noise floor counts as changed."""
+FEW_SHOT_WEIGHT = 30.0
+"""What a measured fault counts against a virtual recording."""
+_USUAL = 6
+"""Recordings for which the usual scatter of virtual pumps counts in a pump's own."""
+_REFERENCES = 4
+"""Recordings that a virtual pump's own scatter comes from."""
+_HELD_OUT = 7
+"""Every so manyth virtual pump teaches nothing and says what is unlike the prior."""
+_UNITS, _NETWORKS, _EPOCHS = 64, 2, 12
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualChanges:
+    """Changes of virtual pumps, as `synthesis.OrderChanges` has them."""
+
+    change: Float[np.ndarray, "row channel level"]
+    """Change of each recording."""
+    target: Int[np.ndarray, " row"]
+    """Its class; the last class is whatever is none of the others."""
+    number: Int[np.ndarray, " row"]
+    """Row of its pump."""
+    scatter: Float[np.ndarray, "pump channel level"]
+    """Healthy scatter of each pump."""
+    drawn: Bool[np.ndarray, " pump"]
+    """Whether a pump has a drawing of its own."""
+
+    def require_shape(self, n_channels: int, n_levels: int, n_classes: int) -> None:
+        """Refuse arrays that do not fit each other."""
+        rows, pumps, shape = len(self.change), len(self.scatter), (n_channels, n_levels)
+        if self.change.shape[1:] != shape or self.scatter.shape[1:] != shape or len(self.drawn) != pumps:
+            raise InputError("its virtual pumps do not fit the channels and levels.")
+        for values, limit in ((self.target, n_classes), (self.number, pumps)):
+            if values.shape != (rows,) or (rows and not 0 <= values.min() <= values.max() < limit):
+                raise InputError("its virtual recordings do not fit their classes and pumps.")
+
+    def of(
+        self, pumps: Bool[np.ndarray, " pump"], channels: list[int], measured: Bool[np.ndarray, "channel level"]
+    ) -> "VirtualChanges":
+        """Those of some pumps and channels in double precision, zero in levels that a machine's recordings lack."""
+        rows = pumps[self.number]
+        number = (np.cumsum(pumps) - 1)[self.number[rows]]
+        change, scatter = (
+            part[:, channels] * measured.astype(float) for part in (self.change[rows], self.scatter[pumps])
+        )
+        return VirtualChanges(change, self.target[rows], number, scatter, self.drawn[pumps])
+
+
+@dataclass(frozen=True, eq=False)
+class PriorHead:
+    """What maps changes of one machine to classes."""
+
+    scale: Float64[np.ndarray, " column"]
+    """Healthy scatter of each level; 0 for one that is not looked at."""
+    line_scale: Float64[np.ndarray, " line"]
+    """The same of the lines (`_lines`)."""
+    direction: Float64[np.ndarray, "direction column"]
+    """Directions in which healthy recordings differ."""
+    shrinkage: Float64[np.ndarray, " direction"]
+    """What is taken away along each."""
+    inner: Float64[np.ndarray, "network column unit"]
+    """Weights of the first layers."""
+    inner_bias: Float64[np.ndarray, "network unit"]
+    """Their biases."""
+    outer: Float64[np.ndarray, "network unit class"]
+    """Weights of the second layers."""
+    outer_bias: Float64[np.ndarray, "network class"]
+    """Their biases."""
+    strange: Float64[np.ndarray, " recording"]
+    """Probability of the last class for virtual recordings of the others that taught nothing, rising."""
+
+    def require_shape(self, width: int, n_classes: int) -> None:
+        """Refuse arrays that do not fit each other."""
+        networks, units = self.inner_bias.shape
+        fits = (
+            self.inner.shape == (networks, width, units)
+            and self.outer.shape == (networks, units, n_classes)
+            and self.outer_bias.shape == (networks, n_classes)
+            and self.direction.shape == (self.shrinkage.size, width)
+            and self.scale.shape == (width,)
+        )
+        if not fits:
+            raise InputError("its networks do not fit the classes and levels.")
+
+    def predict_proba(self, change: Float[np.ndarray, "row channel level"]) -> Float64[np.ndarray, "row class"]:
+        """Probability of each class."""
+        return self._answer(_columns(_flat(change), self.scale, self.direction, self.shrinkage))
+
+    def _answer(self, columns: Float[np.ndarray, "row column"]) -> Float64[np.ndarray, "row class"]:
+        hidden = np.maximum(np.einsum("rc,ncu->nru", columns, self.inner) + self.inner_bias[:, None], 0)
+        logits = (np.einsum("nru,nuk->nrk", hidden, self.outer) + self.outer_bias[:, None]) / TEMPERATURE
+        shares = np.exp(logits - logits.max(axis=-1, keepdims=True))
+        return np.asarray((shares / shares.sum(axis=-1, keepdims=True)).mean(axis=0))
+
+    def lines_moved(self, change: Float[np.ndarray, "channel level"], bands: OrderBands) -> bool:
+        """Whether lines changed more than between healthy recordings, rather than the noise floor alone."""
+        scaled = _scaled(_lines(change[None], bands), self.line_scale)[0, self.line_scale > 0]
+        return bool(np.mean(scaled**2) > MOVED**2)
+
+    def p_value(self, strangeness: float) -> float:
+        """Share of virtual recordings of the classes whose probability of being none of them is as high."""
+        above = self.strange.size - int(np.searchsorted(self.strange, strangeness * (1 - 1e-9)))
+        return (above + 1) / (self.strange.size + 1)
+
+
+def fit_head(
+    virtual: VirtualChanges,
+    healthy: Float64[np.ndarray, "change channel level"],
+    bands: OrderBands,
+    measured: Float64[np.ndarray, "fault channel level"],
+    target: Int64[np.ndarray, " fault"],
+    *,
+    seed: int = 0,
+) -> PriorHead:
+    """Head of a machine from the changes of its healthy recordings among each other, and from measured faults if any.
+
+    Parameters
+    ----------
+    healthy : scaled to the variance of a single recording; NaN in levels that the sample rate does not allow.
+    bands : of the levels.
+    measured, target : changes of measured faults and their classes.
+    """
+    from sklearn.neural_network import MLPClassifier
+
+    usual = virtual.change[virtual.target == 0]
+    scale, line_scale = _scatter(_flat(usual), _flat(healthy)), _scatter(_lines(usual, bands), _lines(healthy, bands))
+    mean_square = np.mean(_flat(usual) ** 2, axis=0)
+    of_pumps = np.sqrt((_USUAL * mean_square + _REFERENCES * _flat(virtual.scatter) ** 2) / (_USUAL + _REFERENCES))
+    of_pumps[:, scale == 0] = 0
+    scaled = _scaled(_flat(healthy), scale)
+    _, root, direction = np.linalg.svd(scaled, full_matrices=False)
+    shrinkage = 1 - 1 / np.sqrt(1 + root**2 / max(len(scaled), 1) / LAMBDA)
+    teaches = virtual.number % _HELD_OUT > 0
+    rows = _columns(_flat(virtual.change), of_pumps[virtual.number], direction, shrinkage)
+    of_machine = _columns(_flat(np.concatenate([measured, healthy])), scale, direction, shrinkage)
+    classes = np.concatenate([virtual.target[teaches], target, np.zeros(len(healthy), dtype=np.int64)])
+    n_classes = int(virtual.target.max()) + 1
+    weight = np.where(np.isin(np.arange(n_classes), (0, n_classes - 1)), 0.5, 1.0)[classes]
+    weight[teaches.sum() :] = np.where(classes[teaches.sum() :] == 0, 1.0, FEW_SHOT_WEIGHT)
+    networks = []
+    for number in range(_NETWORKS):
+        network = MLPClassifier(
+            (_UNITS,), alpha=1.0, learning_rate_init=2e-3, batch_size=128, max_iter=_EPOCHS, tol=0.0,
+            n_iter_no_change=_EPOCHS + 1, random_state=(seed + number) % 2**32,
+        )  # fmt: skip
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it is stopped early on purpose
+            networks.append(network.fit(np.concatenate([rows[teaches], of_machine]), classes, sample_weight=weight))
+    weights, biases = (
+        [np.stack([getattr(network, name)[layer] for network in networks]).astype(np.float64) for layer in (0, 1)]
+        for name in ("coefs_", "intercepts_")
+    )
+    layers = (weights[0], biases[0], weights[1], biases[1])
+    head = PriorHead(scale, line_scale, direction, shrinkage, *layers, np.empty(0))
+    left_out = rows[~teaches & (virtual.target < n_classes - 1)]
+    return replace(head, strange=np.sort(head._answer(left_out)[:, -1]))
+
+
+def _flat(values: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row column"]:
+    return values.reshape(len(values), math.prod(values.shape[1:]))
+
+
+def _lines(change: Float[np.ndarray, "row channel level"], bands: OrderBands) -> Float[np.ndarray, "row line"]:
+    """Shaft orders, piston passes, and what rises above the floor between them."""
+    below = change.shape[-1] - 2 * bands.n_floors
+    single, broad, floor = np.split(change, [below, below + bands.n_floors], axis=-1)
+    return _flat(np.concatenate([single, broad - floor], axis=-1))
+
+
+def _scatter(
+    usual: Float[np.ndarray, "row column"], healthy: Float64[np.ndarray, "change column"]
+) -> Float64[np.ndarray, " column"]:
+    """Healthy scatter of a machine, the usual one counting for some recordings; 0 where it has no level."""
+    squares = _USUAL * np.mean(usual**2, axis=0) + (healthy**2).sum(axis=0)
+    return np.nan_to_num(np.sqrt(squares / (_USUAL + len(healthy))))
+
+
+def _scaled(
+    rows: Float[np.ndarray, "row column"], scale: Float64[np.ndarray, "*#row column"]
+) -> Float64[np.ndarray, "row column"]:
+    return np.divide(rows, scale, out=np.zeros(rows.shape), where=np.broadcast_to(scale > 0, rows.shape))
+
+
+def _columns(
+    rows: Float[np.ndarray, "row column"],
+    scale: Float64[np.ndarray, "*#row column"],
+    direction: Float64[np.ndarray, "direction column"],
+    shrinkage: Float64[np.ndarray, " direction"],
+) -> Float64[np.ndarray, "row column"]:
+    """What the networks see of changes."""
+    scaled = _scaled(rows, scale)
+    return np.arcsinh(scaled - ((scaled @ direction.T) * shrinkage) @ direction)

@@ -23,8 +23,6 @@ class ClassAlarms:
     """Recordings with a verdict."""
     n_no_verdict: int
     """Recordings without one."""
-    no_verdict: str | None
-    """Why the first of these has none."""
     n_alarms: int
     """Recordings with an alarm."""
     n_named: int | None
@@ -36,6 +34,8 @@ class ClassAlarms:
     auroc: float | None
     """Area under the curve of this class against the healthy ones, by `Diagnosis.score`; None for these, and where one
     of both has no verdict."""
+    no_verdict: str | None = None
+    """Why the first recording without a verdict has none."""
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,7 @@ class PriorClassifier:
             raise DataError("a pump prior needs healthy recordings of the machine, labeled normal; there is none.")
         pumps = np.ones(self.n_pumps, dtype=bool)
         adapted = replace(self, virtual=None, fault_of=dict(fault_of or {}))
-        if pistons is not None and pistons != self.bands.piston_count:
+        if pistons is not None:
             adapted = replace(adapted, bands=OrderBands(pistons), speed=_ANY, pressure=_ANY)
             pumps = self.virtual.drawn
         missing = [name for name in sound[0].channels if name not in self.channels]

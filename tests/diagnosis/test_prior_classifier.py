@@ -222,13 +222,13 @@ def test_a_saved_one_answers_alike(tmp_path: Path) -> None:
     assert again.manifest == adapted().manifest
 
 
-def test_networks_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+def test_a_network_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     path = adapted().save(tmp_path / "model.safetensors")
     unstated = ("levels", "speed", "pressure")
     card, tensors = read_artifact(path, PriorClassifier.KIND, 2, advice="", may_be_nan=unstated)
     tensors["head_outer"] = tensors["head_outer"][:, :-1]
     write_artifact(path, PriorClassifier.KIND, 2, card, tensors, may_be_nan=unstated)
-    with pytest.raises(ArtifactError, match="do not fit the classes and levels"):
+    with pytest.raises(ArtifactError, match="does not fit the classes and levels"):
         PriorClassifier.load(path)
 
 

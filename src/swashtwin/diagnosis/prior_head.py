@@ -2,7 +2,7 @@
 
 Changes of measured and of virtual recordings alike are divided by the healthy scatter of their own pump; the directions
 in which the machine's healthy recordings differ are shrunk by 1 / sqrt(1 + v / lambda), v being the variance along each
-(as structural health monitoring removes temperature and load: arXiv 2409.17735). Then two small networks learn the
+(as structural health monitoring removes temperature and load: arXiv 2409.17735). Then a small network learns the
 classes of the virtual changes.
 """
 
@@ -20,7 +20,7 @@ LAMBDA = 0.1
 """Variance, in squared healthy scatters, from which a healthy direction is shrunk; chosen on fleets 100-103 of both
 versions of the rig."""
 TEMPERATURE = 1.5
-"""Divides the networks' logits: on virtual pumps whose program of effects taught nothing, the likelihood is flat from
+"""Divides the network's logits: on virtual pumps whose program of effects taught nothing, the likelihood is flat from
 1.1 to 1.6."""
 UNKNOWN_RATE = 0.05
 """Share of virtual recordings of the prior's own classes that are called unlike them."""
@@ -34,7 +34,7 @@ _REFERENCES = 4
 """Recordings that a virtual pump's own scatter comes from."""
 _HELD_OUT = 7
 """Every so manyth virtual pump teaches nothing and says what is unlike the prior."""
-_UNITS, _NETWORKS, _EPOCHS = 64, 2, 12
+_UNITS, _EPOCHS = 64, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,39 +85,39 @@ class PriorHead:
     """Directions in which healthy recordings differ."""
     shrinkage: Float64[np.ndarray, " direction"]
     """What is taken away along each."""
-    inner: Float64[np.ndarray, "network column unit"]
-    """Weights of the first layers."""
-    inner_bias: Float64[np.ndarray, "network unit"]
+    inner: Float64[np.ndarray, "column unit"]
+    """Weights of the first layer."""
+    inner_bias: Float64[np.ndarray, " unit"]
     """Their biases."""
-    outer: Float64[np.ndarray, "network unit class"]
-    """Weights of the second layers."""
-    outer_bias: Float64[np.ndarray, "network class"]
+    outer: Float64[np.ndarray, "unit class"]
+    """Weights of the second layer."""
+    outer_bias: Float64[np.ndarray, " class"]
     """Their biases."""
     strange: Float64[np.ndarray, " recording"]
     """Probability of the last class for virtual recordings of the others that taught nothing, rising."""
 
     def require_shape(self, width: int, n_classes: int) -> None:
         """Refuse arrays that do not fit each other."""
-        networks, units = self.inner_bias.shape
+        units = len(self.inner_bias)
         fits = (
-            self.inner.shape == (networks, width, units)
-            and self.outer.shape == (networks, units, n_classes)
-            and self.outer_bias.shape == (networks, n_classes)
+            self.inner.shape == (width, units)
+            and self.outer.shape == (units, n_classes)
+            and self.outer_bias.shape == (n_classes,)
             and self.direction.shape == (self.shrinkage.size, width)
             and self.scale.shape == (width,)
         )
         if not fits:
-            raise InputError("its networks do not fit the classes and levels.")
+            raise InputError("its network does not fit the classes and levels.")
 
     def predict_proba(self, change: Float[np.ndarray, "row channel level"]) -> Float64[np.ndarray, "row class"]:
         """Probability of each class."""
         return self._answer(_columns(_flat(change), self.scale, self.direction, self.shrinkage))
 
     def _answer(self, columns: Float[np.ndarray, "row column"]) -> Float64[np.ndarray, "row class"]:
-        hidden = np.maximum(np.einsum("rc,ncu->nru", columns, self.inner) + self.inner_bias[:, None], 0)
-        logits = (np.einsum("nru,nuk->nrk", hidden, self.outer) + self.outer_bias[:, None]) / TEMPERATURE
+        hidden = np.maximum(columns @ self.inner + self.inner_bias, 0)
+        logits = (hidden @ self.outer + self.outer_bias) / TEMPERATURE
         shares = np.exp(logits - logits.max(axis=-1, keepdims=True))
-        return np.asarray((shares / shares.sum(axis=-1, keepdims=True)).mean(axis=0))
+        return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
 
     def lines_moved(self, change: Float[np.ndarray, "channel level"], bands: OrderBands) -> bool:
         """Whether lines changed more than between healthy recordings, rather than the noise floor alone."""
@@ -164,20 +164,14 @@ def fit_head(
     n_classes = int(virtual.target.max()) + 1
     weight = np.where(np.isin(np.arange(n_classes), (0, n_classes - 1)), 0.5, 1.0)[classes]
     weight[teaches.sum() :] = np.where(classes[teaches.sum() :] == 0, 1.0, FEW_SHOT_WEIGHT)
-    networks = []
-    for number in range(_NETWORKS):
-        network = MLPClassifier(
-            (_UNITS,), alpha=1.0, learning_rate_init=2e-3, batch_size=128, max_iter=_EPOCHS, tol=0.0,
-            n_iter_no_change=_EPOCHS + 1, random_state=(seed + number) % 2**32,
-        )  # fmt: skip
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it is stopped early on purpose
-            networks.append(network.fit(np.concatenate([rows[teaches], of_machine]), classes, sample_weight=weight))
-    weights, biases = (
-        [np.stack([getattr(network, name)[layer] for network in networks]).astype(np.float64) for layer in (0, 1)]
-        for name in ("coefs_", "intercepts_")
-    )
-    layers = (weights[0], biases[0], weights[1], biases[1])
+    network = MLPClassifier(
+        (_UNITS,), alpha=1.0, learning_rate_init=2e-3, batch_size=128, max_iter=_EPOCHS, tol=0.0,
+        n_iter_no_change=_EPOCHS + 1, random_state=seed % 2**32,
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it is stopped early on purpose
+        network.fit(np.concatenate([rows[teaches], of_machine]), classes, sample_weight=weight)
+    layers = (network.coefs_[0], network.intercepts_[0], network.coefs_[1], network.intercepts_[1])
     head = PriorHead(scale, line_scale, direction, shrinkage, *layers, np.empty(0))
     left_out = rows[~teaches & (virtual.target < n_classes - 1)]
     return replace(head, strange=np.sort(head._answer(left_out)[:, -1]))
@@ -214,6 +208,6 @@ def _columns(
     direction: Float64[np.ndarray, "direction column"],
     shrinkage: Float64[np.ndarray, " direction"],
 ) -> Float64[np.ndarray, "row column"]:
-    """What the networks see of changes."""
+    """What the network sees of changes."""
     scaled = _scaled(rows, scale)
     return np.arcsinh(scaled - ((scaled @ direction.T) * shrinkage) @ direction)

@@ -121,11 +121,14 @@ def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table | Group, ...
             Cell("yes" if trial.is_tied else ""),
         )
         for trial in choice.trials
+    ) + tuple(
+        (Cell(f"whole recordings: {name}"), Cell(percent(recall)), Cell("–"), Cell(""))
+        for name, recall in choice.whole.items()
     )
     caption = (
-        f"What training tried: share of the windows of {choice.group}s that were left out told right, mean over the "
-        f"classes, {plural(choice.n_folds, 'fold')}. Of those as good as the best within one standard error the first "
-        "was taken."
+        f"What training tried: share of the recordings of {choice.group}s that were left out told right, mean over the "
+        f"classes, {plural(choice.n_folds, 'fold')}. One of those as good as the best within one standard error was "
+        "taken."
     )
     header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
     table = Table(caption, header, rows)

@@ -33,8 +33,9 @@ def fit_chosen(
 ) -> FittedClassifier:
     """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a cross-fitted confidence.
 
-    Where recordings have 4,096 samples or more, heads on their levels join (`RecordingModel`), each tempered by what it
-    said of the recordings that the folds left out.
+    Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels join
+    (`RecordingModel`), each tempered by what it said of the machines left out. Where no machine is left out nothing says
+    how far levels so fine are the machine's own.
 
     Same seed, windows and machine: same choice, same bits.
 
@@ -64,7 +65,9 @@ def fit_chosen(
     network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
     fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest)
     reference = fitted.training_reference
-    whole = None if answers is None else _whole(windows, answers, seed, progress)
+    whole = None
+    if answers is not None and choice.group == "specimen":
+        whole = _whole(windows, answers, seed, progress)
     if whole is None or answers is None:
         confidence, own = _confidence(reference, answers, error_rate, choice.group == "specimen"), None
     else:

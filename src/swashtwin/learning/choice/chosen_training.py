@@ -34,8 +34,8 @@ def fit_chosen(
     """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a cross-fitted confidence.
 
     Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels join
-    (`RecordingModel`), each tempered by what it said of the machines left out. Where no machine is left out nothing says
-    how far levels so fine are the machine's own.
+    (`RecordingModel`), each tempered by what it said of the machines left out; where none is left out, nothing says how
+    far levels so fine are the machine's own.
 
     Same seed, windows and machine: same choice, same bits.
 

@@ -27,9 +27,9 @@ export async function twinRoom(place, values) {
   function slider(words, value, [low, high], { log = false, unit = "", estimate = null, onvalue }) {
     const forth = log ? Math.log10 : (x) => x, back = log ? (x) => 10 ** x : (x) => x;
     const shown = h("output", {}), range = h("input", { type: "range", min: forth(low), max: forth(high), step: (forth(high) - forth(low)) / 400, value: String(forth(value)), "aria-label": words });
-    const tell = () => { shown.textContent = `${short(back(Number(range.value)), 4)} ${unit}`; range.setAttribute("aria-valuetext", shown.textContent); };
-    range.addEventListener("input", () => { moved = performance.now(); tell(); onvalue(back(Number(range.value))); draw(); });
-    tell();
+    const tell = (now) => { shown.textContent = `${short(now, 4)} ${unit}`; range.setAttribute("aria-valuetext", shown.textContent); };
+    range.addEventListener("input", () => { moved = performance.now(); tell(back(Number(range.value))); onvalue(back(Number(range.value))); draw(); });
+    tell(value);
     return h("div", { class: "slider" }, h("span", {}, words), shown, range, estimate);
   }
   function interval(item) {

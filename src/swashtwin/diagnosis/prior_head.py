@@ -170,8 +170,11 @@ def fit_head(
     )  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it is stopped early on purpose
-        network.fit(np.concatenate([rows[teaches], of_machine]), classes, sample_weight=weight)
-    layers = (network.coefs_[0], network.intercepts_[0], network.coefs_[1], network.intercepts_[1])
+        network.fit(np.concatenate([rows[teaches], of_machine]).astype(np.float32), classes, sample_weight=weight)
+    (inner, outer), (inner_bias, outer_bias) = (
+        [part.astype(np.float64) for part in layers] for layers in (network.coefs_, network.intercepts_)
+    )
+    layers = (inner, inner_bias, outer, outer_bias)
     head = PriorHead(scale, line_scale, direction, shrinkage, *layers, np.empty(0))
     left_out = rows[~teaches & (virtual.target < n_classes - 1)]
     return replace(head, strange=np.sort(head._answer(left_out)[:, -1]))

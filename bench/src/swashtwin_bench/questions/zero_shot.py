@@ -17,9 +17,11 @@ from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, rig_recordings
+from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, VERSIONS, rig_recordings
 from swashtwin_bench.studies.cells import recordings_by_cell
 
+HEALTHY = 6
+"""Healthy recordings of a pump and operating point that the prior is adapted to; half as many test."""
 HELD_OUT = 2
 """Pumps of which nothing teaches but healthy recordings."""
 
@@ -172,7 +174,13 @@ def _fleet(
     recordings: Sequence[Recording] | None, rig_version: str, seed: int
 ) -> tuple[list[Trial], ZeroShotSplit, str]:
     if recordings is None:
-        recordings = [recording for recording, _ in rig_recordings(seed, SIZES["small"], version=rig_version)]
+        size, points = SIZES["small"], len(VERSIONS[rig_version].speeds)
+        healthy = replace(size, repeats=HEALTHY * points * 3 // 2)
+        recordings = [
+            recording
+            for labels, plan in ((CLASSES[:1], healthy), (CLASSES[1:], size))
+            for recording, _ in rig_recordings(seed, plan, labels=labels, version=rig_version)
+        ]
     split = split_zero_shot(recordings, seed)
     return list(prior_trials(recordings, split, seed)), split, origin_of(recordings)
 

@@ -28,8 +28,6 @@ from watch import SECONDS, WatchProcess, deliver, samples, wav, write_config
 ROOT = Path(__file__).parents[1]
 WINDOWS = 12
 """Windows of the default's 8192 samples in a recording."""
-MODEL = Path("MODEL")
-"""Stands for a side's own model in a command line."""
 FACTS = ("--speed", "1500 rpm", "--pressure", "15 MPa", "--unit", "m/s^2")
 VERDICTS = """
 import json, statistics, sys, time
@@ -117,29 +115,28 @@ def compare(sides: dict[str, Side], folder: Path, watched_recordings: int) -> di
     rows = {name: side.sizes() for name, side in sides.items()}
     names, first = "(?P<label>[a-z]+)_(?P<specimen>[A-D])_", next(new.glob("*.wav"))
 
-    def measure(what: str, *words: object, written: Path | None = None) -> None:
+    def measure(what: str, *words: object) -> None:
         for name, side in sides.items():
-            model = folder / f"{name}.safetensors"
-            if written is not None:
-                (model if written == MODEL else written).unlink(missing_ok=True)
-            rows[name][what] = side.cpu_s(*(model if word == MODEL else word for word in words))
+            rows[name][what] = side.cpu_s(*(str(word).replace("SIDE", name) for word in words))
             print(name, what, f"{rows[name][what]:.2f} s", file=sys.stderr)
 
-    shell = ("-m", "swashtwin")
+    shell, model = ("-m", "swashtwin"), folder / "SIDE.safetensors"
     for recordings in (training, new):
-        index = recordings / "recordings.toml"
-        measure("index_cpu_s", *shell, "index", recordings, "--label-pattern", names, *FACTS, written=index)
+        for name, side in sides.items():
+            index = recordings / "recordings.toml"
+            index.unlink(missing_ok=True)
+            rows[name]["index_cpu_s"] = side.cpu_s(*shell, "index", recordings, "--label-pattern", names, *FACTS)
+            index.replace(recordings / f"{name}.toml")  # each has its own words
     measure("import_cpu_s", "-c", "import swashtwin")
-    measure("train_cpu_s", *shell, "train", training, "--out", MODEL, written=MODEL)
+    measure("train_cpu_s", *shell, "train", training / "SIDE.toml", "--out", model)
     for _ in range(2):  # the second time with what the first has compiled
-        measure("diagnose_cpu_s", *shell, "diagnose", MODEL, first, *FACTS)
-    measure("folder_cpu_s", *shell, "diagnose", MODEL, new)
+        measure("diagnose_cpu_s", *shell, "diagnose", model, first, *FACTS)
+    measure("folder_cpu_s", *shell, "diagnose", model, new / "SIDE.toml")
     for name, side in sides.items():
-        model = folder / f"{name}.safetensors"
-        side.cpu_s("-c", VERDICTS, model, new)
+        side.cpu_s("-c", VERDICTS, folder / f"{name}.safetensors", new / f"{name}.toml")
         rows[name]["verdict_ms"] = json.loads(side.printed)
         if watched_recordings:
-            rows[name] |= watched(side, model, folder / f"{name}-watch", watched_recordings)
+            rows[name] |= watched(side, folder / f"{name}.safetensors", folder / f"{name}-watch", watched_recordings)
     return rows
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Complex64, Float, Float32, Float64, Int
 
-from swashtwin.signals import band_shares, hann_taper, inverse_transform, transform
+from swashtwin.signals import hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7
 """Added to each power before its logarithm, in the square of the scaled unit; windows are expected scaled
@@ -173,7 +173,7 @@ def _levels(
     lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
     power = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1])
     floor = np.float32(FLOOR)
-    banded = np.log10(power @ band_shares(power.shape[-1], n_bands).astype(np.float32) + floor)
+    banded = np.log10(_band_powers(power, n_bands) + floor)
     shape, along = _waveform_shape(x), []
     for turns, count in zip(axes, n_lines, strict=True):
         if turns is None:
@@ -201,6 +201,21 @@ def _waveform_shape(
         np.log(magnitude.max(axis=-1, keepdims=True) + least),
         magnitude.mean(axis=-1, keepdims=True),
     )
+
+
+def _band_powers(
+    power: Float32[np.ndarray, "window channel line"], n_bands: int
+) -> Float32[np.ndarray, "window channel band"]:
+    """Power of each band of `band_shares`, which a product with these shares gives in six times the time."""
+    n_lines = power.shape[-1]
+    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)[:-1] - 0.5
+    line = edges.astype(np.int64)
+    before = power[..., line] * (edges - line).astype(np.float32)  # of the line that an edge cuts
+    total = np.add.reduceat(power, line, axis=-1)
+    total[..., :-1] *= np.diff(line) > 0  # where both edges cut the same line it would be whole
+    total -= before
+    total[..., :-1] += before[..., 1:]
+    return np.asarray(np.maximum(total, 0))
 
 
 def _order_powers(

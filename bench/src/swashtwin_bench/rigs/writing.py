@@ -94,7 +94,7 @@ class _Slot:
 
 
 def _slots(
-    size: RigSize, version: str, sensors: int, labels: Sequence[str] = CLASSES, pressures: Sequence[float] = PRESSURES
+    size: RigSize, version: str, sensors: int, labels: Sequence[str] = CLASSES, pressures: Sequence[float] | None = None
 ) -> list[_Slot]:
     require_version(version)
     classes = VERSIONS[version].labels
@@ -106,7 +106,7 @@ def _slots(
             f"{' or '.join(map(str, PUMPS))}, the others have 3."
         )
     names = [chr(ord("A") + i) for i in range(size.specimens)]
-    cells = product(names, classes, pressures, range(1, size.repeats + 1))
+    cells = product(names, classes, PRESSURES if pressures is None else pressures, range(1, size.repeats + 1))
     return [_Slot(*cell, version, sensors) for cell in cells if cell[1] in labels]
 
 
@@ -235,7 +235,7 @@ def rig_recordings(
     size: RigSize,
     *,
     labels: Sequence[str] = CLASSES,
-    pressures: Sequence[float] = PRESSURES,
+    pressures: Sequence[float] | None = None,
     version: str = RIG_VERSION,
     sensors: int = 3,
     batch: int = 30,
@@ -251,7 +251,7 @@ def rig_recordings(
     ----------
     seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
     labels : classes to record, of those that the version has.
-    pressures : set discharge pressures [Pa].
+    pressures : set discharge pressures [Pa]; None takes `PRESSURES`.
     version : name in `VERSIONS`.
     sensors : accelerometers, one of `PUMPS`.
     batch : recordings computed together.

@@ -1,11 +1,13 @@
 """Whole recordings: what their levels are, what a machine's own healthy ones take off, and what a model makes of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows
+from swashtwin.learning import cut_windows, fit_chosen
 from swashtwin.learning.recordings.own_healthy import OwnHealthy
 from swashtwin.learning.recordings.recording_levels import RecordingLevels
 from swashtwin.learning.recordings.stretches import joined, recording_rows
@@ -132,3 +134,16 @@ def test_a_named_network_compares_with_nothing() -> None:
     named = FaultClassifier("levels", window=2048).fit(machine("A"))
     with pytest.raises(InputError, match="compares with no healthy recordings"):
         named.with_healthy(machine("G")[:2])
+
+
+def test_a_class_that_nobody_measured_is_told_by_levels_alone() -> None:
+    measured = cut_windows([item for name in "AB" for item in machine(name)], length=SAMPLES)
+    classes = ("normal", "piston", "valve_plate")
+    made = cut_windows([item for item in machine("C") if item.label == "piston"], length=SAMPLES)
+    made = replace(
+        made, classes=("valve_plate",), synthetic=np.ones(len(made), dtype=bool), specimen=np.full(len(made), "twin"),
+        recording_id=np.array([f"made {number}" for number in range(len(made))]), content={},
+    )  # fmt: skip
+    fitted = fit_chosen(measured.with_classes(classes) + made.with_classes(classes), budget=3)
+    assert fitted.recordings.on_changes is None
+    assert np.isfinite(fitted.predict_proba(measured.with_classes(classes))).all()

@@ -81,7 +81,8 @@ class _Tables:
         levels = [self.table.levels, noisy]
         self.on_levels = np.stack([layout.shapes(part).reshape(len(rows), -1) for part in levels])
         self.on_changes: np.ndarray | None = None
-        if measured and measured <= machines:
+        has_each_class = len(np.unique(self.target[~self.synthetic])) == len(windows.classes)
+        if has_each_class and measured <= machines:
             facts = self.table.specimen, self.table.condition, self.table.recording_id
             changes = [self.healthy.changes(layout, part, *facts).reshape(len(rows), -1) for part in levels]
             self.on_changes = np.stack(changes)

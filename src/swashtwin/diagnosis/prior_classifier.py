@@ -301,7 +301,7 @@ class PriorClassifier:
             if not (math.isnan(value) or low <= value <= high):
                 raise DataError(
                     f"{name} was recorded at a {what} of {value * scale:.4g} {word}; the prior's virtual pumps run at "
-                    f"{low * scale:.4g} to {high * scale:.4g} {word}. Make a prior for it with swashtwin twin prior."
+                    f"{low * scale:.4g} to {high * scale:.4g} {word}. Of another design, state --pistons."
                 )
 
     def healthy_changes(self) -> Float64[np.ndarray, "change channel level"]:

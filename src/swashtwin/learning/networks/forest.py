@@ -1,6 +1,6 @@
-"""A forest as arrays: small enough to ship, read without running code, and able to learn from a few further rows."""
+"""A forest as arrays: small enough to ship, and read without running code."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -41,21 +41,6 @@ class Forest:
     def predict_proba(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row class"]:
         """Probability of each class: the mean over the trees."""
         return self.probability[self.leaves(values)].mean(axis=1)
-
-    def taught(
-        self, values: Float[np.ndarray, "row column"], target: Int[np.ndarray, " row"], weight: float
-    ) -> "Forest":
-        """The forest after further rows came to its leaves: p becomes (p + weight * count) / (1 + weight * rows).
-
-        Parameters
-        ----------
-        target : class of each row.
-        weight : what a row counts, against all training rows of a leaf together.
-        """
-        leaf = self.leaves(values)
-        added = np.zeros_like(self.probability)
-        np.add.at(added, (leaf, np.broadcast_to(target[:, None], leaf.shape)), weight)
-        return replace(self, probability=(self.probability + added) / (1 + added.sum(axis=1, keepdims=True)))
 
     def tensors(self, share: type = np.float16) -> dict[str, np.ndarray]:
         """Its arrays by name, as narrow as they may be; the shares of classes in a leaf as numbers of type `share`."""

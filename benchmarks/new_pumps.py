@@ -52,7 +52,10 @@ def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
     layout = RecordingLevels(recordings[0].sample_rate, 98304, 40)
     shafts = [item.condition.speed / (2 * np.pi) for item in recordings if item.condition is not None]
     levels = np.stack(
-        [layout.measure(item.signal, shaft).ravel() for item, shaft in zip(recordings, shafts, strict=True)]
+        [
+            layout.measure(item.signal[:, : layout.length], shaft).ravel()
+            for item, shaft in zip(recordings, shafts, strict=True)
+        ]
     )
     pressure = np.array([item.condition.discharge_pressure for item in recordings if item.condition is not None])
     changes = levels.copy()

@@ -339,7 +339,7 @@ class PriorClassifier:
             listed = ", ".join(sorted({name or "an unnamed machine" for name in self.specimen})) or "no machine"
             raise DataError(
                 f"no healthy recording is of the machine {recording.specimen or 'without a name'} (there are those of "
-                f"{listed}), so nothing can be said about this one; name its machine in an index, or with --specimen."
+                f"{listed}), so nothing can be said about this one; name its machine in an index."
             )
         speed = 2 * math.pi * shaft_frequency(recording)
         at_pressure, at_speed = self._comparable(specimen, speed, pressure, np.ones(len(self.specimen), dtype=bool))

@@ -31,13 +31,14 @@ WINDOWS = 12
 FACTS = ("--speed", "1500 rpm", "--pressure", "15 MPa", "--unit", "m/s^2")
 VERDICTS = """
 import json, statistics, sys, time
-from swashtwin.diagnosis import load_model
+from swashtwin.diagnosis import diagnose, load_model
 from swashtwin.recordings import load_recordings
 model, recording = load_model(sys.argv[1]), load_recordings(sys.argv[2])[0]
+model = getattr(model, "fitted_", model)
 spent = []
 for _ in range(21):
     began = time.process_time()
-    model.diagnose(recording)
+    diagnose(model, recording)
     spent.append(time.process_time() - began)
 print(json.dumps(1000 * statistics.median(spent[1:])))
 """

@@ -2,16 +2,19 @@
 
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from plant import Plant
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace, build_explorer
 
+if TYPE_CHECKING:
+    from plant import Plant
+
 
 @pytest.fixture(scope="session")
-def pair_folder(plant: Plant, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pair_folder(plant: "Plant", tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Healthy pumps and those with a swash plate defect, two specimens, and a file that is none."""
     folder = tmp_path_factory.mktemp("explored")
     shutil.copytree(plant.folder / "recordings", folder / "recordings")

@@ -135,7 +135,7 @@ def test_a_folder_with_files_and_an_unknown_size_are_refused(tmp_path: Path) -> 
     (tmp_path / "mine.txt").write_text("keep me")
     with pytest.raises(InputError, match="not empty"):
         build_rig(tmp_path, seed=0)
-    with pytest.raises(InputError, match="choose one of tiny, small, paper"):
+    with pytest.raises(InputError, match="choose one of tiny, short, small, paper"):
         build_rig(tmp_path / "new", seed=0, size="huge")
 
 

@@ -133,7 +133,7 @@ def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch)
     recordings = [r for r, _ in rig_recordings(0, RigSize(specimens=3, repeats=3, duration=0.4), version="2")]
     dataset = prepare(recordings, Scenario(windows=2, scarce_windows=2, held_out=1), 0, [])
     assert [condition.speed for condition in dataset.conditions()] == pytest.approx([rpm(860), rpm(1120)])
-    twins, _ = twins_of(dataset, "nominal", "valve_plate")
+    twins, _, _ = twins_of(dataset, "nominal", "valve_plate")
     assert len(twins) == 4
 
 

@@ -178,9 +178,9 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(clas
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; bring it to the .* --resample "1000 Hz" --out'),
+        ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; if 2000 Hz is right, add --resample "1000 Hz"'),
         ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
-        ({"unit": "g"}, "against g; state what a sample is: --sensitivity"),
+        ({"unit": "g"}, "against g; state what a number in the file is: --sensitivity"),
         ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
     ],
 )

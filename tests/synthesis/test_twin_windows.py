@@ -104,7 +104,8 @@ def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
     plain, loud = (
         synthesize(twin, twin.fault, count=24, like=replace(measured, signal=gain * measured.signal)) for gain in (1, 3)
     )
-    np.testing.assert_allclose(loud.signal, 3 * plain.signal, rtol=1e-3, atol=1e-4)
+    heard = slice(0, 2)  # the third channel, silent in the twin, tells no gain: what it measures is cross-talk
+    np.testing.assert_allclose(loud.signal[:, heard], 3 * plain.signal[:, heard], rtol=1e-3, atol=1e-4)
     assert plain.measured_healthy is not None
     assert plain.simulate_healthy is not None
     healthy = plain.measured_healthy, plain.simulate_healthy()

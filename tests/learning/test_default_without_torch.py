@@ -24,7 +24,7 @@ print(classifier.evaluate(new))
 verdict = classifier.diagnose(new[0])
 explain(classifier.fitted_, new[0], verdict)
 healthy = [r for r in recordings if r.label == "normal"]
-AnomalyDetector.fit(healthy).diagnose(new[0])
+AnomalyDetector().fit(healthy).diagnose(new[0])
 load_model("25scy14-1b")
 print("imported:", sorted({"torch", "numba"} & set(sys.modules)))
 """

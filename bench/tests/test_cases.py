@@ -1,7 +1,6 @@
 """The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
 
 import json
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stub_runs import run, save_run
+from stub_runs import run
 from tiny_case import TINY, tiny
 
-from swashtwin.foundation import ArtifactError, DataError, InputError
+from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
-from swashtwin_bench import FILLERS, PLANS, StudyResult, Work, collect_studies, plan_of, run_plan, write_study_report
+from swashtwin_bench import FILLERS, StudyResult, Work, plan_of, run_plan, write_study_report
 from swashtwin_bench.fillers.distortion import Jitter
 from swashtwin_bench.results.page import differences_table, scores_table
 from swashtwin_bench.results.runs import load_run
@@ -72,7 +71,7 @@ def test_every_training_pump_is_calibrated_away_from_the_tests(
         assert set(calibration.recording_ids) <= split.train | set(split.scarce["swash_plate"])
 
 
-def test_a_rerun_does_nothing_again_and_its_folder_is_collected(
+def test_a_rerun_does_nothing_again(
     recordings: list[Recording], result: StudyResult, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "train_and_test", lambda *_, **__: pytest.fail("was done before"))
@@ -81,10 +80,8 @@ def test_a_rerun_does_nothing_again_and_its_folder_is_collected(
     again = run_plan(tiny(), recordings, work)
     assert again.rows() == result.rows()
     assert messages == ["6 of seed 0 done before", "6 of seed 1 done before"]
-    (study,) = collect_studies(out, PLANS)
-    assert study.rows() == result.rows()
-    assert [len(each.calibrations) for each in (again, study)] == [2, 2]
-    assert study.command == "swashtwin bench study case1 rig"
+    assert len(again.calibrations) == 2
+    assert again.command == "swashtwin bench study case1 rig"
 
 
 def test_another_setting_is_another_task(recordings: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,13 +179,7 @@ def test_a_calibration_is_not_reused_for_recordings_with_other_facts(recordings:
     assert not set(named(recordings)) & set(named(faster))
 
 
-# ---- collecting finished runs
-
-
-def save(runs: list[Mapping[str, Any]], folder: Path) -> None:
-    """Save runs, each a second later than the one before."""
-    for number, one in enumerate(runs):
-        os.utime(save_run(one, folder), (number, number))
+# ---- tables and pages of finished runs
 
 
 STUBS = [
@@ -198,27 +189,14 @@ STUBS = [
 
 def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(tmp_path: Path) -> None:
     few = [each for each in STUBS if (each["seed"], each["factors"]["training_set"]) != (1, "measured")]
-    save([{**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few], tmp_path)
-    (study,) = collect_studies(tmp_path, PLANS)
+    runs = [{**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few]
+    study = study_of(plan_of("case1"), runs)
     counted = {row[0].text.split(", ")[-1]: row[1].text for row in scores_table(study).rows}
     assert (counted["measured only"], counted["with calibrated twin"]) == ("1", "2")
     assert {row[4].text for row in differences_table(study).rows} == {"1", "2"}
     assert study.command == "swashtwin bench study case1 --seeds 0 && swashtwin bench study case1 --seeds 1"
     page = write_study_report(study, folder=tmp_path / "page").read_text(encoding="utf-8")
     assert study.command in re.sub(r"<[^>]+>", "", page).replace("&amp;", "&")
-
-
-def test_runs_of_older_settings_or_other_recordings_are_left_out_and_counted(tmp_path: Path) -> None:
-    older = [{**each, "settings": {**each["settings"], "model": {"kind": "older"}}} for each in STUBS[:2]]
-    other = [{**each, "data": "other", "origin": "elsewhere"} for each in STUBS[:3]]
-    save([*older, *other, *STUBS], tmp_path)
-    stale = tmp_path / "case1" / "old" / "result.json"
-    stale.parent.mkdir()
-    stale.write_text('{"format": "swashtwin run 1", "key": "old"}')
-    (study,) = collect_studies(tmp_path, PLANS)
-    assert len(study.runs) == len(STUBS)
-    assert {each["data"] for each in study.runs} == {"data"}
-    assert "5 runs of other settings or recordings" in study.notes[-1]
 
 
 def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_study() -> None:
@@ -236,27 +214,19 @@ def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_
     assert [row["pumps"] for row in study.rows()][:8] == ["1"] * 6 + ["2"] * 2
 
 
-def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="holds no finished run"):
-        collect_studies(tmp_path, PLANS)
-
-
-def test_several_studies_make_one_page(tmp_path: Path) -> None:
+def test_a_page_has_a_figure_for_what_its_study_varies(tmp_path: Path) -> None:
     noisy = [
-        {**each, "study": "noise",
-         "rows": [{**row, "perturbation": at} for row in each["rows"] for at in ("clean", "5 dB")]}
+        {**each, "rows": [{**row, "perturbation": at} for row in each["rows"] for at in ("clean", "5 dB")]}
         for each in STUBS
         if each["factors"]["training_set"] == "calibrated"
-    ]  # fmt: skip
-    save([*noisy, *({**each, "study": "algorithms"} for each in STUBS)], tmp_path)
-    page = write_study_report(*collect_studies(tmp_path, PLANS), folder=tmp_path / "page").read_text(encoding="utf-8")
-    assert "Algorithms on Case I" in page
-    assert "accuracy 0.910" in page
-    captions = re.sub(r"<[^>]+>", "", page)
-    assert "swashtwin bench study case1 --seeds 0,1; seeds 0, 1; cpu; virtual rig" in captions
-    for name in ("noise_perturbation", "noise_confusion", "algorithms_rows", "algorithms_tsne"):
-        assert (tmp_path / "page" / "figures" / f"{name}.svg").is_file()
-        assert (tmp_path / "page" / "figures" / f"{name}.csv").is_file()
+    ]
+    for name, runs, figure in (("noise", noisy, "perturbation"), ("algorithms", STUBS, "tsne")):
+        study = study_of(plan_of(name), [{**each, "study": name} for each in runs])
+        page = write_study_report(study, folder=tmp_path / name).read_text(encoding="utf-8")
+        assert "accuracy 0.910" in page or name != "noise"
+        assert "--seeds 0,1; seeds 0, 1; cpu; virtual rig" in re.sub(r"<[^>]+>", "", page)
+        for kind in (figure, "confusion", "rows"):
+            assert {path.suffix for path in (tmp_path / name / "figures").glob(f"study_{kind}.*")} == {".svg", ".csv"}
 
 
 # ---- what the answer says

@@ -15,7 +15,7 @@ from swashtwin.calibration import IPINN, GaussNewton
 from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.learning import Epoch, WindowSet, build_network, cut_windows, fit
 from swashtwin.recordings import Recording
-from swashtwin_bench import EXPERIMENTS, PLANS, Work, collect_studies, run_paper, write_paper_page
+from swashtwin_bench import EXPERIMENTS, Work, run_paper, write_paper_page
 from swashtwin_bench.paper import experiments, identification
 from swashtwin_bench.paper.experiments import convergence_sentence
 from swashtwin_bench.paper.identification import CHOSEN, NOMINAL
@@ -78,7 +78,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(tiny_paper: pytest.MonkeyPatch, out: Path) -> dict[str, StudyTable]:
-    return run_paper(Work((3,), out=out, command="swashtwin bench paper"))
+    return run_paper(Work((3,), out=out, command="swashtwin bench study paper"))
 
 
 def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> None:
@@ -102,7 +102,7 @@ def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> 
     assert runs[0]["history"] != runs[1]["history"]
 
 
-def test_finished_runs_are_read_collected_and_no_checkpoint_stays(
+def test_finished_runs_are_read_and_no_checkpoint_stays(
     results: dict[str, StudyTable], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def untouched(*_: object, **__: object) -> None:
@@ -113,9 +113,8 @@ def test_finished_runs_are_read_collected_and_no_checkpoint_stays(
     again = run_paper(Work((3,), out=out))
     assert {name: study.rows() for name, study in again.items()} == {n: study.rows() for n, study in results.items()}
     assert list(out.rglob("*.safetensors")) == []
-    assert [f"paper-{name}" for name in plans.OF_BOTH_RECIPES] == [s.study for s in collect_studies(out, PLANS)]
-    words = ("bench", "paper", "--experiments", "case1,noise", "--set", "training_sets=nominal", "--seeds", 3)
-    answer = run_json(*words, "--jobs", 1, "--out", out)
+    words = ("bench", "study", "paper", "--set", "experiments=case1,noise", "--set", "training_sets=nominal")
+    answer = run_json(*words, "--seeds", 3, "--jobs", 1, "--out", out)
     case1, noise = answer["studies"]
     assert {row["training_set"] for row in case1["rows"]} == {"nominal"}
     assert {row["training_set"] for row in noise["rows"]} == {"calibrated"}

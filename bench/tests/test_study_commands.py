@@ -33,7 +33,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_every_study() -> None:
-    assert set(STUDIES) == {name for name in PLANS if not name.startswith(PAPER_STUDY)} | set(QUESTIONS)
+    assert set(STUDIES) == {"paper"} | {name for name in PLANS if not name.startswith(PAPER_STUDY)} | set(QUESTIONS)
 
 
 def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
@@ -59,16 +59,9 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     again = run(*words)
     assert "2 of seed 0 done before" in again.stderr
     assert "with nominal twin" in again.stdout
-    gathered = run_json("bench", "report", tmp_path / "out", "--out", tmp_path / "page")
-    assert [(study["study"], study["runs"]) for study in gathered["studies"]] == [("case1", 2)]
 
 
-def test_report_of_a_folder_without_runs_ends_with_code_3(tmp_path: Path) -> None:
-    assert "no finished run" in one_line(run("bench", "report", tmp_path, "--out", tmp_path / "page", code=3))
-    assert "does not exist" in one_line(run("bench", "report", tmp_path / "no", "--out", tmp_path / "page", code=3))
-
-
-@pytest.mark.parametrize("words", [("bench", "study", "case1", "."), ("bench", "paper"), ("demo",)])
+@pytest.mark.parametrize("words", [("bench", "study", "case1", "."), ("bench", "study", "paper"), ("demo",)])
 @pytest.mark.parametrize("below", ["", "deeper"])
 def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
     words: tuple[str, ...], below: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -94,8 +87,10 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "alarms", "--set", "pumps=two"), 3, "setting pumps of alarms cannot be 'two'"),
         (("study", "alarms", "x"), 3, "builds its own"),
         (("study", "public"), 3, "the folder of the public sets"),
-        (("paper", "--experiments", "guess"), 3, "no experiment guess"),
-        (("paper", "--size", "huge"), 2, "huge"),
+        (("study", "paper", "--set", "experiments=guess"), 3, "no experiment guess"),
+        (("study", "paper"), 3, "the paper needs a folder"),
+        (("study", "paper", "x"), 2, "build their own rig"),
+        (("study", "paper", "--size", "huge"), 2, "huge"),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, said: str) -> None:
@@ -106,10 +101,10 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
 
 @pytest.mark.parametrize("fast", [True, False])
 def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
-    fast: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fast: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin.foundation.has_bfloat16_arithmetic", lambda: fast, raising=False)
-    words = ("bench", "paper", "--set", "precision=bfloat16", "--experiments", "guess", "--out", str(tmp_path))
+    words = ("bench", "study", "case1", "x", "--set", "precision=bfloat16", "--set", "classifiers=guess")
     assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
 
 

@@ -28,7 +28,7 @@ PAGES = {path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.
 DOCUMENTS = sorted({"README.md", *PAGES} - {EVIDENCE})
 
 NOT_RUN = (
-    (r"bench (?!rig |augment )", "a study takes minutes to days"),
+    (r"bench (?!rig )", "a study takes minutes to days"),
     (r"bench rig (?!.*--size tiny)", "a rig of that size takes minutes"),
     (r"(watch|history) ", "tests/cli/test_watch.py runs the tutorial"),
     (r"explore ", "it serves until it is ended; tests/explorer run it"),

@@ -30,7 +30,7 @@ HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "
         ("calibrate", "x", *AT_15, "--method", "guess"),
         ("calibrate", "x", *AT_15, "--method", "gauss-newton", "--set", "epochs=5"),
         ("bench", "study", "case1", "x", "--seeds", "a,b"),
-        ("demo", "--seed", "x"),
+        ("demo", "--seed", "0"),
     ],
 )
 def test_a_wrong_command_line_ends_with_code_2(

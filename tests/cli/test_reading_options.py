@@ -12,7 +12,7 @@ from typer.main import get_command
 from swashtwin.cli import app
 from swashtwin.cli.options import READING
 
-SIGNAL = ("signal spectrum", "signal features", "signal trend")
+SIGNAL = ("signal spectrum", "signal features")
 READERS = ("index", "inspect", "diagnose", "calibrate", "data convert", *SIGNAL)
 RATE = ["--sample-rate", "1 kHz"]
 ROWS = [f"{number / 1000},{number % 7}.5,{number % 5}.25" for number in range(64)]
@@ -44,7 +44,7 @@ FILES = {
         ("plain", ["--unit", "g"], "--sample-rate", ["--sample-rate", "1 kHz"]),
         ("plain", ["--sample-rate", "1 kHz"], "--unit", ["--unit", "g"]),
         ("plain", ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"], "--unit", ["--unit", "V"]),
-        ("doubtful", ["--unit", "g", "--sample-rate", "1 kHz"], "--decimal", ["--decimal", ","]),
+        ("doubtful", ["--unit", "g", "--sample-rate", "1 kHz"], '--read "decimal=,"', ["--read", "decimal=,"]),
         ("wav", [], "--sensitivity", ["--sensitivity", "50 m/s^2"]),
         ("wav", ["--sensitivity", "100 mV/g"], "50 m/s^2", ["--sensitivity", "50 m/s^2"]),
         ("volts", ["--sample-rate", "1 kHz", "--unit", "g"], "--sensitivity", ["--sensitivity", "100 mV/g"]),

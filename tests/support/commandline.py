@@ -19,8 +19,11 @@ FACTS = ("--sample-rate", "2 kHz", "--unit", "g")
 """What the text tables of `write_tone` do not say."""
 QUICK = ("--set", "starts=1", "--set", "nuisances=none", "--set", "phases=false")
 
-PYTHON_WORDS = re.compile(r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))|\b[a-z_]{2,}=(?=[\w\"'(\[{.,])")
-"""What looks like a call or an argument of Python, which no error in the shell holds; ``MPa(15)`` may."""
+PYTHON_WORDS = re.compile(
+    r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))"
+    r"|(?<!--read )(?<!--read \")\b[a-z_]{2,}=(?=[\w\"'(\[{.,])"
+)
+"""What looks like a call or an argument of Python, which no error in the shell holds; ``MPa(15)`` may, and --read."""
 
 
 def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 2000.0) -> Path:

@@ -1,9 +1,7 @@
 """Runs of a study as they would be, made without training anything."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, fields
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -68,13 +66,6 @@ def run(
         "origin": ORIGIN, "command": "swashtwin bench study case1 --seeds 0,1", "wall_s": 1.0, "cpu_s": 1.0,
         "device": "cpu", "features": features(name) if is_network else None, **changes,
     }  # fmt: skip
-
-
-def save_run(run: Mapping[str, Any], out: Path) -> Path:
-    """File of the run below `out`."""
-    task = Task(**{item.name: run[item.name] for item in fields(Task)})
-    task.run(out, lambda: {name: value for name, value in run.items() if name not in ("format", "key")})
-    return task.folder(out) / "result.json"
 
 
 def features(name: str) -> dict[str, list[Any]]:

@@ -24,5 +24,4 @@ from .studies.plan import Plan as Plan
 from .studies.plans import PLANS as PLANS
 from .studies.plans import plan_of as plan_of
 from .studies.registry import run_study as run_study
-from .studies.runner import collect_studies as collect_studies
 from .studies.runner import run_plan as run_plan

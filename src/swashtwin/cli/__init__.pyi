@@ -18,7 +18,6 @@ from .options import Window as Window
 from .options import read_pairs as read_pairs
 from .options import read_seeds as read_seeds
 from .options import read_words as read_words
-from .outputs import ReportFolder as ReportFolder
 from .outputs import as_folder as as_folder
 from .outputs import require_output as require_output
 from .watching import require_extra as require_extra

@@ -170,10 +170,7 @@ def report(
 
     require_files(sources)
     if folders := [path for path in sources if path.is_dir()]:
-        raise InputError(
-            f"{folders[0]} is a folder; report takes files of calibrations and models. The page of finished runs of "
-            f"the bench: swashtwin bench report {folders[0]} --out PAGE."
-        )
+        raise InputError(f"{folders[0]} is a folder; report takes files of calibrations and models.")
     require_page(out, inputs=sources, force=force)
     items: list[Any] = [
         load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources

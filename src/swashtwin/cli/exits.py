@@ -10,6 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from swashtwin.cli.options import LAYOUT
 from swashtwin.foundation import SwashTwinError, escape_controls
 
 BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
@@ -72,6 +73,9 @@ def _printable_error() -> Iterator[None]:
         yield
     except _CLICK_ERROR as cause:
         cause.message = escape_controls(cause.message, keep="\n")
+        key = getattr(cause, "option_name", "").lstrip("-").replace("-", "_")
+        if key in LAYOUT:
+            cause.possibilities = [f"--read {key}=..."]
         raise
 
 

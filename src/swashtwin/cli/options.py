@@ -129,16 +129,19 @@ READING = {
     ),
     "channels": _reading("Channel to read, by name, pattern or number; repeatable.", list[str]),
     "names": _reading("New name of each channel, in order; repeatable.", list[str]),
-    "time_column": _reading("Column with the time, by name or number from 0."),
-    "time_unit": _reading('Unit of that column: "us".'),
-    "header_lines": _reading("Lines before the first sample of a text file.", int, min=0),
-    "separator": _reading('Character between two columns of a text file, or "tab".'),
-    "decimal": _reading('Decimal mark of a text file: "." or ",".'),
+    "read": _reading(
+        "How the file is laid out, by keys of an index: time_column=t (or 0), time_unit=us, header_lines=3, "
+        "separator=tab, decimal=,; repeatable.",
+        list[str],
+        metavar="KEY=VALUE",
+    ),
     "speed": _reading('Shaft speed: "860 rpm".'),
     "pressure": _reading('Absolute discharge pressure: "15 MPa".'),
     "resample": _reading('Rate to resample to: "12 kHz".'),
 }
-"""Options that state for single files what keys of an index state for many: the fields of `Options`, and a new rate."""
+"""Options that state for single files what keys of an index state for many."""
+LAYOUT = ("time_column", "time_unit", "header_lines", "separator", "decimal")
+"""Keys of an index that ``--read`` states."""
 Reading = dict[str, Any]
 """What the options of `reads_files` state, for ``load_recordings(path, **reading)``."""
 
@@ -154,11 +157,8 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def with_reading(**values: Any) -> None:
         reading = present(**{name: values.pop(name, None) for name in added})
-        if reading.get("separator") in ("tab", "\\t"):
-            reading["separator"] = "\t"
-        if reading.get("time_column", "").isdecimal():
-            reading["time_column"] = int(reading["time_column"])
-        command(**values, reading=reading)
+        layout = _layout(reading.pop("read", ()))
+        command(**values, reading=reading | layout)
 
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters: list[inspect.Parameter] = []
@@ -169,6 +169,22 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
             parameters.append(parameter.replace(kind=keyword))
     with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return with_reading
+
+
+def _layout(texts: Sequence[str]) -> dict[str, Any]:
+    """Keys and values of ``--read``."""
+    layout: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        key = name.strip().replace("-", "_")
+        if key not in LAYOUT or not value:
+            reason = f"{text!r} must be KEY=VALUE; the keys are {', '.join(LAYOUT)}."
+            raise typer.BadParameter(reason, param_hint="--read")
+        if key == "header_lines" and not value.isdecimal():
+            raise typer.BadParameter(f"{text!r} must be a whole number of lines.", param_hint="--read")
+        is_number = key in ("header_lines", "time_column") and value.isdecimal()
+        layout[key] = int(value) if is_number else "\t" if (key, value) == ("separator", "tab") else value
+    return layout
 
 
 def read_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:

@@ -29,7 +29,6 @@ Report = Annotated[Path | None, typer.Option(help="Folder for report.html with i
 _PAGE = "<footer>Written by swashtwin"
 FIGURE = "<!-- figure of swashtwin -->"
 """What an SVG file of swashtwin holds."""
-ReportFolder = Annotated[Path | None, typer.Option(help="Folder for report.html.", callback=as_folder)]
 
 
 def require_output(

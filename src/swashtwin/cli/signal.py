@@ -10,7 +10,7 @@ import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.exits import resumable
-from swashtwin.cli.options import Json, Reading, Sources, band_from, reads_files
+from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
 from swashtwin.cli.sources import load_sources
@@ -181,10 +181,8 @@ def _show_lines(lines: "LineSpectrum", title: str) -> None:
         note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
 
 
-@reads_files
 def trend(
-    source: Sources,
-    reading: Reading,
+    source: Index,
     indicator: Annotated[
         str, typer.Option(help="Indicator to follow, such as rms; swashtwin signal features lists them.")
     ] = "rms",
@@ -209,8 +207,8 @@ def trend(
     from swashtwin.report import trend_drawing
     from swashtwin.signals import trend_of
 
-    csv_file = None if out is None else _csv_beside(out, source, force)
-    indicators = _indicators_of(load_sources(source, **reading), None, None, Shaft(None, None))
+    csv_file = None if out is None else _csv_beside(out, [source], force)
+    indicators = _indicators_of(load_sources([source]), None, None, Shaft(None, None))
     result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)

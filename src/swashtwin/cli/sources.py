@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from swashtwin.cli.console import note
-from swashtwin.cli.options import READING
+from swashtwin.cli.options import LAYOUT, READING
 from swashtwin.foundation import SwashTwinError
 
 if TYPE_CHECKING:
@@ -28,10 +28,18 @@ def single_file_options() -> Iterator[None]:
 
 def by_options(text: str) -> str:
     """A message that advises to edit the index, with the options of a single file instead."""
+    text = re.sub(rf"\b({'|'.join(LAYOUT)}) = (\d+|\"[^\"]*\")", _read_option, text)
     keys = rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])"
     text = re.sub(keys, lambda match: f"--{match[1].replace('_', '-')} ", text)
     text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
     return text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
+
+
+def _read_option(match: re.Match[str]) -> str:
+    """``--read decimal=,`` of ``decimal = ","``, quoted where the shell needs it."""
+    value = match[2].strip('"')
+    pair = f"{match[1]}={value}"
+    return f"--read {pair}" if value.isalnum() else f'--read "{pair}"'
 
 
 def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
@@ -76,7 +84,8 @@ def is_collection(path: Path, facts: dict[str, Any]) -> bool:
     if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
         return False
     if facts:
-        option = f"--{next(iter(facts)).replace('_', '-')}"
+        key = next(iter(facts))
+        option = "--read" if key in LAYOUT else f"--{key.replace('_', '-')}"
         remedy = "convert its files anew" if is_store(path) else "edit its index"
         raise typer.BadParameter(f"is for single files, and {path} says it itself; {remedy}.", param_hint=option)
     return True

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import note, note_merged, progress, say, table, tell
-from swashtwin.cli.options import Index, Json, ModelFile, Seed
+from swashtwin.cli.options import Index, Json, ModelFile
 from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
 from swashtwin.cli.summaries import class_words
 from swashtwin.foundation import plural
@@ -20,7 +20,6 @@ def evaluate(
     model: ModelFile,
     source: Index,
     report: Report = None,
-    seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -39,7 +38,7 @@ def evaluate(
             reference = trained.fitted_.training_reference
             level = None if reference is None else learning.level_between(reference, chosen)
             test = trained.cut_windows(chosen)
-            scores = trained.evaluate(test, level=level, seed=seed)
+            scores = trained.evaluate(test, level=level)
             if trained.fitted_.confidence is not None:
                 confidence = learning.score_confidence(trained.fitted_, test)
         else:

@@ -78,7 +78,8 @@ def train(
         typer.Option(
             "--set",
             metavar="NAME=VALUE",
-            help="Any setting of a named network or its training: epochs=60, noise_snr=5, hidden=256,128; repeatable.",
+            help="Any setting of a named network or its training: epochs=60, noise_snr=5, hidden=256,128, device=cuda; "
+            "repeatable.",
         ),
     ] = None,
     fault_of: Annotated[
@@ -90,7 +91,6 @@ def train(
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
-    device: Annotated[str, typer.Option(help='"cpu", or a GPU such as "cuda".')] = "cpu",
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -150,7 +150,6 @@ def train(
         group=group,
         error_rate=error_rate,
         fault_of=declared | read_pairs(fault_of, "--fault-of"),
-        device=device,
         seed=seed,
     )
     checkpoint = None if is_chosen else out.with_name(f"{out.stem}.checkpoint.safetensors")
@@ -180,13 +179,16 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     recipe = presets.paper if preset is Preset.paper else presets.recommended
     name = network or str(recipe.classifier["network"])
     shape_defaults = default_settings(network_class(name))
-    chosen = read_settings(texts, {**shape_defaults, **defaults_of(recipe.training)}, f"training a {name}")
+    defaults = {**shape_defaults, **defaults_of(recipe.training), "device": "cpu"}
+    chosen = read_settings(texts, defaults, f"training a {name}")
+    device = chosen.pop("device", "cpu")
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window or 2048, **shape)
     training = replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults})
     own = {key: getattr(training, key) for key in defaults_of(training) if key in FaultClassifier().get_params()}
     other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in own}
-    return {"network": name, **own, "training_settings": other or None, "network_settings": shape or None}
+    settings = {"training_settings": other or None, "network_settings": shape or None}
+    return {"network": name, "device": device, **own, **settings}
 
 
 def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:

@@ -47,9 +47,9 @@ _ENTRY_POINTS = "swashtwin.fillers"
 
 
 def register_filler(name: str, filler: Filler) -> None:
-    """Add a filler under a name by which the studies and ``swashtwin bench augment`` find it.
+    """Add a filler under a name by which the studies find it.
 
-    A package can have it added automatically, for the command line too, by an entry point `name` of the group
+    A package can have it added automatically, by an entry point `name` of the group
     ``swashtwin.fillers`` that points at `filler`.
 
     Raises

@@ -1,9 +1,8 @@
-"""Commands of the studies: bench study, bench paper, bench report."""
+"""The command of the studies: bench study."""
 
 import difflib
 import shlex
 import sys
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +19,6 @@ from swashtwin.cli import (
     read_pairs,
     read_seeds,
     read_words,
-    require_files,
     resumable,
     say,
     table,
@@ -31,6 +29,8 @@ if TYPE_CHECKING:
     from swashtwin_bench import StudyTable, Work
 
 STUDIES = {
+    "paper": "every experiment of the paper by its own recipe, on one page of its figures beside ours; "
+    "experiments=case1,noise takes some",
     "case1": "few samples: what a twin adds where one class has few measured windows",
     "case2": "missing condition: a cell without any measured window, which twins fill",
     "recess": "Case I with the paper's recess of 0.6 mm",
@@ -61,16 +61,6 @@ def _known(name: str) -> str:
     return name
 
 
-StudyName = Annotated[
-    str,
-    typer.Argument(
-        callback=_known,
-        autocompletion=lambda: list(STUDIES),
-        help="\n\n".join(f"{name}: {text}" for name, text in STUDIES.items()),
-    ),
-]
-
-
 class Size(StrEnum):
     """Counts and epochs of a study."""
 
@@ -93,33 +83,34 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
-SizeName = Annotated[
-    Size,
-    typer.Option(
-        help="quick: minutes of two cores; medium: the paper's counts, 30 epochs, its network on patches, "
-        "hours; paper: 200 epochs, every sample a step, weeks of a CPU."
-    ),
-]
-Seeds = Annotated[str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", help='What is set of the study, NAME=VALUE: "classifiers=bitcn,tcn"; repeatable.'),
-]
-DeviceName = Annotated[Device, typer.Option(help="Where networks are trained.")]
-
-
 def study(
-    name: StudyName,
+    name: Annotated[
+        str,
+        typer.Argument(
+            callback=_known,
+            autocompletion=lambda: list(STUDIES),
+            help="\n\n".join(f"{name}: {text}" for name, text in STUDIES.items()),
+        ),
+    ],
     source: Annotated[
         Path | None,
         typer.Argument(metavar="[SOURCE]", help="Index, store or folder of recordings; without it, the virtual rig."),
     ] = None,
-    size: SizeName = Size.quick,
+    size: Annotated[
+        Size,
+        typer.Option(
+            help="quick: minutes of two cores; medium: the paper's counts, 30 epochs, its network on patches, "
+            "hours; paper: 200 epochs, every sample a step, weeks of a CPU."
+        ),
+    ] = Size.quick,
     recipe: Annotated[
         Recipe, typer.Option(help="Our network and settings, or the paper's, in the paper's seven studies.")
     ] = Recipe.ours,
-    seeds: Seeds = "0",
-    settings: Settings = None,
+    seeds: Annotated[str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')] = "0",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help='What is set of the study, NAME=VALUE: "classifiers=bitcn,tcn"; repeatable.'),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -128,17 +119,33 @@ def study(
         ),
     ] = None,
     jobs: Jobs = 2,
-    device: DeviceName = Device.cpu,
+    device: Annotated[Device, typer.Option(help="Where networks are trained.")] = Device.cpu,
     as_json: Json = False,
 ) -> None:
     """Run a study: one question, its table, its answer and a page."""
+    from swashtwin.foundation import has_bfloat16_arithmetic
+    from swashtwin_bench import Work, run_study, write_study_report
+
     numbers, pairs = read_seeds(seeds), read_pairs(settings, "--set")
-    from swashtwin_bench import run_study, write_study_report
+    if name == "paper" and source is not None:
+        raise typer.BadParameter("the paper's experiments build their own rig.", param_hint="SOURCE")
+    if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
+        note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
+    kept = "finished runs are kept; the same command resumes"
+    with resumable(kept if out is not None else "with --out, finished runs would be kept"), progress(name) as bar:
 
-    def run(work: "Work") -> "StudyTable":
-        return run_study(name, source, work=work, size=size.value, recipe=recipe.value, settings=pairs)
+        def show_activity(activity: str, count: int, total: int) -> None:
+            note_done_before(activity, out)
+            bar(count, total, f"{name}: {activity}")
 
-    result = _watched(name, numbers, out, jobs, device, run)
+        work = Work(numbers, jobs, out, show_activity, device.value, typed_command())
+        if name == "paper":
+            answer = _run_paper(work, size.value, pairs)
+        else:
+            result = run_study(name, source, work=work, size=size.value, recipe=recipe.value, settings=pairs)
+    if name == "paper":
+        tell(answer, as_json, lambda: say("\n".join([*answer["answer"], f"Report: {answer['report']}"])))
+        return
     page = None if out is None else write_study_report(result, folder=out / result.study)
 
     def show() -> None:
@@ -149,20 +156,16 @@ def study(
     tell({**result.to_dict(), "report": page}, as_json, show)
 
 
-def _watched(
-    what: str, seeds: list[int], out: Path | None, jobs: int, device: Device, run: Callable[["Work"], Any]
-) -> Any:
-    """Result of `run` with a bar, and with what an interruption means."""
-    from swashtwin_bench import Work
+def _run_paper(work: "Work", size: str, settings: dict[str, str]) -> dict[str, Any]:
+    """Every experiment of the paper, or those of the setting ``experiments``, and the page of them."""
+    from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
-    kept = "finished runs are kept; the same command resumes"
-    with resumable(kept if out is not None else "with --out, finished runs would be kept"), progress(what) as bar:
-
-        def show(activity: str, count: int, total: int) -> None:
-            note_done_before(activity, out)
-            bar(count, total, f"{what}: {activity}")
-
-        return run(Work(seeds, jobs, out, show, device.value, typed_command()))
+    experiments = read_words(settings.pop("experiments", None)) or list(EXPERIMENTS)
+    results = run_paper(work, size=size, experiments=experiments, settings=settings)
+    assert work.out is not None
+    page = write_paper_page(results, size, work.out / "paper")
+    studies = [study.to_dict() for study in results.values()]
+    return {"report": page, "size": size, "answer": list(paper_answer(results)), "studies": studies}
 
 
 def typed_command() -> str:
@@ -187,69 +190,3 @@ def show_study(study: "StudyTable") -> None:
     table(title, (*study.factors, "seeds", *metrics.values()), rows)
     for text in (*study.answer, *study.notes, study.origin):
         say(text)
-
-
-def paper(
-    size: SizeName = Size.quick,
-    seeds: Seeds = "20",
-    experiments: Annotated[
-        str | None,
-        typer.Option(
-            help="Some of case1, case2, recess, algorithms, ablation, noise, related, identification; all by default."
-        ),
-    ] = None,
-    settings: Settings = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Folder of fleets and finished runs, which a re-run continues, and of paper/report.html.",
-            callback=as_folder,
-        ),
-    ] = Path("swashtwin-paper"),
-    jobs: Jobs = 2,
-    device: DeviceName = Device.cpu,
-    as_json: Json = False,
-) -> None:
-    """Every experiment of the paper with its own network and recipe, and one page: its figures beside ours."""
-    from swashtwin.foundation import has_bfloat16_arithmetic
-    from swashtwin_bench import EXPERIMENTS, Work, paper_answer, run_paper, write_paper_page
-
-    numbers, pairs = read_seeds(seeds), read_pairs(settings, "--set")
-    names = EXPERIMENTS if experiments is None else read_words(experiments)
-    if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
-        note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
-
-    def run(work: Work) -> Any:
-        return run_paper(work, size=size.value, experiments=tuple(names), settings=pairs)
-
-    results = _watched("the paper", numbers, out, jobs, device, run)
-    page = write_paper_page(results, size.value, out / "paper")
-    answer = paper_answer(results)
-    studies = [study.to_dict() for study in results.values()]
-    result = {"report": page, "size": size.value, "answer": list(answer), "studies": studies}
-    tell(result, as_json, lambda: say("\n".join([*answer, f"Report: {page}"])))
-
-
-def report(
-    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="Folders of studies' runs.")],
-    out: Annotated[Path, typer.Option(help="Folder for report.html, its figures and their data.", callback=as_folder)],
-    as_json: Json = False,
-) -> None:
-    """Write one page of the finished runs of studies of classifiers."""
-    from swashtwin_bench import PLANS, collect_studies, write_study_report
-
-    require_files(folders)
-    studies = [study for folder in folders for study in collect_studies(folder, PLANS)]
-    page = write_study_report(*studies, folder=out)
-    told: list[dict[str, Any]] = [
-        {"study": study.study, "size": study.size, "seeds": [*study.seeds], "runs": len(study.runs),
-         "answer": [*study.answer]}
-        for study in studies
-    ]  # fmt: skip
-
-    def show() -> None:
-        rows = [(each["study"], each["size"], ", ".join(map(str, each["seeds"])), each["runs"]) for each in told]
-        table("Studies", ("study", "size", "seeds", "runs"), rows)
-        say(f"Report: {page}")
-
-    tell({"report": page, "studies": told}, as_json, show)

@@ -1,7 +1,6 @@
-"""`write_study_report`: studies in, one page and its data out."""
+"""`write_study_report`: a study in, one page and its data out."""
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,26 +46,19 @@ _REASONS = {"recall": "macro_recall", "f1": "macro_f1"}
 """Name in a score's reasons of each metric that is called otherwise there."""
 
 
-def write_study_report(*studies: StudyTable, folder: Path | str) -> Path:
-    """Path of ``report.html`` with one part for each study; see `write_report`.
+def write_study_report(study: StudyTable, folder: Path | str) -> Path:
+    """Path of ``report.html`` of a study; see `write_report`.
 
     Parameters
     ----------
-    studies : in the order wanted. Figures of several are named by their study.
     folder : made if it does not exist.
 
     Raises
     ------
     InputError
-        No study, or `folder` is a file.
+        `folder` is a file.
     """
-    names = [study.study.replace("-", "_") if len(studies) > 1 else "study" for study in studies]
-    total, count = Counter(names), Counter[str]()
-    parts = []
-    for name, study in zip(names, studies, strict=True):
-        count[name] += 1
-        parts.append(study_part(study, f"{name}_{count[name]}" if total[name] > 1 else name))
-    return write_report(*parts, folder=folder)
+    return write_report(study_part(study, "study"), folder=folder)
 
 
 def study_part(study: StudyTable, key: str) -> Part:

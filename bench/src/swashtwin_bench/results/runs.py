@@ -2,7 +2,7 @@
 
 A task's key is a hash of everything that decides its result: seed, settings and the data themselves. So a re-run finds
 what is done, whatever else was changed meanwhile, and an interruption loses the running tasks only. The files are JSON
-(with NaN as Python writes it): `bench report` and people read them, and no change of the code deletes them.
+(with NaN as Python writes it); no change of the code deletes them.
 """
 
 import hashlib
@@ -27,10 +27,6 @@ Run = Mapping[str, Any]
 
 Progress = Callable[[str, int, int], None]
 """Called with (activity, finished, in all)."""
-
-
-class OtherFormatError(ArtifactError):
-    """A run that another version of swashtwin wrote, whose numbers this one may not put beside its own."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ def load_run(folder: Path) -> dict[str, Any]:
     Raises
     ------
     ArtifactError
-        The file is damaged, lies in another task's folder, or is of another version (`OtherFormatError`).
+        The file is damaged, lies in another task's folder, or is of another version.
     """
     path = Path(folder) / "result.json"
     try:
@@ -105,7 +101,7 @@ def load_run(folder: Path) -> dict[str, Any]:
             f"{path} is damaged ({type(cause).__name__}); delete its folder to run the task again."
         ) from cause
     if form != FORMAT:
-        raise OtherFormatError(
+        raise ArtifactError(
             f"{path} has the format {form!r}, this version reads {FORMAT!r}; delete its folder to run the task anew."
         )
     if key != Path(folder).name:

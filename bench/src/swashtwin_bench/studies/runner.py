@@ -11,7 +11,7 @@ from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
 from swashtwin.recordings import Recording, load_recordings
 from swashtwin_bench.results.result import FURTHER, METRICS, StudyResult, trials_of
-from swashtwin_bench.results.runs import OtherFormatError, Run, Task, Work, fingerprint_of, load_run
+from swashtwin_bench.results.runs import Run, Task, Work, fingerprint_of, load_run
 from swashtwin_bench.results.table import origin_of
 from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, RigSize, build_rig
 from swashtwin_bench.studies.dataset import (
@@ -237,68 +237,3 @@ def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize, ve
     is_whole = len(recordings) == size.specimens * size.repeats * 15
     if not (origin.endswith(f"version {version}") and is_whole):
         raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")
-
-
-def collect_studies(folder: Path, plans: Mapping[str, Callable[[str], Plan]]) -> list[StudyResult]:
-    """Every study whose runs lie below a folder, in the order of `plans`, each size by itself.
-
-    Of each row and seed the latest run counts, and only runs of the latest settings and recordings; a note says how
-    many others were left out, those of another version of swashtwin among them.
-
-    Parameters
-    ----------
-    plans : plan of each study by its name, for a size's name.
-
-    Raises
-    ------
-    DataError
-        There is no such folder, or no finished run in it.
-    ArtifactError
-        A run is damaged.
-    """
-    if not Path(folder).is_dir():
-        raise DataError(f"{folder} does not exist, or is no folder; give the --out of a study of swashtwin bench.")
-    paths = sorted(Path(folder).rglob("result.json"), key=lambda path: (path.stat().st_mtime_ns, path.as_posix()))
-    runs: list[Run] = []
-    for path in paths:
-        try:
-            runs.append(load_run(path.parent))
-        except OtherFormatError:
-            continue
-    runs = [run for run in runs if run["study"] in plans and "rows" in run]
-    if not runs:
-        raise DataError(f"{folder} holds no finished run of a study of classifiers; give the --out of such a study.")
-    order = list(plans)
-    kinds = sorted({(run["study"], run["size"]) for run in runs}, key=lambda kind: (order.index(kind[0]), kind))
-    studies = []
-    for name, size in kinds:
-        of_kind = [run for run in runs if (run["study"], run["size"]) == (name, size)]
-        latest = _latest(of_kind)
-        plan = plans[name](size)
-        if left_out := len(of_kind) - len(latest):
-            note = f"{left_out} runs of other settings or recordings lie in the folder and are left out."
-            plan = replace(plan, notes=(*plan.notes, note))
-        studies.append(study_of(plan, latest, out=folder))
-    return studies
-
-
-def _latest(runs: Sequence[Run]) -> list[Run]:
-    """Runs of the latest recordings and settings, one for each row and seed; `runs` are in the order of time."""
-    last = runs[-1]
-    candidates = [run for run in runs if run["origin"] == last["origin"]]
-    if len({(run["data"], run["seed"]) for run in candidates}) > len({run["data"] for run in candidates}):
-        # not a fleet for each seed: other recordings under other seeds are another study
-        candidates = [run for run in candidates if run["data"] == last["data"]]
-
-    def varied(run: Run) -> str:
-        return repr([value for name, value in run["factors"].items() if name not in ("classifier", "training_set")])
-
-    agreements: tuple[tuple[Callable[[Run], Any], Callable[[Run], Any]], ...] = (
-        (varied, lambda run: (run["settings"]["scenario"], run["settings"]["tests"])),
-        (lambda run: repr(run["factors"]), lambda run: run["settings"]),
-        (lambda run: run["seed"], lambda run: run["data"]),
-    )
-    for where, what in agreements:
-        latest = {where(run): what(run) for run in candidates}
-        candidates = [run for run in candidates if what(run) == latest[where(run)]]
-    return list({(repr(run["factors"]), run["seed"]): run for run in candidates}.values())

@@ -198,7 +198,7 @@ def test_the_commands_of_a_page_run_in_their_order(
 ) -> None:
     """On a choice from fewer windows, and without the refits that explain a misfit."""
     monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 120)
-    monkeypatch.setattr("swashtwin.calibration.notes.misfit_hypotheses", lambda *_: ())
+    monkeypatch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
     PREPARED.get(document, lambda folder, rig: None)(tmp_path, rig)
     monkeypatch.chdir(tmp_path)
     for line in RUN[document]:

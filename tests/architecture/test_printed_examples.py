@@ -42,7 +42,7 @@ def test_readmes_example_runs_as_printed(
 ) -> None:
     """On a choice from fewer windows, and without the refits that explain a misfit; both have tests of their own."""
     monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 120)
-    monkeypatch.setattr("swashtwin.calibration.notes.misfit_hypotheses", lambda *_: ())
+    monkeypatch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
     monkeypatch.chdir(tmp_path)
     (rig,) = re.findall(r"`swashtwin (bench rig [^`]*)`", (ROOT / "README.md").read_text(encoding="utf-8"))
     run(*shlex.split(rig))

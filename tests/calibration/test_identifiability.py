@@ -23,7 +23,6 @@ from swashtwin.calibration.uncertainty.discrepancy import (
 )
 from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
 from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance, sandwich
-from swashtwin.calibration.uncertainty.profiles import profiles
 from swashtwin.foundation import InputError, mm, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
@@ -152,35 +151,6 @@ def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
     middle = (unknowns.lower + unknowns.upper) / 2
     assert " to " in interval_words(estimates_of(objective, middle, np.eye(6) * 0.01)[0])
     assert interval_words(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
-
-
-def test_profiles_agree_with_the_deviations_where_a_value_is_identified(
-    objective: Objective, point: np.ndarray
-) -> None:
-    std = np.sqrt(np.diag(posterior_covariance(objective, point)))
-    pair = profiles(objective, point, ("C_v", "C_Hz"))
-    for curve, i in zip(pair, (2, 4), strict=True):
-        assert curve.is_identified
-        low, high = curve.interval
-        assert low is not None
-        assert high is not None
-        assert (high - low) / 2 == pytest.approx(1.645 * std[i], rel=0.1)
-        assert (np.diff(curve.coordinate) > 0).all()
-        assert curve.rise.min() == 0
-
-
-def test_a_profile_is_the_least_over_all_other_coordinates(objective: Objective, point: np.ndarray) -> None:
-    """Fitted anew from elsewhere with the value held, nothing lower is found."""
-    from swashtwin.calibration.uncertainty.profiles import _WhitenedProblem
-
-    (curve,) = profiles(objective, point, ("K_Hz",))
-    problem = _WhitenedProblem(objective, point)
-    index = int(np.argmax(curve.rise))
-    start = point + 0.3
-    start[5] = curve.coordinate[index]
-    _, height = problem.descend(start, 5)
-    _, least = problem.descend(point, None)
-    assert height - least == pytest.approx(curve.rise[index], abs=0.15)
 
 
 def test_directions_name_what_can_be_traded(objective: Objective, point: np.ndarray) -> None:

@@ -6,7 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, identify_law, load_calibration
+from swashtwin.calibration import (
+    Calibration,
+    GaussNewton,
+    Nuisances,
+    calibrate,
+    estimate_severity,
+    identify_law,
+    load_calibration,
+)
 from swashtwin.foundation import InputError, MPa, mm, um
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
@@ -69,6 +77,14 @@ def test_windows_of_a_stated_recess_follow_the_law_at_another_pressure(
     power = [np.abs(np.fft.rfft(windows.signal)).mean(axis=(0, 1)) for windows in (lawful, without)]
     high = np.arange(len(power[0])) * 7.5 > 2 * CORNER
     assert power[0][high].sum() < power[1][high].sum()
+
+
+def test_severity_searches_a_stated_recess_under_the_law(calibration: Calibration, recordings: list[Recording]) -> None:
+    (estimate,) = estimate_severity(calibration, recordings[2:3], STATED, healthy=recordings[:2], free=()).estimates
+    depth, corner = estimate.dimensions
+    assert depth.interval[0] < TRUE.depth < depth.interval[1]
+    assert corner.dimension.name == "corner"
+    assert corner.interval[0] < CORNER < corner.interval[1]
 
 
 def test_what_has_no_law_to_search_is_refused(calibration: Calibration, recordings: list[Recording]) -> None:

@@ -19,7 +19,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
-from swashtwin.calibration.severity.severity import DimensionEstimate
+from swashtwin.calibration.severity.severity import DimensionEstimate, either_law
 from swashtwin.calibration.severity.severity_search import _severity
 from swashtwin.foundation import DataError, InputError, deg, mm, um
 from swashtwin.physics import Twin
@@ -139,11 +139,33 @@ def test_a_label_in_other_words_is_that_of_the_fault(calibration: Calibration, r
 
 
 def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
-    (estimate,) = estimate_severity(calibration, healthy[:1], PistonWear(um(60)), healthy=healthy).estimates
+    (estimate,) = estimate_severity(calibration, healthy[:1], BUSH, healthy=healthy).estimates
+    assert estimate.dimensions[1].verdict == "not identified"  # what may not be there has no width
     assert estimate.severity.verdict == "not detected"
     assert estimate.severity.interval[0] == 0.0
     assert estimate.detection_limit is not None
     assert estimate.severity.interval[1] < 3 * estimate.detection_limit
+
+
+def test_nothing_is_called_identified_on_a_calibration_in_doubt(calibration: Calibration, record: Record) -> None:
+    worn, doubtful = record(PistonWear(um(45)), "worn"), replace(calibration, misfit=2.6)
+    trend = estimate_severity(doubtful, [worn], PistonWear(um(60)))
+    assert trend.estimates[0].severity.verdict == "weak"
+    assert any(
+        "misses lines by 2.6 times" in note and "no severity is called identified" in note for note in trend.notes
+    )
+
+
+def test_a_recess_that_two_laws_explain_has_an_interval_around_both(calibration: Calibration, record: Record) -> None:
+    (shared,) = estimate_severity(calibration, [record(LONG, "recess")], LONG, free=()).estimates
+    depth = replace(shared.severity, interval=(mm(0.3), mm(0.9)), value=mm(0.6))
+    lifting = replace(shared, dimensions=(depth,))
+    either = either_law((shared, 10.0), (lifting, 11.0))
+    assert either.severity.value == shared.severity.value
+    assert either.severity.interval == (shared.severity.interval[0], mm(0.9))
+    assert (shared.severity.verdict, either.severity.verdict) == ("identified", "weak")
+    assert "if contact=lift_off; the lines do not tell" in either.notes[-1]
+    assert either_law((shared, 20.0), (lifting, 11.0)).severity == depth
 
 
 def test_a_change_is_known_better_than_either_severity(calibration: Calibration, record: Record) -> None:

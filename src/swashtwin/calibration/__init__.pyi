@@ -44,5 +44,3 @@ from .uncertainty.identifiability_report import identifiability as identifiabili
 from .uncertainty.posterior import QUANTILE as QUANTILE
 from .uncertainty.posterior import Estimate as Estimate
 from .uncertainty.posterior import Posterior as Posterior
-from .uncertainty.profiles import THRESHOLD as THRESHOLD
-from .uncertainty.profiles import Profile as Profile

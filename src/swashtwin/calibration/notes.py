@@ -1,6 +1,6 @@
 """Notes on a calibration: one warning where it is in doubt, then what was not identified."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -8,23 +8,31 @@ from swashtwin.calibration.methods.search import Search
 from swashtwin.calibration.methods.widening import WIDENED
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import CONSTANTS
-from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses, words_of_constant
-from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, misfit_of, strained_constants
+from swashtwin.calibration.uncertainty.misfit_hypotheses import MisfitHypothesis, words_of_constant
+from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, strained_constants
 
 FAR = 2.0
 """A constant that ends so many deviations of its prior from what was stated is named beside a misfit."""
-LARGE = 1.0
-"""Misfit, in what noise and model error make expected, above which simple mistakes are sought that would explain it."""
 _UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
 
 
 def notes_of(
-    objective: Objective, search: Search, estimates: tuple[Estimate, ...], explain_misfit: bool
+    objective: Objective,
+    search: Search,
+    estimates: tuple[Estimate, ...],
+    misfit: float,
+    hypotheses: Sequence[MisfitHypothesis],
 ) -> tuple[str, ...]:
-    """Notes of a search and what came of it; with `explain_misfit` also mistakes that would explain its misfit."""
+    """Notes of a search and what came of it, with the mistakes that would explain its misfit."""
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
     doubts = [*_bounds(objective, search, estimates)]
-    doubts += _misfit(objective, search, explain_misfit, is_strained=bool(doubts))
+    if misfit > MISFIT:
+        lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
+        doubts.append(
+            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so no value is "
+            f"called identified{lacks}"
+        )
+    doubts += [hypothesis.words for hypothesis in hypotheses]
     if doubts:
         notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
@@ -51,19 +59,6 @@ def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...
     if strained:
         constants = ", ".join(words_of_constant(name) for name in strained)
         yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"
-
-
-def _misfit(objective: Objective, search: Search, explain: bool, is_strained: bool) -> Iterator[str]:
-    """The misfit, and where it is large or the fit is strained its likelier causes by evidence."""
-    misfit = misfit_of(objective, search.point)
-    hypotheses = misfit_hypotheses(objective, misfit) if explain and (misfit > LARGE or is_strained) else ()
-    if misfit > MISFIT:
-        lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
-        yield (
-            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so no value is "
-            f"called identified{lacks}"
-        )
-    yield from (hypothesis.words for hypothesis in hypotheses)
 
 
 def _far_constants(objective: Objective, search: Search) -> str:

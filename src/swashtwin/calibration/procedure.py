@@ -10,7 +10,7 @@ import numpy as np
 
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.methods.ipinn import IPINN
-from swashtwin.calibration.methods.search import Calibrator, Progress
+from swashtwin.calibration.methods.search import Calibrator, Progress, Search
 from swashtwin.calibration.methods.widening import widening_search
 from swashtwin.calibration.notes import notes_of
 from swashtwin.calibration.objective.agreement import fit_of
@@ -27,7 +27,8 @@ from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, 
 from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.law_search import identify_law
-from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, posterior_covariance
+from swashtwin.calibration.uncertainty.misfit_hypotheses import MisfitHypothesis, suspected_mistakes
+from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, misfit_of, posterior_covariance
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, is_same_class, load_pump
@@ -39,6 +40,8 @@ RECOMMENDED_NUISANCES = Nuisances.by_axis()
 """What `calibrate` searches beside the six values where nothing is said."""
 FREE_PATH = 1.0
 """Prior deviation of the logarithm of the gain, and of the housing's shares, of a sensor whose place is unknown."""
+DEEPER = 1.0
+"""Fall of the sum of squares, priors counted, from which another optimum is reported in place of the first."""
 _PLACE = (
     "{0!r} is none of the pump's sensors: it counts as {1} with a free way from the shell, which leaves the values "
     "less certain. Name it as the sensor where it sits (--names), or add that place to [[sensors]] in the pump file."
@@ -87,7 +90,8 @@ def calibrate(
         shaft's angle is then followed on the recording itself. The paper compares amplitudes only.
     explain_misfit : where the calibrated lines miss the measured ones by more than expected, or a bound or a prior
         strains the fit, calibrate again as if each of a few simple mistakes (two channels swapped, another unit) had
-        been made, and note those that explain it. Values and intervals do not depend on these notes.
+        been made. The search starts again from those that explain it; what is still suspected at the best optimum is
+        noted.
     law : a recess as far as it is known, whose law is searched on the recordings of its class beside the healthy ones
         (`Calibration.law`): how far slippers follow it, under which contact, how deep it acts.
     progress : called with (steps done, steps in all, loss).
@@ -118,7 +122,8 @@ def calibrate(
     require_one_machine([recording for each in measurements for recording in each.recordings], "a calibration")
     objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
     may_widen = () if isinstance(method, IPINN) else unstated(bounds)  # the paper's bounds pull back by a loss
-    objective, search = widening_search(objective, method, may_widen, seed=seed, progress=progress)
+    objective, search, hypotheses = _search(objective, method, may_widen, explain_misfit, seed, progress)
+    misfit = misfit_of(objective, search.point)
     covariance = posterior_covariance(objective, search.point)
     estimates = estimates_of(objective, search.point, covariance)
     posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
@@ -138,8 +143,9 @@ def calibrate(
         left_out=tuple((name, reason) for name, reason in measurements[0].left_out if name not in names),
         notes=(
             *(_PLACE.format(name, twins[0].pump.channels[0]) for name in unplaced),
-            *notes_of(objective, search, estimates, explain_misfit),
+            *notes_of(objective, search, estimates, misfit, hypotheses),
         ),
+        misfit=misfit,
         method=type(method).__name__,
         settings=_settings(method, objective, seed),
         simulations=search.simulations,
@@ -160,6 +166,36 @@ def calibrate(
         left_out=tuple(pair for pair in calibration.left_out if pair[0] not in names),
         wall_s=time.perf_counter() - started,
     )
+
+
+def _search(
+    objective: Objective,
+    method: Calibrator,
+    may_widen: tuple[str, ...],
+    explain_misfit: bool,
+    seed: int,
+    progress: Progress | None,
+) -> tuple[Objective, Search, tuple[MisfitHypothesis, ...]]:
+    """The best optimum and the objective it lies in, and what mistakes would explain what it still misses.
+
+    Gauss-Newton steps start again from each suspected mistake that moves only what is searched anyway.
+    """
+    found, search = widening_search(objective, method, may_widen, seed=seed, progress=progress)
+    hypotheses = suspected_mistakes(found, search.point) if explain_misfit else ()
+    starts = [hypothesis.start for hypothesis in hypotheses if hypothesis.start is not None]
+    if not (starts and isinstance(method, GaussNewton)):
+        return found, search, hypotheses
+    best, once = (found, search), replace(method, starts=1)
+    for start in starts:
+        within = np.clip(start, objective.unknowns.lower, objective.unknowns.upper)
+        begun = replace(objective, unknowns=replace(objective.unknowns, start=within))
+        again = widening_search(begun, once, may_widen, seed=seed)
+        best = min(best, again, key=lambda pair: pair[1].history.least_loss)
+    fall = search.history.least_loss**2 - best[1].history.least_loss ** 2
+    if fall * objective.measured.numel() < DEEPER:
+        return found, search, hypotheses
+    better = replace(best[0], unknowns=replace(best[0].unknowns, start=objective.unknowns.start))
+    return better, best[1], suspected_mistakes(better, best[1].point)
 
 
 def starting_twins(

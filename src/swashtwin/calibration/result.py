@@ -13,7 +13,7 @@ from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.objective.unknowns import SearchSpace
 from swashtwin.calibration.severity.law import FaultLaw
-from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior
+from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior, is_in_doubt
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
@@ -29,7 +29,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import PARAMETERS, fault_type
 from swashtwin.recordings import Manifest
 
-FORMAT = "swashtwin calibration 7"
+FORMAT = "swashtwin calibration 8"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +56,8 @@ class Calibration:
     is called."""
     left_out: tuple[tuple[str, str], ...]
     """Id of each recording given but not used, and why."""
+    misfit: float
+    """Root mean square of the lines that the calibrated twin misses, in what noise and a model error of 5 % explain."""
     notes: tuple[str, ...]
     """What the user should look at, in words."""
     method: str
@@ -83,6 +85,11 @@ class Calibration:
     def estimate(self, name: str) -> Estimate:
         """Estimate of the parameter with that name or letter."""
         return next(estimate for estimate in self.estimates if name in (estimate.name, estimate.letter))
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether nothing that rests on it may be called identified (`uncertainty.posterior.is_in_doubt`)."""
+        return is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
 
     @property
     def space(self) -> SearchSpace:

@@ -1,12 +1,11 @@
 """Part of the page about an identifiability report."""
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from swashtwin.calibration import THRESHOLD, VALUES, IdentifiabilityReport, Profile
-from swashtwin.plot import CALIBRATED, INTERFACE_COLORS, LIGHT, MEASURED, ON_DARK, ON_SHADE, figure_style, panels, words
+from swashtwin.calibration import VALUES, IdentifiabilityReport
+from swashtwin.plot import ON_DARK, ON_SHADE, figure_style, panels, words
 from swashtwin.pump import LETTERS
-from swashtwin.report.drawing import Drawing, render_drawing, tabulate
+from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
@@ -25,7 +24,6 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
         directions_table(report),
         table,
         Picture(correlations(report, key)),
-        *((Picture(profile_curves(report, key)),) if report.profiles else ()),
     )
     return Part(
         title="What the measurement can tell",
@@ -80,12 +78,9 @@ def directions_table(report: IdentifiabilityReport) -> Table:
     )
 
 
-_COLOR_OF = {letter: INTERFACE_COLORS[name.split(".")[0]] for name, letter in LETTERS.items()}
-
-
 def coordinate_words(name: str) -> str:
     """Name of a coordinate in words; letters of the six values as they are."""
-    return name if name in _COLOR_OF else words(name)
+    return name if name in LETTERS.values() else words(name)
 
 
 @figure_style()
@@ -114,41 +109,3 @@ def correlations(report: IdentifiabilityReport, key: str) -> Drawing:
     )
     title = "What can be traded for what"
     return render_drawing(f"{key}_correlations", figure, columns, title=title, caption=caption)
-
-
-@figure_style()
-def profile_curves(report: IdentifiabilityReport, key: str) -> Drawing:
-    """Profile likelihoods, a panel each."""
-    rows = [
-        {"coordinate": profile.name, "logarithm": x, "rise": y}
-        for profile in report.profiles
-        for x, y in zip(profile.coordinate, profile.rise, strict=True)
-    ]
-    columns = min(3, len(report.profiles))
-    lines = -(-len(report.profiles) // columns)
-    figure, axes = panels(lines, columns, 0.6 + 2.2 * lines, sharey=True)
-    for panel, profile in zip(axes.flat, report.profiles, strict=False):
-        _draw_profile(panel, profile)
-    for panel in axes.flat[len(report.profiles) :]:
-        panel.set_visible(False)
-    for panel in axes[:, 0]:
-        panel.set_ylabel("rise [1]")
-    caption = (
-        "How much worse the best fit becomes where one value is held (horizontal: its logarithm relative to the best) "
-        "and all others are fitted again. The value lies where the curve is below the gray line (90 %); a curve that "
-        "stays below it up to a bound shows that the measurement sets no limit there."
-    )
-    return render_drawing(f"{key}_profiles", figure, tabulate(rows), title="Profile likelihoods", caption=caption)
-
-
-def _draw_profile(panel: Axes, profile: Profile) -> None:
-    panel.axhline(THRESHOLD, color=LIGHT, linewidth=2)
-    away, color = profile.coordinate - profile.best, _COLOR_OF.get(profile.name, CALIBRATED)
-    panel.plot(away, profile.rise, ".-", color=color, markersize=4)
-    reach = np.abs(away).max() * 1.1
-    for bound in (bound - profile.best for bound in profile.bounds):
-        if abs(bound) <= reach:
-            panel.axvline(bound, color=MEASURED, linestyle=":", linewidth=1)
-    panel.set(
-        title=profile.words, ylim=(-0.15, 2 * THRESHOLD), xlim=(-reach, reach), xlabel=f"ln {profile.name} − best"
-    )

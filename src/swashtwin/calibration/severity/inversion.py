@@ -18,13 +18,13 @@ from jaxtyping import Float
 
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
 from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
-from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
-from swashtwin.calibration.uncertainty.profiles import (
+from swashtwin.calibration.severity.profile_likelihood import (
     THRESHOLD,
     ProfileProblem,
     interval_of,
     profile_likelihood,
 )
+from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
 from swashtwin.calibration.uncertainty.posterior import Estimate
 from swashtwin.pump import Fault, SwashPlateDefect
 
@@ -41,6 +42,15 @@ class FaultLaw:
         corner = next(item for item in self.estimates if item.letter == "corner")
         drawn = corner.value * math.exp(corner.log_std * corner_shift)
         return replace(fault, corner=drawn, **{name: getattr(self.fault, name) for name in names})
+
+    def space(self, space: FaultSpace) -> FaultSpace:
+        """`space` of a severity under this law, its corner searched as far as it is uncertain."""
+        lawful = self.of(space.reference)
+        if lawful is None or lawful == space.reference:
+            return space
+        deviation = next(item.log_std for item in self.estimates if item.letter == "corner")
+        (corner,) = (item for item in search_of(lawful).dimensions if item.name == "corner")
+        return FaultSpace(lawful, (*space.free, replace(corner, deviation=deviation)))
 
     def floor_of(self, fault: Fault | None) -> float:
         """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one."""

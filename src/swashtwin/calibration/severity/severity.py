@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace
-from swashtwin.calibration.uncertainty.posterior import COVERAGE, QUANTILE
+from swashtwin.calibration.uncertainty.posterior import COVERAGE, IDENTIFIED_STD, QUANTILE
 from swashtwin.foundation import InputError, deg, to_table
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, OperatingCondition, values_match
 from swashtwin.recordings import Recording
@@ -108,6 +108,38 @@ class Severity:
         return self.dimensions[0]
 
 
+DECIDED = 6.0
+"""Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times likelier."""
+_VERDICTS: tuple[SeverityVerdict, ...] = ("identified", "weak", "not identified", "not detected", "at bound")
+
+
+def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:
+    """The likelier of the severities under two laws of contact; around both where the lines do not decide.
+
+    Parameters
+    ----------
+    shared, lifting : severity and -2 ln likelihood where films are strained, and where slippers lift off.
+    """
+    pairs = {"shared": shared, "lift_off": lifting}
+    (likelier, (best, loss)), (unlikelier, (other, more)) = sorted(pairs.items(), key=lambda item: item[1][1])
+    found = f"{best.severity.words} if contact={likelier}, {other.severity.words} if contact={unlikelier}"
+    if more - loss > DECIDED:
+        note = f"{found}; the lines are those of the first"
+        return replace(best, notes=(*best.notes, note))
+    dimensions = tuple(map(_around_both, best.dimensions, other.dimensions))
+    return replace(best, dimensions=dimensions, notes=(*best.notes, f"{found}; the lines do not tell which"))
+
+
+def _around_both(first: DimensionEstimate, second: DimensionEstimate) -> DimensionEstimate:
+    """An estimate with the interval of both, and the lesser verdict."""
+    low, high = min(first.interval[0], second.interval[0]), max(first.interval[1], second.interval[1])
+    log_std = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
+    verdict = max(first.verdict, second.verdict, key=_VERDICTS.index)
+    if verdict == "identified" and log_std > IDENTIFIED_STD:
+        verdict = "weak"
+    return replace(first, interval=(low, high), log_std=log_std, verdict=verdict)
+
+
 @dataclass(frozen=True, eq=False)
 class SeverityTrend:
     """Severities of one pump's recordings, in the order given."""
@@ -182,7 +214,13 @@ def severity_notes(
             f"the pump was calibrated up to {band[1] / 1000:g} kHz, severities are searched up to {most / 1000:g} kHz: "
             f'a housing that bends above falsifies them; calibrate with --band "0-{most / 1000:g} kHz".'
         )
-    if not calibration.settings.get("phases"):
+    if calibration.is_in_doubt:
+        yield (
+            f"the pump's calibration is in doubt (it misses lines by {calibration.misfit:.2g} times what was expected, "
+            "or strains a bound or a prior; see its notes), so no severity is called identified: calibrate with the "
+            "default nuisances and phases, or mend what its notes name."
+        )
+    elif not calibration.settings.get("phases"):
         yield "the calibration dropped the phases of the lines: severities are less certain; calibrate with phases."
     partners = {estimate.traded_with for estimate in estimates} - {None}
     if partners:

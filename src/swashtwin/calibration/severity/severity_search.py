@@ -21,23 +21,25 @@ from swashtwin.calibration.objective.unknowns import VALUES, Unknowns, search_sp
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
+from swashtwin.calibration.severity.profile_likelihood import THRESHOLD
 from swashtwin.calibration.severity.severity import (
     DimensionEstimate,
     Severity,
     SeveritySettings,
     SeverityTrend,
     SeverityVerdict,
+    either_law,
     recording_notes,
     severity_notes,
 )
 from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
-from swashtwin.calibration.uncertainty.profiles import THRESHOLD
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (
     Fault,
     InterfaceValue,
     OperatingCondition,
+    SwashPlateDefect,
     is_healthy,
     propose_class,
 )
@@ -70,6 +72,10 @@ def estimate_severity(
     measured minus simulated lines, weighed by noise and by what twins lack; the severity's interval is where the least
     sum over all else rises by 2.71 (profile likelihood), around all minima that lie so low.
 
+    A recess that is deeper than films reach (`with_fitting_contact`), as stated or as found, is searched under both
+    laws of contact (`either_law`); one that states no corner, under the law that the calibration identified, if it did
+    (`Calibration.law`). Of a calibration in doubt (`Calibration.is_in_doubt`) nothing is called identified.
+
     Phases of the lines are compared where the calibration compared them. Which piston or which bore is damaged only
     turns all lines together and cannot be found; a swash plate defect's angle repeats after a piston's share of a turn;
     a width above a slipper's diameter does not act at all.
@@ -91,8 +97,10 @@ def estimate_severity(
     InputError
         A calibration of faulty recordings, or an impossible dimension.
     """
-    settings = settings or SeveritySettings()
-    space, candidates, healthy_recordings = fault_space(fault, free), list(recordings), list(healthy)
+    settings, candidates, healthy_recordings = settings or SeveritySettings(), list(recordings), list(healthy)
+    space = fault_space(fault, free)
+    if calibration.law is not None:
+        space = calibration.law.space(space)
     if calibration.twin.fault is not None:
         raise InputError(
             f"the known pump is calibrated with a fault ({calibration.twin.label}); calibrate on its healthy "
@@ -140,32 +148,58 @@ def _of_recording(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
+    """Severity under the stated law; where a recess is deeper than films reach, also with slippers that lift off."""
+    shared = _under_one_law(calibration, recording, space, healthy, settings)
+    fault = space.reference
+    if not isinstance(fault, SwashPlateDefect) or fault.contact != "shared" or calibration.law is not None:
+        return shared[0]
+    deepest = replace(fault, depth=max(fault.depth, shared[0].severity.value))
+    if deepest.with_fitting_contact() == deepest:
+        return shared[0]
+    lifting = replace(space, reference=replace(fault, contact="lift_off"))
+    return either_law(shared, _under_one_law(calibration, recording, lifting, healthy, settings))
+
+
+def _under_one_law(
+    calibration: Calibration,
+    recording: Recording,
+    space: FaultSpace,
+    healthy: Sequence[Recording],
+    settings: SeveritySettings,
+) -> tuple[Severity, float]:
+    """(severity under the law of the space's fault, -2 ln likelihood of the lines but for what laws share)."""
     started = time.perf_counter()
     comparison = comparison_of_fault(calibration, [recording], space.reference, healthy, settings.band)
     inversion = invert(calibration, [comparison], space, healthy, settings)
     minima, misfit = inversion.search()
     minima, ends = inversion.profiled(minima)
     point, height = minima[0].point, minima[0].height
+    loss = height + 2 * float(np.log(np.diag(inversion.root)).sum())
     without_fault = point.copy()
     without_fault[inversion.severity] = 0.0
     without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
     covariance, deviation = inversion.deviations(point)
     law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, height_without - height)
-    further = _further(space, minima, inversion)
+    is_there = evidence > inversion.threshold
+    further = _further(space, minima, inversion, is_there=is_there)
     inversion.weigh(without_fault)
     inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
-    if evidence <= inversion.threshold:  # a fault up to the detection limit could have been missed
+    if not is_there:  # a fault up to the detection limit could have been missed
         ends = None, ends[1] if ends[1] is None or limit is None else max(ends[1], limit)
-    severity = _severity(space, point, ends, inversion, law, is_there=evidence > inversion.threshold)
+    dimensions = (_severity(space, point, ends, inversion, law, is_there=is_there), *further)
+    if calibration.is_in_doubt:
+        dimensions = tuple(
+            replace(item, verdict="weak") if item.verdict == "identified" else item for item in dimensions
+        )
     assert recording.condition is not None  # `_chosen` lets none pass
     relative = float(point[inversion.severity])
-    return Severity(
+    severity = Severity(
         recording_id=recording.recording_id,
         condition=recording.condition,
         fault=space.at(point[inversion.severity :]),
-        dimensions=(severity, *further),
+        dimensions=dimensions,
         evidence=evidence,
         threshold=inversion.threshold,
         detection_limit=None if limit is None else limit * space.reference.severity,
@@ -176,6 +210,7 @@ def _of_recording(
         wall_s=time.perf_counter() - started,
         notes=(*inversion.objective.comparisons[0].measurement.notes, *recording_notes(calibration, recording, misfit)),
     )
+    return severity, loss
 
 
 def comparison_of_fault(
@@ -315,8 +350,10 @@ def _severity(
     return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
-def _further(space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion) -> list[DimensionEstimate]:
-    """The further dimensions with the hull of their intervals in all minima."""
+def _further(
+    space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion, *, is_there: bool
+) -> list[DimensionEstimate]:
+    """The further dimensions with the hull of their intervals in all minima; as stated where there may be no fault."""
     estimates = []
     deviations = [np.sqrt(np.diag(inversion.deviations(minimum.point)[0])) for minimum in minima]
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
@@ -330,6 +367,8 @@ def _further(space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion)
         low, high = (
             coordinate - math.hypot(coordinate - min(lows), law), coordinate + math.hypot(max(highs) - coordinate, law)
         )  # fmt: skip
+        if not is_there:
+            coordinate, low, high = 0.0, -QUANTILE * dimension.deviation, QUANTILE * dimension.deviation
         std = float(high - low) / (2 * QUANTILE)
         interval = (typical * math.exp(low), typical * math.exp(high))
         verdict = _verdict(dimension, coordinate, std)

@@ -25,7 +25,6 @@ from swashtwin.calibration.uncertainty.posterior import (
     estimates_of,
     sandwich,
 )
-from swashtwin.calibration.uncertainty.profiles import Profile, profiles
 from swashtwin.foundation import DataError, to_table
 from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import Recording
@@ -92,8 +91,6 @@ class IdentifiabilityReport:
     """Greatest over least eigenvalue of the Fisher information of the six logarithms, nuisances integrated out."""
     discrepancy: Discrepancy
     """What the twin lacks, as the lines show it."""
-    profiles: tuple[Profile, ...] = ()
-    """Profile likelihoods, if requested."""
 
     @property
     def share(self) -> Float[np.ndarray, " unknown"]:
@@ -117,15 +114,12 @@ class IdentifiabilityReport:
         return {**to_table(self), "condition_number": number, "words": list(self.words)}
 
 
-def identifiability(
-    calibration: Calibration, recordings: Iterable[Recording], *, with_profiles: bool = False
-) -> IdentifiabilityReport:
+def identifiability(calibration: Calibration, recordings: Iterable[Recording]) -> IdentifiabilityReport:
     """What the recordings of a calibration determine, alone or in combination.
 
     Parameters
     ----------
     recordings : those that it was calibrated on, by id; others among them are not looked at.
-    with_profiles : walk the profile likelihoods of the six values too (about a hundred simulations).
 
     Raises
     ------
@@ -143,21 +137,11 @@ def identifiability(
         measurement = measure(twin, of_fit, tuple(settings["band"]), settings["lines"], phases=settings["phases"])
         comparisons.append(comparison_of(twin, measurement, calibration.posterior.channels))
     objective = Objective(tuple(comparisons), calibration.space, calibration.posterior.unknowns)
-    return identifiability_at(objective, calibration.posterior.point, with_profiles=with_profiles)
+    return identifiability_at(objective, calibration.posterior.point)
 
 
-def identifiability_at(
-    objective: Objective,
-    point: Float[np.ndarray, " unknown"],
-    *,
-    with_profiles: bool = False,
-) -> IdentifiabilityReport:
-    """Identifiability of the coordinates of `objective` around `point`.
-
-    Parameters
-    ----------
-    with_profiles : walk the profile likelihoods of the six values too (about a hundred simulations).
-    """
+def identifiability_at(objective: Objective, point: Float[np.ndarray, " unknown"]) -> IdentifiabilityReport:
+    """Identifiability of the coordinates of `objective` around `point`."""
     point = np.asarray(point, dtype=float)
     around = linearize(objective, point)
     discrepancy = estimate_discrepancy(around)
@@ -174,7 +158,6 @@ def identifiability_at(
         directions=tuple(_directions(objective.unknowns.names[VALUES], covariance[VALUES, VALUES], prior[VALUES])),
         condition_number=_condition_number(around),
         discrepancy=discrepancy,
-        profiles=profiles(objective, point) if with_profiles else (),
     )
 
 

@@ -1,5 +1,8 @@
 """Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had been made.
 
+Where such a mistake moves only what is searched anyway, the point that it leads to is another place to start from: a
+mode of the mounting on the wrong side of a line is a valley of its own (`MisfitHypothesis.start`).
+
 Tried are two channels with each other's name, the other topology, other pressures, one channel read in another unit,
 each direction of the mounting, each bearing, and each constant, searched from several places. A mistake is suspected
 where the misfit then falls to `EXPLAINED` of what it was, which a number more does not do where it explains nothing,
@@ -14,13 +17,17 @@ from itertools import combinations
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import REACH, SCALES, Nuisances, Unknowns
+from swashtwin.calibration.uncertainty.posterior import is_in_doubt, misfit_of
 from swashtwin.physics import Topology
 
+LARGE = 1.0
+"""Misfit, in what noise and model error make expected, above which simple mistakes are sought that would explain it."""
 EXPLAINED = 0.7
 """Share of the misfit that is left at most where a mistake is suspected."""
 BEYOND_CHANCE = 20.0
@@ -52,7 +59,7 @@ IN_G = ": in g?"
 _REFIT = GaussNewton(starts=1, most_iterations=8)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MisfitHypothesis:
     """A mistake that would explain the misfit."""
 
@@ -62,11 +69,20 @@ class MisfitHypothesis:
     """RMS of the missed lines, in what was expected of them, had it been made."""
     before: float
     """The same as it is."""
+    start: Float[np.ndarray, " unknown"] | None = None
+    """Coordinates of the same search that it leads to; None where it is about something that is not searched."""
 
     @property
     def words(self) -> str:
         """It as a sentence."""
         return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}"
+
+
+def suspected_mistakes(objective: Objective, point: Float[np.ndarray, " unknown"]) -> tuple[MisfitHypothesis, ...]:
+    """`misfit_hypotheses` at the point found, where its misfit is `LARGE` or the fit is in doubt."""
+    misfit = misfit_of(objective, point)
+    is_odd = misfit > LARGE or is_in_doubt(objective.unknowns, point, misfit)
+    return misfit_hypotheses(objective, misfit) if is_odd else ()
 
 
 def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
@@ -121,9 +137,9 @@ def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypo
             condition = each.twin.condition
             pressure = factor * condition.discharge_pressure
             changed.append(replace(each, twin=each.twin.at(condition.replaced(discharge_pressure=pressure))))
-        refits.append((_refit(replace(objective, comparisons=tuple(changed)))[1], factor))
-    misfit, factor = min(refits)
-    yield MisfitHypothesis(f"the discharge pressure is about {factor:g} times the stated one", misfit, before)
+        refits.append((*_refit(replace(objective, comparisons=tuple(changed))), factor))
+    point, misfit, factor = min(refits, key=lambda refit: refit[1])
+    yield MisfitHypothesis(f"the discharge pressure is about {factor:g} times the stated one", misfit, before, point)
 
 
 def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -169,7 +185,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         is_unit = name == "sensor" and _is_gravity(factor)
         advice = IN_G if is_unit else ": search it from there, or correct the pump file"
         mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        yield MisfitHypothesis(mistake, misfit, before)
+        yield MisfitHypothesis(mistake, misfit, before, _start(objective.unknowns, unknowns, point))
 
 
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -184,9 +200,13 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[index] / np.median(gains))
     unit = IN_G if _is_gravity(factor) else ""
-    yield MisfitHypothesis(
-        f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}", misfit, before
-    )
+    mistake = f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}"
+    yield MisfitHypothesis(mistake, misfit, before, _start(objective.unknowns, unknowns, point))
+
+
+def _start(searched: Unknowns, unknowns: Unknowns, point: np.ndarray) -> np.ndarray | None:
+    """A point of a search with wider priors as one of the search itself; None where that searches fewer constants."""
+    return point if searched.names == unknowns.names else None
 
 
 def _is_gravity(factor: float) -> bool:

@@ -115,7 +115,7 @@ def estimates_of(
     objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
-    space, in_doubt = objective.space, is_in_doubt(objective, point)
+    space, in_doubt = objective.space, is_in_doubt(objective.unknowns, point, misfit_of(objective, point))
     values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
@@ -153,14 +153,13 @@ def interval_around(value: float, log_std: float, bounds: tuple[float, float]) -
     return math.exp(max(low, center - half)), math.exp(min(high, center + half))
 
 
-def is_in_doubt(objective: Objective, point: Float[np.ndarray, " unknown"]) -> bool:
+def is_in_doubt(unknowns: Unknowns, point: Float[np.ndarray, " unknown"], misfit: float) -> bool:
     """Whether no value may be called identified: one lies on a bound, a constant is strained, or the misfit is large.
 
     See `strained_constants` and `MISFIT`.
     """
-    unknowns = objective.unknowns
     at_bound = touched(point, unknowns)[VALUES].any()
-    return bool(at_bound or strained_constants(unknowns, point)) or misfit_of(objective, point) > MISFIT
+    return bool(at_bound or strained_constants(unknowns, point)) or misfit > MISFIT
 
 
 def strained_constants(unknowns: Unknowns, point: Float[np.ndarray, " unknown"]) -> tuple[str, ...]:

@@ -5,20 +5,12 @@ where it never rises: there the value is not identified (Raue et al. 2009, doi:1
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.stats
-import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import VALUES
-from swashtwin.calibration.uncertainty.discrepancy import estimate_discrepancy, linearize, noise_covariance
 from swashtwin.calibration.uncertainty.posterior import COVERAGE
-from swashtwin.foundation import one_thread
-from swashtwin.pump import PARAMETERS
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 """Rise of the sum of squares at which an interval ends (Wilks)."""
@@ -139,96 +131,3 @@ def _crossing(coordinate: np.ndarray, rise: np.ndarray) -> float | None:
     roots = np.sqrt(rise[[last - 1, last]])
     share = (np.sqrt(THRESHOLD) - roots[0]) / (roots[1] - roots[0])
     return float(coordinate[last - 1] + share * (coordinate[last] - coordinate[last - 1]))
-
-
-_WIDER = 10.0
-"""By how much the priors of the six values are widened: so wide, they only keep flat valleys in place."""
-
-
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """The least misfit over all other coordinates, for values of one."""
-
-    name: str
-    """Letter of the value, or name of the nuisance, as in `Unknowns.names`."""
-    coordinate: Float[np.ndarray, " point"]
-    """Values at which it was fixed, rising: the logarithm, but for the residue of a housing mode."""
-    rise: Float[np.ndarray, " point"]
-    """Rise of the sum of squares above the least [1]: 2.71 ends the interval of 90 %."""
-    best: float
-    """Coordinate of the least."""
-    interval: tuple[float | None, float | None]
-    """Coordinates at which the rise passes the threshold; None where it does not before the bound."""
-    bounds: tuple[float, float]
-    """Where it was searched."""
-    simulations: int
-    """How many parameter sets were simulated, each with its derivatives."""
-
-    @property
-    def is_identified(self) -> bool:
-        """Whether the interval closes on both sides."""
-        return None not in self.interval
-
-    @property
-    def words(self) -> str:
-        """What it says."""
-        below, above = self.interval
-        if self.is_identified:
-            return f"{self.name}: closed on both sides"
-        if below is None and above is None:
-            return f"{self.name}: not identified, open on both sides"
-        return f"{self.name}: only {'an upper' if below is None else 'a lower'} limit"
-
-
-def profiles(
-    objective: Objective, point: Float[np.ndarray, " unknown"], names: tuple[str, ...] | None = None
-) -> tuple[Profile, ...]:
-    """Profiles of several coordinates, of the six values by default.
-
-    Each is walked from `point` to both sides, until the rise is clear or a bound is met.
-
-    Lines are weighed by the covariance of `discrepancy` at `point`, so the least may lie beside it. Nuisances keep
-    their priors, the six values have none but their bounds.
-    """
-    names = objective.unknowns.names[VALUES] if names is None else names
-    problem = _WhitenedProblem(objective, point)
-    with one_thread():
-        best, least = problem.descend(np.asarray(point, dtype=float), fixed=None)
-        result = [_profile_of(problem, best, least, objective.unknowns.names.index(name)) for name in names]
-    return tuple(result)
-
-
-class _WhitenedProblem(ProfileProblem):
-    """Whitened least squares of all coordinates but one."""
-
-    def __init__(self, objective: Objective, point: np.ndarray) -> None:
-        around, unknowns = linearize(objective, point), objective.unknowns
-        self.objective, self.lower, self.upper = objective, unknowns.lower, unknowns.upper
-        self.root = np.linalg.cholesky(noise_covariance(around, estimate_discrepancy(around)))
-        wider = np.where(np.arange(len(unknowns)) < len(PARAMETERS), _WIDER, 1.0)
-        self.center, self.precision = unknowns.center, 1 / (unknowns.deviation * wider)
-        self.simulations = 1
-
-    def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their derivatives."""
-        self.simulations += 1
-        observables, slope = self.objective.sensitivity(torch.as_tensor(point))
-        lines = scipy.linalg.solve_triangular(
-            self.root, np.column_stack([(observables - self.objective.measured).numpy(), slope.numpy()]), lower=True
-        )
-        residual = np.concatenate([lines[:, 0], self.precision * (point - self.center)])
-        return residual, np.concatenate([lines[:, 1:], np.diag(self.precision)])
-
-
-def _profile_of(problem: _WhitenedProblem, best: np.ndarray, least: float, fixed: int) -> Profile:
-    before = problem.simulations
-    coordinate, rise = profile_likelihood(problem, best, least, fixed)
-    return Profile(
-        name=problem.objective.unknowns.names[fixed],
-        coordinate=coordinate,
-        rise=rise,
-        best=float(coordinate[np.argmin(rise)]),
-        interval=interval_of(coordinate, rise),
-        bounds=(float(problem.lower[fixed]), float(problem.upper[fixed])),
-        simulations=problem.simulations - before,
-    )

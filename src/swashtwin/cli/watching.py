@@ -72,6 +72,10 @@ def event(
         typer.Option("--maintenance", help="The machine was repaired: learn its healthy state anew, close alarms."),
     ] = False,
     text: Annotated[str, typer.Option("--note", help="What was done.")] = "",
+    found: Annotated[
+        str,
+        typer.Option(help='What was wrong, such as "piston 3, 30 um"; kept beside the suspect of its newest alarm.'),
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Keep in the history what was done to a machine; after maintenance its baseline is learned anew."""
@@ -81,11 +85,12 @@ def event(
     watch = _config(config)
     history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
-        number = record_event(watch, history, machine, who=_user(), note=text, maintenance=maintenance)
+        number = record_event(watch, history, machine, who=_user(), note=text, found=found, maintenance=maintenance)
     finally:
         history.close()
     after = "its baseline is learned anew, and its alarms are closed" if maintenance else "kept in the history"
-    tell({"event": number, "machine": machine}, as_json, lambda: say(f"{machine}: {after}."))
+    after = f"what was found stands beside the suspect of its newest alarm; {after}" if found else after
+    tell({"event": number, "machine": machine, "found": found or None}, as_json, lambda: say(f"{machine}: {after}."))
 
 
 def user(

@@ -20,4 +20,5 @@ from .prior_making import make_prior as make_prior
 from .reasons import few_machines as few_machines
 from .saving import load_classifier as load_classifier
 from .saving import save_classifier as save_classifier
+from .shaft_orders import order_levels as order_levels
 from .verdict import Diagnosis as Diagnosis

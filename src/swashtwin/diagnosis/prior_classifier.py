@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float64, Int64
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
-from swashtwin.diagnosis.order_levels import order_levels, shaft_frequency
 from swashtwin.diagnosis.prior_head import UNKNOWN_RATE, PriorHead, VirtualChanges, fit_head
+from swashtwin.diagnosis.shaft_orders import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,
@@ -144,51 +144,68 @@ class PriorClassifier:
             No healthy recording, channels that the virtual pumps lack, a speed or a pressure outside the prior's, a
             class that it does not know, an unfit recording, or a classifier that is adapted already.
         """
-        if self.virtual is None:
-            raise DataError("this classifier is adapted already; adapt the prior itself, with all recordings at once.")
         recordings = require_recordings(recordings)
         sound = [item for item in recordings if item.label is None or is_healthy(item.label)]
         faulty = [item for item in recordings if not (item.label is None or is_healthy(item.label))]
         if not sound:
             raise DataError("a pump prior needs healthy recordings of the machine, labeled normal; there is none.")
-        pumps = np.ones(self.n_pumps, dtype=bool)
-        adapted = replace(self, virtual=None, fault_of=dict(fault_of or {}))
-        if pistons is not None:
-            adapted = replace(adapted, bands=OrderBands(pistons), speed=_ANY, pressure=_ANY)
-            pumps = self.virtual.drawn
-        missing = [name for name in sound[0].channels if name not in self.channels]
-        if missing:
-            raise DataError(
-                f"{sound[0].recording_id} has the channels {', '.join(sound[0].channels)}, and the prior of "
-                f"{self.pump} {', '.join(self.channels)}. Name yours so, as far as you have them, with --channels and "
-                "--names, or make a prior of a pump file with your sensors (swashtwin twin prior)."
-            )
-        adapted = replace(adapted, channels=sound[0].channels)
+        adapted = replace(self.narrowed(sound[0].channels, sound[0].unit, pistons), fault_of=dict(fault_of or {}))
         for recording in recordings:
             adapted._require_fit(recording, sound[0].unit)
         target = [adapted._class_of(str(item.label)) for item in faulty]
         adapted = replace(
             adapted,
-            n_pumps=int(pumps.sum()),
             levels=np.stack([order_levels(recording, adapted.bands) for recording in sound]),
             specimen=tuple(recording.specimen or "" for recording in sound),
             point_speed=np.array([2 * math.pi * shaft_frequency(recording) for recording in sound]),
             point_pressure=np.array([stated_pressure(recording) for recording in sound]),
-            unit=sound[0].unit,
             taught={name: target.count(name) for name in self.classes if name in target},
             manifest=join_manifests([self.manifest, manifest_of(recordings)]),
         )
-        channels = [self.channels.index(name) for name in adapted.channels]
-        changes = [adapted.change(recording)[0] for recording in faulty]
+        return adapted.fit_levels([adapted.change(recording)[0] for recording in faulty], target, seed=seed)
+
+    def narrowed(self, channels: tuple[str, ...], unit: str, pistons: int | None = None) -> "PriorClassifier":
+        """The prior of a machine's channels and, where it is of another design, of its number of pistons.
+
+        Raises
+        ------
+        DataError
+            Channels that the virtual pumps lack, or a classifier that is adapted already.
+        """
+        if self.virtual is None:
+            raise DataError("this classifier is adapted already; adapt the prior itself, with all recordings at once.")
+        if missing := [name for name in channels if name not in self.channels]:
+            raise DataError(
+                f"the recordings have the channels {', '.join(channels)}, and the prior of {self.pump} has no "
+                f"{missing[0]} but {', '.join(self.channels)}. Name yours so, as far as you have them, with --channels "
+                "and --names, or make a prior of a pump file with your sensors (swashtwin twin prior)."
+            )
+        pumps, prior = np.ones(self.n_pumps, dtype=bool), self
+        if pistons is not None:
+            pumps = self.virtual.drawn
+            prior = replace(self, bands=OrderBands(pistons), speed=_ANY, pressure=_ANY)
+        virtual = self.virtual.of(pumps, [self.channels.index(name) for name in channels])
+        return replace(prior, virtual=virtual, channels=channels, unit=unit, n_pumps=int(pumps.sum()))
+
+    def fit_levels(
+        self, changes: Sequence[Float64[np.ndarray, "channel level"]] = (), labels: Sequence[str] = (), *, seed: int = 0
+    ) -> "PriorClassifier":
+        """The classifier of the machine that the prior was `narrowed` to, whose healthy `levels` it has.
+
+        Parameters
+        ----------
+        changes, labels : measured faults (`change`) and their classes.
+        """
+        assert self.virtual is not None
         head = fit_head(
-            self.virtual.of(pumps, channels, np.isfinite(adapted.levels).all(axis=0)),
-            adapted.healthy_changes(),
-            adapted.bands,
-            np.array(changes).reshape(-1, *adapted.levels.shape[1:]),
-            np.array([self.classes.index(name) for name in target], dtype=np.int64),
+            self.virtual.measured(np.isfinite(self.levels).all(axis=0)),
+            self.healthy_changes(),
+            self.bands,
+            np.array(changes).reshape(-1, *self.levels.shape[1:]),
+            np.array([self.classes.index(name) for name in labels], dtype=np.int64),
             seed=seed,
         )
-        return replace(adapted, head=head)
+        return replace(self, virtual=None, head=head)
 
     def _class_of(self, label: str) -> str:
         """Class of the prior that a recording's label stands for."""

@@ -61,16 +61,16 @@ class VirtualChanges:
             if values.shape != (rows,) or (rows and not 0 <= values.min() <= values.max() < limit):
                 raise InputError("its virtual recordings do not fit their classes and pumps.")
 
-    def of(
-        self, pumps: Bool[np.ndarray, " pump"], channels: list[int], measured: Bool[np.ndarray, "channel level"]
-    ) -> "VirtualChanges":
-        """Those of some pumps and channels in double precision, zero in levels that a machine's recordings lack."""
+    def of(self, pumps: Bool[np.ndarray, " pump"], channels: list[int]) -> "VirtualChanges":
+        """Those of some pumps and channels in double precision."""
         rows = pumps[self.number]
         number = (np.cumsum(pumps) - 1)[self.number[rows]]
-        change, scatter = (
-            part[:, channels] * measured.astype(float) for part in (self.change[rows], self.scatter[pumps])
-        )
+        change, scatter = (part[:, channels].astype(float) for part in (self.change[rows], self.scatter[pumps]))
         return VirtualChanges(change, self.target[rows], number, scatter, self.drawn[pumps])
+
+    def measured(self, levels: Bool[np.ndarray, "channel level"]) -> "VirtualChanges":
+        """The same, zero in levels that a machine's recordings lack."""
+        return replace(self, change=self.change * levels, scatter=self.scatter * levels)
 
 
 @dataclass(frozen=True, eq=False)

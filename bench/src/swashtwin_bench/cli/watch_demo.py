@@ -81,7 +81,10 @@ def demo(
         if end:
             stop.set()
         else:
-            note("All recordings are judged; the page stays until Ctrl-C.")
+            note(
+                "All recordings are judged; the page stays until Ctrl-C. What was found beside the suspect: swashtwin "
+                f"watch event {config.path} rig-pump --found 'worn pistons'"
+            )
 
     with stop_signals() as stop:
         run_watch(config, stop=stop, started=start, progress=show)

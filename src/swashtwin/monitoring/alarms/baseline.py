@@ -11,6 +11,7 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, from_table
 from swashtwin.learning import Deviation, LevelLayout
+from swashtwin.monitoring.alarms.suspect import measured_orders
 from swashtwin.recordings import Recording
 
 TOLERANCE = 3.0
@@ -48,6 +49,10 @@ class PointBaseline:
     """Whether it has learned."""
     dropped: int = 0
     """Recordings that it did not learn from, since they stood far from the others."""
+    orders: Float64[np.ndarray, "recording order_level"] = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    """Levels of the same recordings that a pump prior compares (`measured_orders`)."""
+    pistons: int | None = None
+    """Pistons of the machine as `orders` were measured; None where they were not."""
 
     @classmethod
     def empty(cls, layout: LevelLayout) -> "PointBaseline":
@@ -97,7 +102,11 @@ class PointBaseline:
         return levels
 
     def learned_from(
-        self, levels: Float64[np.ndarray, " level"], n_samples: int, learning: int
+        self,
+        levels: Float64[np.ndarray, " level"],
+        recording: Recording,
+        learning: int,
+        pistons: int | None = None,
     ) -> tuple["PointBaseline", tuple[str, ...]]:
         """(the baseline with one more recording, what was not learned from and why).
 
@@ -106,10 +115,13 @@ class PointBaseline:
         Parameters
         ----------
         levels : of the recording [dB].
-        n_samples : length of the recording.
         learning : recordings that a complete baseline has.
+        pistons : of the machine, where they are known; `orders` are then learned too.
         """
         rows, notes = np.vstack([self.rows, levels.round(3)]), []
+        new = np.empty(0) if pistons is None else measured_orders(recording, pistons)
+        is_alike = pistons == self.pistons and self.orders.shape == (len(self.rows), new.size)
+        orders = np.vstack([self.orders if is_alike else np.full((len(self.rows), new.size), np.nan), new])
         is_new = np.arange(len(rows)) == len(rows) - 1
         while len(rows) >= _LEAST_COMPARED:
             change = np.array([row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)])
@@ -123,10 +135,11 @@ class PointBaseline:
                 f"not learned from {'this' if is_new[furthest] else 'an earlier'} recording: "
                 f"{change[furthest, level]:+.1f} dB at {which.words()}, channel {which.channel}, against the others."
             )
-            rows, is_new = np.delete(rows, furthest, axis=0), np.delete(is_new, furthest)
-        shortest = n_samples if not len(self.rows) else min(self.shortest, n_samples)
-        dropped = self.dropped + len(notes)
-        return PointBaseline(self.layout, shortest, rows, len(rows) >= learning, dropped), tuple(notes)
+            rows, orders = np.delete(rows, furthest, axis=0), np.delete(orders, furthest, axis=0)
+            is_new = np.delete(is_new, furthest)
+        shortest = min(self.shortest, recording.n_samples) if len(self.rows) else recording.n_samples
+        dropped, is_complete = self.dropped + len(notes), len(rows) >= learning
+        return PointBaseline(self.layout, shortest, rows, is_complete, dropped, orders, pistons), tuple(notes)
 
     def left_out_scores(self) -> list[tuple[float, bool]]:
         """(score, whether it is large) of each recording that it learned from, against the others.

@@ -105,6 +105,8 @@ class PointMonitor:
     """Chance that a healthy machine that does not change ever raises an alarm at one operating point, at most."""
     learning: int = 20
     """Recordings that a baseline learns from."""
+    pistons: int | None = None
+    """Pistons of the machine, where they are known: what a pump prior compares is then learned too."""
 
     def __post_init__(self) -> None:
         if not 0 < self.false_alarm_rate < 1:
@@ -152,7 +154,7 @@ class PointMonitor:
 
     def _learned(self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording) -> PointJudgment:
         """What a recording says that the baseline learns from."""
-        baseline, notes = state.baseline.learned_from(levels, recording.n_samples, self.learning)
+        baseline, notes = state.baseline.learned_from(levels, recording, self.learning, self.pistons)
         test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
         state = replace(state, baseline=baseline, test=test)
         return PointJudgment("learning", len(baseline.rows), state, notes=notes)

@@ -26,7 +26,7 @@ from swashtwin.foundation import (
 from swashtwin.monitoring.config.settings import (
     HttpSource,
     Machine,
-    PumpName,
+    NameOrFile,
     Quantity,
     Secret,
     SecretUrl,
@@ -96,8 +96,8 @@ def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) 
     """A path, secret or quantity of the text in the file; a `ValueError` where it cannot be."""
     if issubclass(kind, Path):
         return folder / Path(value).expanduser()
-    if issubclass(kind, PumpName):
-        return kind(folder / Path(value).expanduser() if value.endswith(".toml") else value)
+    if issubclass(kind, NameOrFile):
+        return kind(folder / Path(value).expanduser() if value.endswith((".toml", ".safetensors")) else value)
     if issubclass(kind, Quantity):
         try:
             number = parse(value, kind.unit, name="it")
@@ -162,5 +162,7 @@ def _check_machine(machine: Machine) -> None:
         raise InputError(f"the name also names a folder; write it as {file_name(machine.name)!r}.")
     if machine.model is not None and not machine.model.is_file():
         raise MissingFileError(f"model: {machine.model} is no file.")
+    if machine.prior.endswith(".safetensors") and not Path(machine.prior).is_file():
+        raise MissingFileError(f"prior: {machine.prior} is no file.")
     if machine.pump is not None:
         load_pump(machine.pump)

@@ -7,6 +7,8 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 from msgspec import Meta, Struct, field
 from msgspec.structs import force_setattr
 
+from swashtwin.pump import load_pump
+
 Text = Annotated[str, Meta(min_length=1, pattern=r"\S")]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 _MAIL_PORTS = {"starttls": 587, "tls": 465, "none": 25}
@@ -45,8 +47,8 @@ class SecretUrl(Secret):
     """A URL, shown nowhere because it may hold a secret; one with a password takes it from the environment."""
 
 
-class PumpName(str):
-    """Name of a pump of the catalog, or path of a pump file."""
+class NameOrFile(str):
+    """Name of what swashtwin brings along, or path of a file."""
 
 
 class Quantity(float):
@@ -97,10 +99,14 @@ class Machine(Entries, frozen=True, kw_only=True):
 
     name: Text
     """Unique; also the name of its folder of waveforms."""
-    pump: PumpName | None = None
+    pump: NameOrFile | None = None
     """Name of a pump of the catalog, or path of a pump file."""
+    pistons: Annotated[int, Meta(ge=5, le=15)] | None = None
+    """Pistons of a swash-plate pump of which no pump file is known."""
     model: Path | None = None
-    """Saved `FaultClassifier` or `AnomalyDetector`."""
+    """Saved `FaultClassifier`, `AnomalyDetector` or adapted `PriorClassifier`."""
+    prior: NameOrFile = NameOrFile("25scy14-1b")
+    """Shipped prior, or path of one of `twin prior`, which names the suspect of an alarm."""
     channels: tuple[Text, ...] = ()
     """Channels that each recording must have, in this order; empty: those of the first recording."""
     speed: Speed | None = None
@@ -126,6 +132,13 @@ class Machine(Entries, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if len(set(self.channels)) < len(self.channels):
             raise ValueError(f"channels = {list(self.channels)} names something twice")
+        if self.pistons is not None and self.pump is not None:
+            raise ValueError("pistons are those of the pump; state one of the two")
+
+    @property
+    def piston_count(self) -> int | None:
+        """Pistons, where they are known."""
+        return self.pistons if self.pump is None else load_pump(self.pump).rotating_group.piston_count
 
 
 class Broker(Entries, frozen=True, kw_only=True):

@@ -140,7 +140,7 @@ class Judgment(Row, kw_only=True):
     capital: Mapped[float | None] = mapped_column(default=None)
     """Evidence of the sequential test after this recording."""
     reasons: Mapped[dict[str, Any]] = mapped_column(default_factory=dict)
-    """Further evidence, as JSON can hold it."""
+    """Further evidence, and the ``suspect`` where levels moved far, as JSON can hold it."""
     waveform: Mapped[str | None] = mapped_column(default=None)
     """Path of its samples below the folder of waveforms, or None where none are kept."""
     retention: Mapped[str | None] = mapped_column(default=None)
@@ -226,7 +226,7 @@ class Alarm(Row, kw_only=True):
     opened: Mapped[datetime]
     """Time of the recording that raised it."""
     evidence: Mapped[dict[str, Any]]
-    """Why, as JSON can hold it."""
+    """Why, the ``suspect``, and what was ``found``, as JSON can hold it."""
     recording: Mapped[int | None]
     cleared: Mapped[datetime | None] = mapped_column(default=None)
     """Since when its cause is gone, or None."""

@@ -208,6 +208,20 @@ class MachineTransaction:
         if stored.cleared is not None:
             stored.state, stored.closed = "closed", time
 
+    def note_found(self, found: str, who: str) -> None:
+        """Keep what was wrong with the machine in the evidence of its newest alarm of the pump.
+
+        Raises
+        ------
+        InputError
+            It never had one.
+        """
+        query = select(Alarm).where(Alarm.machine == self.name, Alarm.kind == "pump").order_by(Alarm.id.desc()).limit(1)
+        alarm = self._session.scalars(query).first()
+        if alarm is None:
+            raise InputError(f"{self.name} had no alarm that {found!r} could stand beside; write it as a note.")
+        alarm.evidence = {**alarm.evidence, "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()}}
+
     def _alarm(self, number: int) -> Alarm:
         stored = self._session.get(Alarm, number)
         if stored is None or stored.machine != self.name:

@@ -75,6 +75,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         name: str,
         kind: Annotated[str, Form(pattern="^(note|maintenance)$")] = "note",
         note: Text = "",
+        found: Annotated[str, Form(max_length=500, description="what was wrong, for the newest alarm")] = "",
         who: Name = "",
         target: Address = "/",
     ) -> Response:
@@ -82,7 +83,8 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         site.machine(name)
         by = visitor_name(request, who)
         try:
-            record_event(site.config, site.history, name, who=by, note=note, maintenance=kind == "maintenance")
+            is_repair = kind == "maintenance"
+            record_event(site.config, site.history, name, who=by, note=note, found=found, maintenance=is_repair)
         except InputError as error:
             raise HTTPException(422, str(error)) from None
         return done(target)

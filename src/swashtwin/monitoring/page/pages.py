@@ -253,6 +253,9 @@ def page_routes(site: Site) -> APIRouter:
 
 
 def _checks(judgment: Judgment) -> Sequence[Check]:
+    suspect = judgment.reasons.get("suspect")
+    if judgment.label is None and suspect and suspect["certainty"] == "sure":
+        return next_checks(suspect["label"])
     if judgment.label in (None, "abnormal"):
         return next_checks(unknown=True)
     return next_checks(judgment.label, unknown=bool(judgment.reasons["verdict"].get("unknown")))

@@ -11,7 +11,6 @@ from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.charts import Axis, band, curve, draw, mark
 from swashtwin.monitoring.page.site import Site
-from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
 
 MOST_HEALTHY = 8
@@ -41,7 +40,7 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
             return ()
         frequency, amplitude = _points(recording)
         machine = site.config.machine(stored.machine)
-        pistons = load_pump(machine.pump).rotating_group.piston_count if machine and machine.pump else None
+        pistons = machine.piston_count if machine else None
     except (SwashTwinError, OSError):
         return ()
     others = [_stored_points(site, number) for number in healthy_ids]

@@ -14,6 +14,7 @@ from swashtwin.foundation import DataError, InputError, sha256_of, to_table
 from swashtwin.monitoring.alarms.channels import AlarmMessage
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
+from swashtwin.monitoring.alarms.suspect import Suspects, UnadaptedError
 from swashtwin.monitoring.alarms.testing import Change
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
@@ -58,7 +59,8 @@ class Pipeline:
     def __init__(self, config: WatchConfig, history: History) -> None:
         self._config = config
         self._history = history
-        self._models = Models()
+        self._models, self._suspects = Models(), Suspects()
+        self._pistons = {machine.name: machine.piston_count for machine in config.machines}
         self._rejected = RejectedFiles(config.folder / "rejected")
         self._tags = {machine.name: Tags(machine.tags) for machine in config.machines if machine.tags is not None}
 
@@ -78,10 +80,9 @@ class Pipeline:
             machine = self._machine(file)
             contents = read_contents(file, machine, self._tags.get(machine.name))
             verdict = self._models.diagnose(machine, contents.recording)
-            with self._history.machine(machine.name) as transaction:
-                stored = transaction.recording_of(contents.digest)
-                if stored is None:
-                    return self._file(transaction, file, contents, verdict)
+            stored = self._filed(machine, file, contents, verdict)
+            if isinstance(stored, Outcome):
+                return stored
             delivery = file.delivery
             if (stored.source, stored.received) == (delivery.source, delivery.received):
                 # a kill came between the verdict and the removal from the spool
@@ -106,8 +107,25 @@ class Pipeline:
             raise UnfitError("machine", f"it {stated}; there are {_listed(self._config)}.")
         return machine
 
+    def _filed(
+        self, machine: Machine, file: SpoolFile, contents: Contents, verdict: dict[str, Any]
+    ) -> Outcome | Judgment:
+        """What became of a recording that is filed now, or its judgment where the history has it already."""
+        while True:
+            try:
+                with self._history.machine(machine.name) as transaction:
+                    stored = transaction.recording_of(contents.digest)
+                    return self._file(transaction, machine, file, contents, dict(verdict)) if stored is None else stored
+            except UnadaptedError as needed:  # which takes seconds, in which nobody else could write
+                self._suspects.adapt(needed.healthy)
+
     def _file(
-        self, transaction: MachineTransaction, file: SpoolFile, contents: Contents, verdict: dict[str, Any]
+        self,
+        transaction: MachineTransaction,
+        machine: Machine,
+        file: SpoolFile,
+        contents: Contents,
+        verdict: dict[str, Any],
     ) -> Outcome:
         """File a recording that the history does not have: its judgment, the state of its point, alarms, messages."""
         recording, delivery = contents.recording, file.delivery
@@ -121,7 +139,8 @@ class Pipeline:
         stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
         state = PointState.read(baseline, stored.test) if stored and stored.test and baseline is not None else None
         settings = self._config.alarms
-        monitor = PointMonitor(transaction.name, false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
+        pistons = self._pistons[machine.name]
+        monitor = PointMonitor(machine.name, settings.false_alarm_rate, settings.learning, pistons)
         try:
             found = monitor.judge(recording, state, point=point.name)
         except DataError as cause:
@@ -129,6 +148,9 @@ class Pipeline:
         stated = OperatingPoint.of(recording)
         if found.stage == "sensor":  # whatever the model says of it, it says nothing of the pump
             verdict = {"no_verdict": "A sensor is at fault, or the pump does not run: no verdict on the pump."}
+        suspect = None
+        if found.is_large or found.pump == "raised":
+            suspect = to_table(self._suspects.name(machine, point, found.state.baseline, recording))
         judgment = Judgment(
             content=contents.digest,
             time=contents.time,
@@ -155,6 +177,7 @@ class Pipeline:
                 "learning": settings.learning,
                 "verdict": verdict.pop("answer", {}),
                 "no_verdict": verdict.pop("no_verdict", None),
+                "suspect": suspect,
             },
             **verdict,
         )
@@ -171,6 +194,7 @@ class Pipeline:
         for kind, change in (("pump", found.pump), ("sensor", found.sensor)):
             if change is not None:
                 self._change_alarm(transaction, kind, change, judgment, found)
+        _follow_suspect(transaction, judgment)
         self._tell_after_silence(transaction, judgment)
         return Outcome(transaction.name, delivery.file, judgment.state, _sentence(found, judgment, self._config))
 
@@ -184,6 +208,7 @@ class Pipeline:
             event = "opened"
             if alarm is None:
                 alarm = transaction.open_alarm(kind, judgment.point, judgment.time, found.to_dict(), judgment.id)
+                _follow_suspect(transaction, judgment)
             else:
                 alarm.cleared = None  # its cause is back before somebody acknowledged it
         elif alarm is None:
@@ -204,6 +229,7 @@ class Pipeline:
     def _post(
         self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
     ) -> None:
+        suspect = alarm.evidence.get("suspect") if event == "opened" else None
         message = AlarmMessage(
             machine=transaction.name,
             point=alarm.point or "any",
@@ -211,7 +237,7 @@ class Pipeline:
             event=event,
             time=judgment.time.isoformat(),
             identity=f"alarm-{alarm.id}-{event}-{judgment.content[:16]}",
-            reasons=tuple(reasons),
+            reasons=(*([suspect["sentence"]] if suspect else []), *reasons),
             link=f"{self._config.page.address}/alarms/{alarm.id}",
         )
         for channel in self._config.channels:
@@ -234,17 +260,26 @@ class Pipeline:
         return Outcome(delivery.machine or "", delivery.file, "rejected", sentence, reason == "error")
 
 
-def record_event(config: WatchConfig, history: History, machine: str, *, who: str, note: str, maintenance: bool) -> int:
+def record_event(
+    config: WatchConfig, history: History, machine: str, *, who: str, note: str, found: str = "", maintenance: bool
+) -> int:
     """Number of the event. After maintenance all baselines of the machine are learned anew, and its alarms are closed.
+
+    Parameters
+    ----------
+    found : what was wrong with the machine; kept beside the suspect of its newest alarm.
 
     Raises
     ------
     InputError
-        The configuration has no such machine.
+        The configuration has no such machine, or something was found where there was no alarm.
     """
     if config.machine(machine) is None:
         raise InputError(f"{config.path} has no machine {machine!r}; there are {_listed(config)}.")
     with history.machine(machine) as transaction:
+        if found:
+            transaction.note_found(found, who)
+            note = f"found: {found}" + (f"; {note}" if note else "")
         number = transaction.add_event("maintenance" if maintenance else "note", who, note)
         if maintenance:
             transaction.forget_points()
@@ -297,6 +332,14 @@ def _bounded_point(recording: Recording, transaction: MachineTransaction) -> Ope
     return point
 
 
+def _follow_suspect(transaction: MachineTransaction, judgment: Judgment) -> None:
+    """Let the pump's alarm at the same point have the suspect of its newest recording whose levels moved far."""
+    if suspect := judgment.reasons["suspect"]:
+        for alarm in transaction.alarms():
+            if (alarm.kind, alarm.point) == ("pump", judgment.point):
+                alarm.evidence = {**alarm.evidence, "suspect": {**suspect, "recording": judgment.id}}
+
+
 def _listed(config: WatchConfig) -> str:
     return ", ".join(machine.name for machine in config.machines[:20])
 
@@ -319,6 +362,8 @@ def _sentence(found: PointJudgment, judgment: Judgment, config: WatchConfig) -> 
         words.append(f"evidence {found.capital:.3g} of {1 / config.alarms.false_alarm_rate:.3g}")
     if judgment.label is not None:
         words.append(f"{judgment.label} {judgment.probability:.2f}")
+    if suspect := judgment.reasons["suspect"]:
+        words.append(suspect["sentence"].rstrip("."))
     changes = (("pump", found.pump), ("sensor", found.sensor))
     words += [f"{kind} alarm {change}" for kind, change in changes if change is not None]
     if judgment.state in ("alarm", "unusual", "sensor"):

@@ -1,0 +1,211 @@
+"""The suspect of an alarm: the fault of a pump prior that a recording resembles, against what the watch learned.
+
+Another process adapts the prior, since that takes seconds, and memory that would not be given back.
+"""
+
+import logging
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
+from swashtwin.foundation import DataError, SwashTwinError, end_with
+from swashtwin.monitoring.alarms.points import OperatingPoint
+from swashtwin.monitoring.config.settings import Machine
+from swashtwin.pump import is_healthy, load_pump
+from swashtwin.recordings import Recording
+from swashtwin.signals import OrderBands
+
+if TYPE_CHECKING:
+    from swashtwin.monitoring.alarms.baseline import PointBaseline
+
+SURE = 0.8
+"""Probability from which a suspect is named without the one after it."""
+_KEPT = 128
+"""Adapted priors that are kept; one takes 0.2 MB."""
+_PATIENCE = 120.0
+"""Time [s] that adapting a prior may take."""
+_COMMAND = "from swashtwin.monitoring.alarms.suspect import serve; serve()"
+_log = logging.getLogger("swashtwin.watch")
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """What a pump prior says of a recording that moved far."""
+
+    certainty: Literal["sure", "unsure", "unknown", "none"]
+    """``unknown``: it is unlike all that the prior holds; ``none``: the prior cannot be asked."""
+    sentence: str
+    """Which fault it is and how sure, or why none is named."""
+    label: str | None = None
+    """Class that it resembles most; a guess where it is not ``sure``."""
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+    """Probability of each class of the prior, calibrated on virtual pumps."""
+    p_value: float | None = None
+    """Share of the prior's own recordings that are as unlike its classes."""
+
+    @classmethod
+    def of(cls, verdict: Diagnosis) -> "Suspect":
+        """The suspect of an adapted prior's answer."""
+        if verdict.label is None:
+            return cls("none", f"No suspect is named: {verdict.no_verdict}")
+        facts = (verdict.label, verdict.probabilities, verdict.p_value)
+        if verdict.unknown:
+            return cls("unknown", f"Suspect unknown. {verdict.reasons[0]}", *facts)
+        ranked = sorted(verdict.probabilities.items(), key=lambda item: -item[1])
+        words = {name: name.replace("_", " ") for name in verdict.probabilities} | {"other": "another fault"}
+        first, second = (f"{words[name]} ({100 * share:.0f} %)" for name, share in ranked[:2])
+        if is_healthy(verdict.label):
+            return cls("unsure", f"No fault that the prior holds moves these levels: {first}, then {second}.", *facts)
+        if ranked[0][1] >= SURE:
+            return cls("sure", f"Suspect: {first}.", *facts)
+        return cls("unsure", f"Suspect, unsure: {first}, or {second}.", *facts)
+
+
+@dataclass(frozen=True, eq=False)
+class HealthyOrders:
+    """What adapts a prior to a machine at an operating point."""
+
+    machine: Machine
+    channels: tuple[str, ...]
+    unit: str
+    point: OperatingPoint
+    rows: Float64[np.ndarray, "recording order_level"]
+    """Of `measured_orders`."""
+
+    @property
+    def key(self) -> str:
+        """Digest of all that decides the adapted prior."""
+        facts = (self.machine, self.channels, self.unit, self.point)
+        return sha256(repr(facts).encode() + self.rows.tobytes()).hexdigest()
+
+    def adapted(self) -> PriorClassifier:
+        """The prior of the machine, adapted to it.
+
+        Raises
+        ------
+        SwashTwinError
+            The prior cannot be read, or its virtual pumps lack a channel of the machine.
+        """
+        prior = PriorClassifier.load(self.machine.prior)
+        is_own = self.machine.pump is not None and load_pump(self.machine.pump).name == prior.pump
+        prior = prior.narrowed(self.channels, self.unit, None if is_own else self.machine.piston_count)
+        count = len(self.rows)
+        speed, pressure = (math.nan if value is None else value for value in (self.point.speed, self.point.pressure))
+        return replace(
+            prior,
+            levels=self.rows.reshape(count, len(self.channels), -1),
+            specimen=(self.machine.name,) * count,
+            point_speed=np.full(count, speed),
+            point_pressure=np.full(count, pressure),
+        ).fit_levels()
+
+
+class UnadaptedError(Exception):
+    """No prior is adapted to these yet: `Suspects.adapt` does that, outside of any transaction."""
+
+    def __init__(self, healthy: HealthyOrders) -> None:
+        super().__init__()
+        self.healthy = healthy
+
+
+class Suspects:
+    """Names suspects by priors that it adapts when they are first needed."""
+
+    def __init__(self) -> None:
+        self._adapted: OrderedDict[str, PriorClassifier | str] = OrderedDict()
+
+    def name(self, machine: Machine, point: OperatingPoint, baseline: "PointBaseline", recording: Recording) -> Suspect:
+        """The suspect of a recording that moved far from a complete baseline.
+
+        Raises
+        ------
+        UnadaptedError
+            The prior has to be adapted first.
+        """
+        if machine.piston_count is None:
+            return _none(
+                "whether it is a swash-plate pump, and of how many pistons, is not known; add pump or pistons to its "
+                "[[machine]], then note a maintenance."
+            )
+        if point.speed is None:
+            return _none("its speed is not known, and a prior compares orders of the shaft.")
+        rows = baseline.orders[np.isfinite(baseline.orders).any(axis=1)]
+        if baseline.pistons != machine.piston_count or not len(rows):
+            return _none(_unmeasured(recording, machine.piston_count))
+        healthy = HealthyOrders(machine, recording.channels, recording.unit, point, rows)
+        prior = self._adapted.get(healthy.key)
+        if prior is None:
+            raise UnadaptedError(healthy)
+        if isinstance(prior, str):
+            return _none(prior)
+        return Suspect.of(prior.diagnose(recording.replace(specimen=machine.name)))
+
+    def adapt(self, healthy: HealthyOrders) -> None:
+        """Adapt a prior in another process, and keep it, or why it cannot be adapted."""
+        try:
+            process = subprocess.run(
+                [sys.executable, "-P", "-c", _COMMAND],  # -P: nothing is imported from the current folder
+                input=pickle.dumps(healthy),
+                capture_output=True,
+                timeout=_PATIENCE,
+                check=True,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+                    "OMP_NUM_THREADS": "1",
+                    "OPENBLAS_NUM_THREADS": "1",
+                },
+            )
+            answer = pickle.loads(process.stdout)
+        except (OSError, subprocess.SubprocessError, pickle.UnpicklingError, EOFError) as cause:
+            _log.warning("the prior of %s was not adapted: %s", healthy.machine.name, cause)
+            answer = f"its prior could not be adapted ({type(cause).__name__}); see the log."
+        self._adapted[healthy.key] = answer
+        while len(self._adapted) > _KEPT:
+            self._adapted.popitem(last=False)
+
+
+def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
+    """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they cannot be measured."""
+    bands = OrderBands(pistons)
+    try:
+        return order_levels(recording, bands).round(4).ravel()
+    except DataError:
+        return np.full(len(recording.channels) * len(bands.names), np.nan)
+
+
+def serve() -> None:
+    """Adapt the prior that the standard input asks for; what another process runs."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the watch
+    end_with(os.getppid())
+    healthy: HealthyOrders = pickle.load(sys.stdin.buffer)
+    try:
+        answer: PriorClassifier | str = healthy.adapted()
+    except SwashTwinError as cause:
+        answer = str(cause)
+    pickle.dump(answer, sys.stdout.buffer)
+
+
+def _none(reason: str) -> Suspect:
+    return Suspect("none", f"No suspect is named: {reason}")
+
+
+def _unmeasured(recording: Recording, pistons: int) -> str:
+    """Why the healthy recordings of a machine say nothing about its orders."""
+    try:
+        order_levels(recording, OrderBands(pistons))
+    except DataError as cause:
+        return str(cause)
+    return "its healthy recordings were learned without its number of pistons; note a maintenance to learn them anew."

@@ -1,0 +1,121 @@
+"""The suspect of an alarm: named, doubted, or plainly not named; and what was found beside it."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import run
+from tiny_prior import PISTONS, write_prior
+from watched_pumps import LEARNING, hum, watch_config, write_hum
+
+from swashtwin.diagnosis import Diagnosis
+from swashtwin.foundation import to_table
+from swashtwin.monitoring import History, PointMonitor, PointState, run_watch
+from swashtwin.monitoring.alarms.baseline import read_baseline
+from swashtwin.monitoring.alarms.points import OperatingPoint
+from swashtwin.monitoring.alarms.suspect import Suspect, Suspects, UnadaptedError
+from swashtwin.monitoring.config.settings import Machine
+from swashtwin.recordings import Recording
+
+POINT = OperatingPoint(157.08, None)
+
+
+def at_speed(seed: int, gain: float = 1.0) -> Recording:
+    return hum(seed, gain=gain).replace(attributes={"speed": "1500 rpm"})
+
+
+def learned(pistons: int | None = PISTONS, count: int = 6) -> PointState:
+    state = None
+    for seed in range(count):
+        state = PointMonitor("pump-1", learning=5, pistons=pistons).judge(at_speed(seed), state).state
+    assert state is not None
+    return state
+
+
+def named(machine: Machine, recording: Recording, state: PointState, point: OperatingPoint = POINT) -> Suspect:
+    suspects = Suspects()
+    try:
+        return suspects.name(machine, point, state.baseline, recording)
+    except UnadaptedError as needed:
+        suspects.adapt(needed.healthy)
+        return suspects.name(machine, point, state.baseline, recording)
+
+
+def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(tmp_path: Path) -> None:
+    write_prior(tmp_path / "prior.safetensors", at_speed(98), at_speed(99, 6.0))
+    facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"'
+    config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
+    for number in range(LEARNING + 10):
+        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
+    run_watch(config, once=True)
+    words = ("watch", "event", config.path, "pump-1", "--found", "piston 3, 30 um", "--maintenance", "--json")
+    assert json.loads(run(*words).stdout)["found"] == "piston 3, 30 um"
+    history = History.open("", config.folder)
+    (alarm,) = history.read.alarms("pump-1")
+    assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == ("sure", "piston")
+    assert alarm.evidence["suspect"]["recording"] == history.read.recordings("pump-1", limit=1)[0].id
+    assert (alarm.evidence["found"]["text"], alarm.state) == ("piston 3, 30 um", "closed")
+    of_recording = {item.state: item.reasons["suspect"] for item in history.read.recordings("pump-1")}
+    assert of_recording["alarm"]["probabilities"].keys() == {"normal", "piston", "cylinder_block", "other"}
+    assert of_recording["learning"] is None
+    assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
+    history.close()
+    assert "Suspect: piston (" in (config.folder / "alarms.log").read_text(encoding="utf-8")
+
+
+def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
+    config = watch_config(tmp_path)
+    assert "had no alarm" in run("watch", "event", config.path, "pump-1", "--found", "air", code=3).stderr
+
+
+@pytest.mark.parametrize(
+    ("changes", "certainty", "words"),
+    [
+        ({"probabilities": {"piston": 0.9, "normal": 0.1}}, "sure", "Suspect: piston (90 %)."),
+        ({"probabilities": {"piston": 0.5, "normal": 0.3}}, "unsure", "unsure: piston (50 %), or normal (30 %)."),
+        ({"probabilities": {"piston": 1.0, "normal": 0.0}, "unknown": True, "reasons": ("Unlike.",)}, "unknown", "Unl"),
+        ({"label": "normal", "probabilities": {"normal": 0.9, "piston": 0.1}}, "unsure", "No fault that the prior"),
+        ({"label": None, "no_verdict": "it is short."}, "none", "No suspect is named: it is short."),
+    ],
+)
+def test_a_suspect_is_as_sure_as_its_prior(changes: dict[str, object], certainty: str, words: str) -> None:
+    suspect = Suspect.of(replace(Diagnosis("a", "prior", label="piston"), **changes))
+    assert suspect.certainty == certainty
+    assert words in suspect.sentence
+
+
+def test_where_no_suspect_can_be_named_it_is_said_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    state, loud = learned(), at_speed(50, 6.0)
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(b"no prior")
+    pump = Machine(name="pump-1", pistons=PISTONS)
+    for machine, recording, known, point, words in (
+        (Machine(name="pump-1"), loud, state, POINT, "add pump or pistons"),
+        (pump, loud, state, OperatingPoint(None, None), "its speed is not known"),
+        (pump, loud, learned(None), POINT, "learned without its number of pistons"),
+        (pump, loud, learned(9), POINT, "learned without its number of pistons"),
+        (pump, loud.slice(0, 1024), learned(9), POINT, "lasts 0.2 s"),
+        (pump, loud, state, POINT, "has no x but cover_z"),
+        (Machine(name="pump-1", pistons=PISTONS, prior=damaged), loud, state, POINT, "damaged.safetensors"),
+    ):
+        suspect = named(machine, recording, known, point)
+        assert (suspect.certainty, suspect.label) == ("none", None)
+        assert words in suspect.sentence
+    monkeypatch.setattr(sys, "executable", "/no/python")
+    assert "could not be adapted (FileNotFoundError)" in named(pump, loud, state).sentence
+
+
+def test_levels_of_the_prior_are_those_of_the_recordings_that_were_learned(tmp_path: Path) -> None:
+    state = None
+    for seed in range(7):
+        gain = 20.0 if seed == 2 else 1.0
+        state = PointMonitor("pump-1", pistons=PISTONS).judge(at_speed(seed, gain), state).state
+        table = json.loads(json.dumps(to_table(state.baseline)).replace("NaN", "null"))
+        state = replace(state, baseline=read_baseline(table))
+    assert state is not None
+    assert state.baseline.dropped == 1
+    assert state.baseline.orders.shape == (6, 2 * 77)
+    assert np.nanmax(np.ptp(state.baseline.orders, axis=0)) < 1

@@ -99,7 +99,7 @@ def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason
         (("bitcn", "--set", "epochs=0"), "epochs (0) must be at least 1"),
         (("bitcn", "--set", "normalization=guess"), "normalization 'guess' is none of"),
         (("bitcn", "--set", "stretch=2"), "must be between 0 and 0.2"),
-        (("bitcn", "--set", "noise_snr=0", "--set", "normalization=recording"), "take another normalization"),
+        (("bitcn", "--set", "gain=3", "--set", "normalization=window"), "take another normalization"),
         (("bi_tcn",), "Did you mean 'bitcn'"),
     ],
 )

@@ -77,7 +77,6 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
     for chosen in (slice(0, 1), slice(None)):
         answer = opened.run(["probability"], {"windows": windows().signal[chosen]})[0]
         np.testing.assert_allclose(answer, expected[chosen], atol=1e-5)
-    assert facts_of(opened)["scaled"] is True
     assert [file.name for file in path.parent.iterdir()] == ["model.onnx"]
 
 
@@ -100,17 +99,15 @@ def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
 
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
-    """Of a classifier whose scaling rests on a whole recording, which the file leaves to who uses it."""
-    classifier = fitted("bitcn", "recording")
+    classifier = fitted("bitcn", "window")
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
     answer = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
-    assert (answer["network"], answer["classes"], answer["scaled"]) == ("bitcn", ["normal", "piston"], False)
+    assert (answer["network"], answer["classes"]) == ("bitcn", ["normal", "piston"])
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
-    probability = opened.run(None, {"windows": classifier.normalization.apply(windows())})[0]
+    probability = opened.run(None, {"windows": windows().signal})[0]
     np.testing.assert_allclose(probability, classifier.predict_proba(windows()), atol=1e-5)
     facts = facts_of(opened)
-    assert facts["scaled"] is False
     assert facts["classes"] == ["normal", "piston"]
     assert facts["layout"] == {"sample_rate": 1000.0, "channels": ["x", "y"], "unit": "m/s^2", "length": 97}
     assert facts["manifest"] == ["0", "1", "2", "3"]

@@ -31,24 +31,18 @@ def rows(values: list[str], name: str = "day") -> list[Recording]:
 
 
 @settings(deadline=None, max_examples=25)
-@given(
-    st.sampled_from(["stratified", "plain", "each", "shuffled"]),
-    st.integers(2, 4),
-    st.integers(0, 50),
-    st.integers(20, 60),
-)
-def test_folds_share_no_group_however_they_are_dealt_and_windows_overlap(dealing, n_folds, seed, stride):
+@given(st.integers(2, 4), st.integers(0, 50), st.integers(20, 60))
+def test_folds_share_no_group_where_windows_overlap(n_folds, seed, stride):
     recordings = rows(["mon", "tue", "wed", "thu"])
     windows = cut_windows(recordings, length=60, stride=stride)
     groups = recording_groups(recordings, "day")
-    folds = group_folds(windows, group=groups, n_folds=n_folds, dealing=dealing, test_fraction=0.25, seed=seed)
+    folds = group_folds(windows, group=groups, n_folds=n_folds, seed=seed)
     for trained, tested in folds:
         sides = [{groups[name] for name in windows.recording_id[side].tolist()} for side in (trained, tested)]
         assert not sides[0] & sides[1]
         assert len(trained) + len(tested) == len(windows)
-    if dealing != "shuffled":
-        assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(range(len(windows)))
-    assert len(folds) == (4 if dealing == "each" else n_folds)
+    assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(range(len(windows)))
+    assert len(folds) == n_folds
 
 
 def test_another_seed_deals_other_folds_and_the_same_seed_the_same():
@@ -65,7 +59,7 @@ def test_a_fold_that_leaves_nothing_of_a_class_to_train_on_is_refused_with_the_g
     recordings = [*rows(["mon", "tue"]), recording("odd", "crack", attributes={"day": "wed"})]
     windows = cut_windows(recordings, length=100)
     with pytest.raises(DataError, match="wed held out nothing of class crack"):
-        group_folds(windows, group=recording_groups(recordings, "day"), dealing="each")
+        group_folds(windows, group=recording_groups(recordings, "day"), n_folds=3)
 
 
 def test_more_folds_than_groups_and_one_group_are_refused():
@@ -73,8 +67,6 @@ def test_more_folds_than_groups_and_one_group_are_refused():
     windows = cut_windows(recordings, length=100)
     with pytest.raises(InputError, match=r"n_folds \(3\) must be 2 to 2"):
         group_folds(windows, group=recording_groups(recordings, "day"), n_folds=3)
-    with pytest.raises(InputError, match=r"1 group\(s\) cannot be dealt"):
-        group_folds(windows, group=dict.fromkeys(recording_groups(recordings, "recording"), "all"), dealing="each")
 
 
 def test_a_condition_is_a_speed_and_a_pressure_where_stated_and_close_speeds_are_one():

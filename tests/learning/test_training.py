@@ -229,13 +229,13 @@ def test_class_weights_let_each_class_count_the_same(class_weights, share):
     )
 
 
-@pytest.mark.parametrize("kind", ["window", "recording", "set"])
+@pytest.mark.parametrize("kind", ["window", "set"])
 def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(kind):
     windows = tones(gain=7.0)
     windows = replace(windows, signal=windows.signal * windows.target[:, None, None].astype(np.float32) + 3)
     noisy = windows.subset(windows.target == 1)
     scaled = Normalization.fit(kind, noisy).apply(noisy)
-    groups = {"window": np.arange(len(noisy)), "recording": noisy.recording_id, "set": np.zeros(len(noisy))}[kind]
+    groups = {"window": np.arange(len(noisy)), "set": np.zeros(len(noisy))}[kind]
     for name in np.unique(groups):
         part = scaled[groups == name].astype(float)
         assert part.mean() == pytest.approx(0, abs=1e-5)
@@ -249,7 +249,7 @@ def test_normalization_per_window_ignores_gain_and_others_keep_it():
     np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
     assert Normalization.fit("set", quiet).apply(loud).std() > 200, "the scale is that of the training"
     still = replace(quiet, signal=np.zeros_like(quiet.signal))
-    for kind in ("window", "recording", "set"):
+    for kind in ("window", "set"):
         assert not Normalization.fit(kind, still).apply(still).any()
 
 

@@ -118,7 +118,7 @@ def classifier() -> SimpleNamespace:
     return SimpleNamespace(
         training_reference=build_reference(train, level_features(train)), layout=train.layout,
         pressures=(MPa(15),), speeds=(rpm(860),), classes=train.classes, manifest={}, confidence=None,
-        predict_proba=print, answer=print, scaled_for=print,
+        predict_proba=print, answer=print,
     )  # fmt: skip
 
 

@@ -43,7 +43,6 @@ def test_a_window_holds_the_readings_from_its_start_on():
     assert windows.start.tolist() == list(range(0, 901, 30))
     for window, start in zip(windows.signal, windows.start, strict=True):
         np.testing.assert_array_equal(window, source.signal[:, start : start + 100].astype(np.float32))
-    assert cut_windows([source], duration=0.25).start.tolist() == [0, 250, 500, 750]
 
 
 def test_windows_carry_label_specimen_condition_and_origin():
@@ -117,7 +116,7 @@ def test_unfit_recordings_one_id_twice_and_no_recording_are_refused():
         cut_windows([], length=200)
 
 
-@pytest.mark.parametrize("sizes", [{}, {"length": 100, "duration": 0.1}, {"length": 1}, {"length": 100, "stride": 0}])
+@pytest.mark.parametrize("sizes", [{}, {"length": 1}, {"length": 100, "stride": 0}])
 def test_lengths_that_cannot_be_are_refused(sizes):
     with pytest.raises(InputError):
         cut_windows([recording("a")], **sizes)

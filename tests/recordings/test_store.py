@@ -234,7 +234,7 @@ def test_an_unfit_recording_is_refused_in_blocks_as_it_is_whole(change: object, 
             list(window_batches(recording, length=100))
 
 
-@pytest.mark.parametrize("normalization", ["window", "recording", "set", "none"])
+@pytest.mark.parametrize("normalization", ["window", "set", "none"])
 def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: str, tmp_path: Path) -> None:
     recordings = [make("a"), make("b", label="piston", signal=make("b").signal * 3 + 1)]
     settings = TrainingSettings(epochs=1, normalization=normalization)

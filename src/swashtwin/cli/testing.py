@@ -123,11 +123,11 @@ def export(
     classifier = load_classifier(model)
     with progress("writing ONNX"):
         export_onnx(classifier, out)
-    layout, kind = classifier.layout, classifier.normalization.kind
+    layout = classifier.layout
     result = {
         "model": out, "network": classifier.network.name, "classes": classifier.classes,
         "channels": layout.channels, "length": layout.length, "sample_rate": layout.sample_rate,
-        "unit": layout.unit, "normalization": kind, "scaled": kind != "recording",
+        "unit": layout.unit, "normalization": classifier.normalization.kind,
     }  # fmt: skip
 
     def show() -> None:
@@ -137,7 +137,5 @@ def export(
         say(f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class")
         if classifier.recordings is not None:
             note("note: it holds the part on short windows alone; diagnose listens to whole recordings beside it.")
-        if kind == "recording":
-            note("note: it scales nothing; give it samples scaled by the mean and deviation of their recording.")
 
     tell(result, as_json, show)

@@ -37,7 +37,6 @@ def contributions(
 
     Parameters
     ----------
-    classifier : with the scaling of the recording.
     label, rival : indices of the two classes.
     shaft : speed of the shaft [Hz], or None where it is not stated.
 

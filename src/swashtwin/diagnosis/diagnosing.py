@@ -1,9 +1,8 @@
 """What a fitted classifier says of one recording."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -60,9 +59,8 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     result = Diagnosis(recording.recording_id, facts=facts_of([recording]), fault_of=fault_of)
     answers = []
     try:
-        scaled_classifier, parts = fit_to_recording(classifier, recording)
-        for windows in parts():
-            answers.append((*scaled_classifier.answer(windows), signal_facts(windows)))
+        for windows in recording_windows(classifier, recording):
+            answers.append((*classifier.answer(windows), signal_facts(windows)))
         notes = _notes(classifier, recording)
     except DataError as cause:
         return replace(result, no_verdict=str(cause))
@@ -145,19 +143,15 @@ def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> s
     )
 
 
-def fit_to_recording(
-    classifier: FittedClassifier, recording: Recording
-) -> tuple[FittedClassifier, Callable[[], Iterator[WindowSet]]]:
-    """(the classifier with the scaling of this recording, what gives the recording's windows in parts)."""
-    parts = partial(
-        window_batches,
+def recording_windows(classifier: FittedClassifier, recording: Recording) -> Iterator[WindowSet]:
+    """The recording's windows, in parts."""
+    return window_batches(
         recording.relabeled(None),
         length=classifier.layout.length,
         classes=classifier.classes,
         allow_partial_revolution=True,
         batch=_TOGETHER,
     )
-    return classifier.scaled_for(parts), parts
 
 
 def require_recording(thing: object) -> None:
@@ -222,8 +216,7 @@ def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
 def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
     """Probability of each class, pooled over the windows; a `DataError` where the recording has no verdict."""
     require_layout(fitted.layout, recording)
-    classifier, parts = fit_to_recording(fitted, recording)
-    probability = np.concatenate([classifier.predict_proba(windows) for windows in parts()])
-    pooled = pooled_probabilities(probability, classifier.confidence)
+    probability = np.concatenate([fitted.predict_proba(windows) for windows in recording_windows(fitted, recording)])
+    pooled = pooled_probabilities(probability, fitted.confidence)
     require_verdicts(pooled[None], np.array([recording.recording_id]))
     return pooled

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis.attribution import contributions
 from swashtwin.diagnosis.checklist import Check, next_checks
-from swashtwin.diagnosis.diagnosing import fit_to_recording, require_recording
+from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError, to_table
@@ -177,8 +177,7 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         raise InputError(f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one.")
     if len(classifier.classes) < 2:
         raise InputError("a classifier of one class has nothing to decide.")
-    scaled_classifier, parts = fit_to_recording(classifier, recording)
-    answers = [scaled_classifier.answer(windows) for windows in parts()]
+    answers = [classifier.answer(windows) for windows in recording_windows(classifier, recording)]
     probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
     ranked = sorted(diagnosis.probabilities, key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]))
     label, rival = (classifier.classes.index(name) for name in ranked[:2])
@@ -187,7 +186,7 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
-    adds = contributions(scaled_classifier, windows, label, rival, stated_speed(recording))
+    adds = contributions(classifier, windows, label, rival, stated_speed(recording))
     samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
     n_samples, n_moments = samples.shape[1], adds["moments"].shape[1]
     edges = np.linspace(0, n_samples, n_moments + 1).astype(np.int64)[:-1]

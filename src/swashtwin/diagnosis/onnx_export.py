@@ -16,10 +16,9 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     float32. A network on orders of the shaft has a second input, ``speed`` (window) [rad/s], NaN for that of the
     training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives, without
     what heads on whole recordings (`FittedClassifier.recordings`) add. The
-    scaling is part of the file, but for the normalization ``"recording"``, which rests on more than one window: there
-    the samples must come scaled. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``, ``scaled``
-    (whether the file scales by itself), ``temperature`` and ``dependence`` (by which `diagnose` calibrates the
-    probabilities, or null), ``manifest``, ``network`` and ``swashtwin`` (version).
+    scaling is part of the file. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``,
+    ``temperature`` and ``dependence`` (by which `diagnose` calibrates the probabilities, or null), ``manifest``,
+    ``network`` and ``swashtwin`` (version).
 
     Raises
     ------
@@ -44,12 +43,10 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
 
 
 def _facts(classifier: FittedClassifier) -> dict[str, object]:
-    kind = classifier.normalization.kind
     return {
         "classes": classifier.classes,
         "layout": asdict(classifier.layout),
-        "normalization": kind,
-        "scaled": kind != "recording",
+        "normalization": classifier.normalization.kind,
         "temperature": None if classifier.confidence is None else classifier.confidence.temperature,
         "dependence": None if classifier.confidence is None else classifier.confidence.dependence,
         "manifest": sorted(classifier.manifest),

@@ -40,7 +40,6 @@ from .memory import keep_freed_memory as keep_freed_memory
 from .memory import memory_limit as memory_limit
 from .memory import require_memory as require_memory
 from .memory import return_memory as return_memory
-from .multiple_testing import holm_correction as holm_correction
 from .printing import escape_controls as escape_controls
 from .processes import end_with as end_with
 from .processes import one_thread as one_thread

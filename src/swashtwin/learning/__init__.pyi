@@ -43,7 +43,6 @@ from .healthy.odd_recordings import usual_recordings as usual_recordings
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.branch import Branch as Branch
 from .networks.forest import Forest as Forest
-from .networks.forest import fit_forest as fit_forest
 from .networks.level_network import LevelNetwork as LevelNetwork
 from .networks.network import Network as Network
 from .networks.network import batches as batches

@@ -12,7 +12,6 @@ import numpy as np
 
 from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import DataError, stream
-from swashtwin.learning import fit_forest
 from swashtwin.pump import CLASSES
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
@@ -230,14 +229,29 @@ def prior_trials(
     if faulty and len(moves):
         target = [0] * len(moves) + [classes.index(labels[name]) for name in faulty]
         values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(target), -1)
-        forest = fit_forest(values, np.array(target), len(classes), seed=seed)
-        answers[ORACLE] = lambda rows: forest.predict_proba(rows.reshape(len(rows), -1))
+        answers[ORACLE] = _forest(values, np.array(target), len(classes), seed)
     for training_set, answer in answers.items():
         for test, ids in split.tests.items():
             probability = answer(np.stack([changes[name] for name in sorted(ids)]))
             target = [classes.index(labels[name]) for name in sorted(ids)]
             factors = {"training_set": training_set, "test": test}
             yield Trial(factors, seed, recording_scores(probability, np.array(target), classes))
+
+
+def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -> "Answer":
+    """Random forest, classes weighted alike; a class without a row has no probability."""
+    from sklearn.ensemble import RandomForestClassifier
+
+    forest = RandomForestClassifier(
+        100, max_leaf_nodes=256, class_weight="balanced", random_state=seed % 2**32, n_jobs=1
+    ).fit(values.astype(np.float32), target)
+
+    def answer(rows: np.ndarray) -> np.ndarray:
+        probability = np.zeros((len(rows), n_classes))
+        probability[:, forest.classes_] = forest.predict_proba(rows.reshape(len(rows), -1).astype(np.float32))
+        return probability
+
+    return answer
 
 
 Answer = Callable[[np.ndarray], np.ndarray]

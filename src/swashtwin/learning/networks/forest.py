@@ -6,11 +6,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-N_TREES = 100
-"""Trees of a forest."""
-N_LEAVES = 256
-"""Leaves of each tree, at most."""
-
 
 @dataclass(frozen=True, eq=False)
 class Forest:
@@ -75,30 +70,6 @@ class Forest:
         probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
         probability[leaf] = of_leaves / of_leaves.sum(axis=1, keepdims=True)
         return cls(root, column, threshold, left, np.where(leaf, nodes, left + 1), probability)
-
-
-def fit_forest(
-    values: Float[np.ndarray, "row column"],
-    target: Int[np.ndarray, " row"],
-    n_classes: int,
-    *,
-    seed: int,
-    n_leaves: int = N_LEAVES,
-) -> Forest:
-    """Random forest, classes weighted alike (Breiman 2001, doi:10.1023/A:1010933404324).
-
-    Parameters
-    ----------
-    target : class of each row, from 0.
-    n_classes : number of classes; one without a row has no probability.
-    n_leaves : leaves of each tree, at most.
-    """
-    from sklearn.ensemble import RandomForestClassifier
-
-    fitted = RandomForestClassifier(
-        N_TREES, max_leaf_nodes=n_leaves, class_weight="balanced", random_state=seed % 2**32, n_jobs=1
-    ).fit(values.astype(np.float32), target)
-    return forest_of(fitted, n_classes)
 
 
 def forest_of(fitted: Any, n_classes: int) -> Forest:

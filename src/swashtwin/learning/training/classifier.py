@@ -1,6 +1,6 @@
 """A trained network together with everything needed to use it honestly."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -74,10 +74,6 @@ class FittedClassifier:
     def length(self) -> int:
         """Samples per window and channel."""
         return self.layout.length
-
-    def scaled_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "FittedClassifier":
-        """The same classifier with the scaling of one recording, whose windows `parts` gives in parts."""
-        return replace(self, normalization=self.normalization.fixed_for(parts))
 
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1.

@@ -1,6 +1,5 @@
 """Scaling of windows before a network sees them."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,12 +14,12 @@ from swashtwin.learning.windows.window_set import WindowSet
 class Normalization:
     """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
 
-    ``"window"``: over each window by itself. ``"recording"``: over all windows of its recording. ``"set"``:
-    over the training windows, kept here. ``"none"``: not at all. A channel that does not move is not divided.
+    ``"window"``: over each window by itself. ``"set"``: over the training windows, kept here. ``"none"``: not at all. A
+    channel that does not move is not divided.
     """
 
     kind: str
-    """``"window"``, ``"recording"``, ``"set"`` or ``"none"``."""
+    """``"window"``, ``"set"`` or ``"none"``."""
     mean: Float64[np.ndarray, " channel"]
     """Subtracted from each channel if `kind` is ``"set"``, in the windows' unit; else zeros."""
     deviation: Float64[np.ndarray, " channel"]
@@ -41,57 +40,17 @@ class Normalization:
             return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
         return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
 
-    def fixed_for(self, parts: Callable[[], Iterable[WindowSet]]) -> "Normalization":
-        """The same for one recording whose windows come in parts.
-
-        Parameters
-        ----------
-        parts : gives the parts; it is called where the scaling depends on the whole recording.
-        """
-        if self.kind != "recording":
-            return self
-        mean, deviation = _together([_moments(windows.signal) for windows in parts()])
-        return Normalization("set", mean, deviation)
-
     def apply(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
         """The samples of `windows`, scaled."""
         if self.kind == "window":
             mean = windows.signal.mean(axis=2, dtype=np.float64)
             deviation = windows.signal.std(axis=2, dtype=np.float64)
-        elif self.kind == "recording":
-            mean, deviation = _of_recordings(windows)
         elif self.kind == "set":
             mean, deviation = self.mean[None], self.deviation[None]
         else:
             return windows.signal
         scaled = (windows.signal - mean[:, :, None]) / _not_zero(deviation)[:, :, None]
         return scaled.astype(np.float32)
-
-
-def _of_recordings(
-    windows: WindowSet,
-) -> tuple[Float64[np.ndarray, "window channel"], Float64[np.ndarray, "window channel"]]:
-    mean = np.empty((len(windows), windows.n_channels))
-    deviation = np.empty_like(mean)
-    for name in np.unique(windows.recording_id):
-        members = windows.recording_id == name
-        mean[members], deviation[members] = _together([_moments(windows.signal[members])])
-    return mean, deviation
-
-
-_Moments = tuple[Float64[np.ndarray, "_ channel"], Float64[np.ndarray, "_ channel"]]
-
-
-def _moments(signal: Float32[np.ndarray, "window channel time"]) -> _Moments:
-    """Mean and variance of each window, which do not depend on the windows beside it."""
-    return signal.mean(axis=2, dtype=np.float64), signal.var(axis=2, dtype=np.float64)
-
-
-def _together(parts: list[_Moments]) -> tuple[Float64[np.ndarray, " channel"], Float64[np.ndarray, " channel"]]:
-    """Mean and deviation of all windows together, the same bit by bit however they came in parts."""
-    means, variances = (np.concatenate(values) for values in zip(*parts, strict=True))
-    mean = means.mean(axis=0)
-    return mean, np.sqrt((variances + (means - mean) ** 2).mean(axis=0))
 
 
 def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:

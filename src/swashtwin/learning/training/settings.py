@@ -8,7 +8,7 @@ from typing import Any, get_args
 from swashtwin.foundation import InputError
 from swashtwin.signals import NoiseKind
 
-NORMALIZATIONS = ("window", "recording", "set", "none")
+NORMALIZATIONS = ("window", "set", "none")
 """Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
 
 DECAYS = ("none", "cosine")
@@ -50,7 +50,7 @@ class TrainingSettings:
     class_weights: bool = False
     """Whether each class counts the same in the loss: a window of class c weighs n / (C n_c)."""
     normalization: str = "window"
-    """``"window"``, ``"recording"``, ``"set"`` or ``"none"``. Per window is the default because gain and mounting
+    """``"window"``, ``"set"`` or ``"none"``. Per window is the default because gain and mounting
     differ between machines, and between twin and machine; it hides what a fault does to the overall level."""
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the noise that windows of each epoch get, drawn anew
@@ -99,19 +99,11 @@ class TrainingSettings:
             raise InputError(f"noise_share ({self.noise_share:g}) must be above 0 and at most 1; 0.5 is half.")
         if self.noise_snr is not None and not math.isfinite(self.noise_snr):
             raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
-        if clash := self._clash(self.normalization):
-            raise InputError(f"{clash}; take another normalization, such as 'set'.")
-
-    def _clash(self, normalization: str) -> str | None:
-        active = [name for name in ("noise_snr", "gain", "stretch") if getattr(self, name) != _TRANSFORMS[name]]
-        if active and normalization == "recording":
-            return (
-                f"{active[0]} changes windows one by one, and normalization 'recording' scales by all windows of a "
-                "recording"
+        if self.gain and self.normalization == "window":
+            raise InputError(
+                "gain would change nothing, since normalization 'window' takes each window's own level away; take "
+                "another normalization, such as 'set'."
             )
-        if self.gain and normalization == "window":
-            return "gain would change nothing, since normalization 'window' takes each window's own level away"
-        return None
 
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them, without the transforms that change nothing and the usual precision."""

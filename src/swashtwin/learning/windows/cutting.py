@@ -30,7 +30,6 @@ def cut_windows(
     recordings: Iterable[Recording],
     *,
     length: int | None = None,
-    duration: float | None = None,
     stride: int | None = None,
     like: WindowSet | None = None,
     classes: Sequence[str] | None = None,
@@ -38,14 +37,13 @@ def cut_windows(
 ) -> WindowSet:
     """Windows of equal length, in the recordings' order; samples left over at a recording's end are dropped.
 
-    Give exactly one of `length`, `duration` and `like`. Cut first and split afterwards: the split keeps each recording
+    Give either `length` or `like`. Cut first and split afterwards: the split keeps each recording
     on one side, however the windows overlap.
 
     Parameters
     ----------
     recordings : in memory or in their files: these are read in blocks, and only windows are kept.
     length : samples per window.
-    duration : seconds per window [s].
     stride : samples from one window's start to the next one's; the default, `length`, lets none overlap.
     like : windows whose length and classes are taken over, and whose sample rate, channels and unit must be met.
     classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels found, sorted.
@@ -70,7 +68,7 @@ def cut_windows(
     if not recordings:
         raise DataError("no recording to cut windows from; check the folder or the selection.")
     require_distinct((recording.recording_id for recording in recordings), "a training and its test")
-    length = _window_length(recordings[0].sample_rate, length, duration, like)
+    length = _window_length(length, like)
     stride = length if stride is None else stride
     if stride < 1:
         raise InputError(f"stride ({stride} samples) must be at least 1; {length} lets no window overlap.")
@@ -129,17 +127,12 @@ def _read_once(recording: Recording) -> Recording:
     return recording
 
 
-def _window_length(sample_rate: float, length: int | None, duration: float | None, like: WindowSet | None) -> int:
-    if sum(value is not None for value in (length, duration, like)) != 1:
-        raise InputError("give exactly one of length (samples), duration (seconds) and like (a window set).")
-    if like is not None:
-        return like.length
-    wanted = length if length is not None else round((duration or 0.0) * sample_rate)
+def _window_length(length: int | None, like: WindowSet | None) -> int:
+    if (length is None) is (like is None):
+        raise InputError("give either length (samples) or like (a window set).")
+    wanted = like.length if like is not None else length or 0
     if wanted < 2:
-        raise InputError(
-            f"a window of {wanted} sample(s) is too short to learn from; length counts samples, duration seconds "
-            f"(0.1 s is {round(0.1 * sample_rate)} samples at {sample_rate:g} Hz)."
-        )
+        raise InputError(f"a window of {wanted} sample(s) is too short to learn from; length counts samples.")
     return wanted
 
 

@@ -6,7 +6,6 @@ need two calls: split off the test set first, then split the rest into training 
 
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int, Shaped
@@ -23,7 +22,6 @@ from swashtwin.recordings import (
     seen_recordings,
 )
 
-Dealing = Literal["stratified", "plain", "each", "shuffled"]
 Fold = tuple[Int[np.ndarray, " _trained"], Int[np.ndarray, " _tested"]]
 
 
@@ -143,11 +141,10 @@ def group_folds(
     *,
     group: str | Mapping[str, str] = "recording",
     n_folds: int = 5,
-    dealing: Dealing = "stratified",
-    test_fraction: float = 0.2,
     seed: int = 0,
 ) -> tuple[Fold, ...]:
-    """Pairs (indices to train on, indices to test on) that share no group, and so no recording.
+    """Pairs (indices to train on, indices to test on) that share no group, and so no recording, with classes alike in
+    each (scikit-learn's `StratifiedGroupKFold`).
 
     Windows may overlap: overlapping ones are of one recording, so they stay on one side. `without_overlap` thins a test
     set, where overlapping windows would count one moment twice.
@@ -156,12 +153,7 @@ def group_folds(
     ----------
     windows : measured windows with labels.
     group : as in `split_by_recording`.
-    n_folds : number of folds; ``dealing="each"`` does not look at it.
-    dealing : ``"stratified"`` deals groups so that classes are alike in every fold, drawn anew by each seed
-        (scikit-learn's `StratifiedGroupKFold`); ``"plain"`` makes folds of like size (`GroupKFold`, no draw);
-        ``"each"`` holds out one group after the other (`LeaveOneGroupOut`); ``"shuffled"`` draws `test_fraction` of the
-        groups `n_folds` times (`GroupShuffleSplit`).
-    test_fraction : share of groups that ``"shuffled"`` holds out.
+    n_folds : number of folds.
     seed : seed of the draw.
 
     Raises
@@ -177,9 +169,11 @@ def group_folds(
     require_measured(windows)
     groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
     count = np.unique(groups).size
-    if not 2 <= n_folds <= count and dealing in ("stratified", "plain"):
+    if not 2 <= n_folds <= count:
         raise InputError(f"n_folds ({n_folds}) must be 2 to {count}, the number of {name}s.")
-    splitter = _splitter(dealing, n_folds, test_fraction, seed)
+    from sklearn.model_selection import StratifiedGroupKFold
+
+    splitter = StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a class of fewer groups than folds is dealt as far as it goes
         try:
@@ -206,17 +200,3 @@ def without_overlap(windows: WindowSet) -> WindowSet:
             indices.append(int(index))
             ends[name] = start + windows.length
     return windows.subset(np.array(sorted(indices), dtype=np.int64))
-
-
-def _splitter(dealing: Dealing, n_folds: int, test_fraction: float, seed: int) -> Any:
-    from sklearn import model_selection
-
-    if dealing == "stratified":
-        return model_selection.StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
-    if dealing == "plain":
-        return model_selection.GroupKFold(n_splits=n_folds)
-    if dealing == "each":
-        return model_selection.LeaveOneGroupOut()
-    if dealing == "shuffled":
-        return model_selection.GroupShuffleSplit(n_splits=n_folds, test_size=test_fraction, random_state=seed)
-    raise InputError(f"dealing {dealing!r} is none of stratified, plain, each, shuffled.")

@@ -1,9 +1,8 @@
 """A fault from outside the package, written in the places that CONTRIBUTING.md names: it simulates, saves and loads."""
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -41,9 +40,8 @@ class CrackedPlate(Fault):
     """Crack in the valve plate under one bore: that chamber leaks, and the plate's film is softer."""
 
     label: ClassVar[str] = "cracked_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"conductance": "m^3/(s*Pa)"})
 
-    conductance: float
+    conductance: float = field(metadata={"unit": "m^3/(s*Pa)"})
     """Added leakage conductance [m^3/(s Pa)]."""
     softening: float = 1.0
     """Factor on the film's stiffness."""

@@ -3,8 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,14 @@ from hypothesis import strategies as st
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, deg, mm
 from swashtwin.pump import (
     PARAMETERS,
-    SECTIONS,
     Interfaces,
     Pump,
     available_pumps,
     load_pump,
     new_pump,
+    pump_numbers,
 )
+from swashtwin.pump.numbers import with_numbers
 
 TEXT = (resources.files("swashtwin.pump") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
 
@@ -43,37 +43,16 @@ def edited(folder: Path, old: str, new: str) -> Path:
 
 def tables_of(pump: Pump) -> dict[str, Any]:
     """The pump as its file holds it."""
-
-    def entry(value: Any, unit: str) -> dict[str, Any]:
-        texts = [
-            f"{number!r} {unit}" if unit != "1" else repr(number)
-            for number in (value if type(value) is tuple else [value])
-        ]
-        return {"value": texts if type(value) is tuple else texts[0], "source": "test"}
-
-    def section(part: Any) -> dict[str, Any]:
-        return {item.name: entry(getattr(part, item.name), item.metadata["unit"]) for item in fields(part)}
-
-    tables = {"format": 1, "name": pump.name} | {key: section(getattr(pump, key)) for key in SECTIONS}
-    tables["interfaces"] = {item.name: section(getattr(pump.interfaces, item.name)) for item in fields(Interfaces)}
-    tables["rated"] = section(pump.rated)
-    tables["sensors"] = [
-        {"name": sensor.name, "position": entry(sensor.position, "m"), "direction": list(sensor.direction)}
-        for sensor in pump.sensors
-    ]
+    tables: dict[str, Any] = {"format": 1, "name": pump.name}
+    tables["sensors"] = [{"name": sensor.name, "direction": list(sensor.direction)} for sensor in pump.sensors]
+    for path, value, unit in pump_numbers(pump):
+        texts = [f"{number!r} {unit}".removesuffix(" 1") for number in (value if type(value) is tuple else [value])]
+        table: Any = tables
+        *sections, name = path.replace("[", ".").replace("]", "").split(".")
+        for section in sections:
+            table = table[int(section)] if section.isdecimal() else table.setdefault(section, {})
+        table[name] = {"value": texts if type(value) is tuple else texts[0], "source": "test"}
     return tables
-
-
-def numbers_of(part: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of a pump with its path."""
-    if is_dataclass(part):
-        for item in fields(part):
-            yield from numbers_of(getattr(part, item.name), f"{path}.{item.name}")
-    elif isinstance(part, tuple):
-        for i, part_item in enumerate(part):
-            yield from numbers_of(part_item, f"{path}[{i}]")
-    elif isinstance(part, float | int):
-        yield path, part
 
 
 def test_the_papers_pump_displaces_what_its_name_plate_says(pump: Pump) -> None:
@@ -87,9 +66,9 @@ def test_the_papers_pump_displaces_what_its_name_plate_says(pump: Pump) -> None:
 def test_every_number_of_every_pump_has_a_source() -> None:
     for name in available_pumps():
         pump = load_pump(name)
-        paths = {re.sub(r"\[\d\]$", "", path).removeprefix(".") for path, _ in numbers_of(pump)}
+        paths = {path for path, _, _ in pump_numbers(pump)}
         assert len(paths) > 60
-        assert {path for path in paths if not path.endswith(".direction")} == set(pump.sources)
+        assert paths == set(pump.sources)
         assert all(source.strip() for source in pump.sources.values())
 
 
@@ -98,20 +77,14 @@ def test_every_number_of_every_pump_has_a_source() -> None:
 def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path, factors: list[float]) -> None:
     supply = iter(factors)
 
-    def varied(part: Any) -> Any:
-        if is_dataclass(part) and not isinstance(part, type):
-            constants = ("name", "sources", "piston_count", "direction")
-            return replace(
-                part, **{x.name: varied(getattr(part, x.name)) for x in fields(part) if x.name not in constants}
-            )
-        if isinstance(part, tuple):
-            return tuple(varied(item) for item in part)
-        return part * next(supply) if isinstance(part, float) else part
+    def varied(path: str, value: Any, unit: str) -> Any:
+        if isinstance(value, tuple):
+            return tuple(number * next(supply) for number in value)
+        return value * next(supply) if isinstance(value, float) else value
 
-    written = varied(pump)
+    written = with_numbers(pump, varied)
     back = load_pump(save(tmp_path, tomli_w.dumps(tables_of(written))))
-    assert [path for path, _ in numbers_of(back)] == [path for path, _ in numbers_of(written)]
-    for (path, number), (_, expected) in zip(numbers_of(back), numbers_of(written), strict=True):
+    for (path, number, _), (_, expected, _) in zip(pump_numbers(back), pump_numbers(written), strict=True):
         assert number == pytest.approx(expected, rel=6e-15), path  # 15 digits are kept
     assert (back.name, back.channels) == (written.name, written.channels)
 

@@ -1,6 +1,5 @@
 """Names that other rooms import, and where each lives."""
 
-from .catalog import SECTIONS as SECTIONS
 from .catalog import available_pumps as available_pumps
 from .catalog import load_pump as load_pump
 from .catalog import new_pump as new_pump

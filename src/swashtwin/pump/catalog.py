@@ -26,17 +26,15 @@ from swashtwin.foundation import (
 )
 from swashtwin.pump.geometry import require_sound_geometry
 from swashtwin.pump.numbers import pump_text
-from swashtwin.pump.parameters import Bearings, Interfaces, Positions, Pump, Rated, Sensor
+from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor
 from swashtwin.pump.scaling import Nameplate, scaled_pump
 
 FORMAT = 1
 
-SECTIONS: dict[str, type] = {
-    name: kind
-    for name, kind in get_type_hints(Pump).items()
-    if isinstance(kind, type) and is_dataclass(kind) and kind is not Interfaces
+_SECTIONS: dict[str, type] = {
+    name: kind for name, kind in get_type_hints(Pump).items() if isinstance(kind, type) and is_dataclass(kind)
 }
-"""Tables that every pump file has beside the interfaces, and what each holds."""
+"""Tables that every pump file has, and what each holds."""
 
 MAY_BE_ZERO = ("piston_eccentricity", "air_fraction", "rotor_eccentricity")
 
@@ -167,9 +165,8 @@ def load_pump(name: str | Path) -> Pump:
     sources: dict[str, str] = {}
     try:
         table = _table_of(text)
-        _require_names(table, ("format", "name", *SECTIONS, "interfaces", "sensors", "rated"), "the pump")
-        forms = {**SECTIONS, "interfaces": Interfaces}
-        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in forms.items()}
+        _require_names(table, ("format", "name", *_SECTIONS, "sensors", "rated"), "the pump")
+        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in _SECTIONS.items()}
         pump = Pump(
             name=str(table.get("name", Path(origin).stem)),
             sensors=_sensors(table.get("sensors"), sources),

@@ -9,7 +9,7 @@ our own derivation, `docs/explanation/physics.md`, and the anchors cited there; 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -24,15 +24,12 @@ _F = TypeVar("_F", bound="Fault")
 class Fault:
     """Anything that the model can simulate as wrong with a pump; the base of all faults.
 
-    A new fault is a frozen dataclass derived from this one, made known by `register_fault`.
+    A new fault is a frozen dataclass derived from this one, made known by `register_fault`. A field with a dimension
+    has its SI unit in its metadata, ``field(metadata={"unit": "m"})``.
     """
 
     label: ClassVar[str]
     """Class that a classifier names it by."""
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """SI unit of each dimension; those left out are pure numbers."""
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Length [m] above which a dimension can only be a slip of the unit."""
 
     def __post_init__(self) -> None:
         kind = type(self).__name__
@@ -44,12 +41,16 @@ class Fault:
             if choices and value not in choices:
                 words = ", ".join(choices)
                 raise InputError(f"{kind}.{item.name} ({value!r}) must be one of {words}.")
-        for name, limit in self.longest.items():
-            if getattr(self, name) > limit:
+            if "longest" in item.metadata and value > item.metadata["longest"]:
                 raise InputError(
-                    f"{kind}.{name} ({getattr(self, name):g} m) exceeds {limit:g} m. "
+                    f"{kind}.{item.name} ({value:g} m) exceeds {item.metadata['longest']:g} m. "
                     "Lengths are in meters: 30 mm is mm(30)."
                 )
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """SI unit of each dimension that is no pure number."""
+        return {item.name: item.metadata["unit"] for item in fields(self) if "unit" in item.metadata}
 
     @property
     def severity(self) -> float:
@@ -60,6 +61,11 @@ class Fault:
         """The same fault with its severity times `factor`."""
         changes: dict[str, Any] = {fields(self)[0].name: self.severity * factor}
         return replace(self, **changes)
+
+
+def _dimension(unit: str, default: Any = MISSING, **longest: float) -> Any:
+    """Field with an SI unit, and with the length [m] above which it can only be a slip of the unit."""
+    return field(default=default, metadata={"unit": unit, **longest})
 
 
 SHARED_DEPTH = mm(0.1)
@@ -76,18 +82,14 @@ class SwashPlateDefect(Fault):
     """
 
     label: ClassVar[str] = "swash_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"depth": "m", "length": "m", "width": "m", "angle": "rad", "corner": "Hz"}
-    )
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02, "length": 0.3, "width": 0.3})
 
-    depth: float
+    depth: float = _dimension("m", longest=0.02)
     """Depth [m]; the paper's is 0.6 mm."""
-    length: float = 0.030
+    length: float = _dimension("m", 0.030, longest=0.3)
     """Length along the track [m]; the paper's by default."""
-    width: float = 0.024
+    width: float = _dimension("m", 0.024, longest=0.3)
     """Width across the track [m]; the paper's by default."""
-    angle: float = math.radians(270)
+    angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
     entry: Literal["centre", "edge"] = "centre"
     """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading ``edge`` (ours)."""
@@ -101,7 +103,7 @@ class SwashPlateDefect(Fault):
     """Factor on the excitation; a nuisance that calibration may free."""
     off_axis: bool = True
     """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
-    corner: float = 0.0
+    corner: float = _dimension("Hz", 0.0)
     """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^fall. With 0 it is the law's own: they follow
     all of it where films are strained, else up to `physics.excitation.CONTACT_CUTOFF`."""
     fall: float = 2.0
@@ -134,10 +136,8 @@ class PistonWear(Fault):
     """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per revolution."""
 
     label: ClassVar[str] = "piston"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"clearance": "m"})
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.002})
 
-    clearance: float
+    clearance: float = _dimension("m", longest=0.002)
     """Added radial clearance [m]; 25...60 um is moderate to severe."""
     piston: int = 0
     """Which piston, from 0."""
@@ -151,14 +151,12 @@ class BoreDefect(Fault):
     """
 
     label: ClassVar[str] = "cylinder_block"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"depth": "m", "half_width": "rad", "angle": "rad"})
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"depth": 0.02})
 
-    depth: float
+    depth: float = _dimension("m", longest=0.02)
     """Depth [m]; 50...300 um."""
-    half_width: float = math.radians(25)
+    half_width: float = _dimension("rad", math.radians(25))
     """Half of the shaft angle over which it is felt [rad]."""
-    angle: float = math.radians(270)
+    angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of the bore at which it is loaded most [rad]."""
     bore: int = 0
     """Which bore, from 0."""
@@ -169,9 +167,8 @@ class SealingLandScratch(Fault):
     """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the case."""
 
     label: ClassVar[str] = "cylinder_block"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"conductance": "m^3/(s*Pa)"})
 
-    conductance: float
+    conductance: float = _dimension("m^3/(s*Pa)")
     """Added leakage conductance [m^3/(s Pa)]; 6e-13...2.5e-12."""
     bore: int = 0
     """Which bore, from 0."""
@@ -201,10 +198,8 @@ class ValvePlateWear(Fault):
     """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and is softer."""
 
     label: ClassVar[str] = "valve_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"film_increase": "m"})
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"film_increase": 0.002})
 
-    film_increase: float
+    film_increase: float = _dimension("m", longest=0.002)
     """Added film thickness [m]; 5...15 um."""
     stiffness_exponent: float = 1.0
     """K_v falls with (h0/h) to this power, 1 or 2; C_v falls with the third power."""
@@ -215,11 +210,10 @@ class DamScratch(Fault):
     """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure early."""
 
     label: ClassVar[str] = "valve_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"area": "m^2", "width": "rad"})
 
-    area: float
+    area: float = _dimension("m^2")
     """Largest opening [m^2]; around 1e-6."""
-    width: float = math.radians(5)
+    width: float = _dimension("rad", math.radians(5))
     """Standard deviation of the opening over the shaft angle [rad]."""
 
     def __post_init__(self) -> None:
@@ -233,9 +227,8 @@ class GrooveErosion(Fault):
     """Eroded relief grooves: the ports open earlier, and the grooves are wider."""
 
     label: ClassVar[str] = "valve_plate"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"advance": "rad"})
 
-    advance: float
+    advance: float = _dimension("rad")
     """How much earlier the ports open [rad]; 6 deg is much."""
     area_factor: float = 4.0
     """Factor on the groove's area."""
@@ -246,16 +239,14 @@ class LooseSlipper(Fault):
     """Worn ball joint of one slipper: its piston rattles in the play, with impacts at the stops."""
 
     label: ClassVar[str] = "loose_slipper"
-    units: ClassVar[Mapping[str, str]] = MappingProxyType({"clearance": "m", "pulse": "s"})
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({"clearance": 0.02})
 
-    clearance: float
+    clearance: float = _dimension("m", longest=0.02)
     """Play of the joint [m]; 0.05...0.2 mm."""
     slipper: int = 0
     """Which slipper, from 0."""
     restitution: float = 0.0
     """Coefficient of restitution of the impacts, 0...1."""
-    pulse: float = 2e-4
+    pulse: float = _dimension("s", 2e-4)
     """Duration of one impact [s]; 0.1...0.3 ms."""
 
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -35,26 +35,19 @@ def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
     return f"{value / factor:.{digits}g}{'' if name == '1' else f' {name}'}"
 
 
-def pump_numbers(pump: Pump) -> Iterator[tuple[str, Any, str]]:
-    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the order of its file.
+def pump_numbers(pump: Pump) -> list[tuple[str, Any, str]]:
+    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the order of its parts.
 
     A path is of sections and name, such as ``interfaces.block_valve.damping`` or ``sensors[0].position``.
     """
-    for section in fields(pump):
-        part = getattr(pump, section.name)
-        if is_dataclass(part):
-            yield from _numbers(part, section.name)
-    for index, sensor in enumerate(pump.sensors):
-        yield f"sensors[{index}].position", sensor.position, "m"
+    numbers = []
 
+    def note(path: str, value: Any, unit: str) -> Any:
+        numbers.append((path, value, unit))
+        return value
 
-def _numbers(part: Any, path: str) -> Iterator[tuple[str, Any, str]]:
-    for item in fields(part):
-        value = getattr(part, item.name)
-        if is_dataclass(value):
-            yield from _numbers(value, f"{path}.{item.name}")
-        else:
-            yield f"{path}.{item.name}", value, str(item.metadata["unit"])
+    with_numbers(pump, note)
+    return numbers
 
 
 def with_number(pump: Pump, path: str, value: Any) -> Pump:
@@ -65,17 +58,24 @@ def with_number(pump: Pump, path: str, value: Any) -> Pump:
     InputError
         The part cannot be so.
     """
-    if path.startswith("sensors["):
-        index = int(path.removeprefix("sensors[").partition("]")[0])
-        sensors = list(pump.sensors)
-        sensors[index] = replace(sensors[index], position=value)
-        return replace(pump, sensors=tuple(sensors))
-    return _replaced(pump, path.split("."), value)
+    changed: Pump = with_numbers(pump, lambda at, before, unit: value if at == path else before)
+    return changed
 
 
-def _replaced(part: Any, names: list[str], value: Any) -> Any:
-    name, *rest = names
-    return replace(part, **{name: _replaced(getattr(part, name), rest, value) if rest else value})
+def with_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = "") -> Any:
+    """The pump, or a part of it, with what `change` gives for the path, the value and the unit of each number."""
+    changes: dict[str, Any] = {}
+    for item in fields(part):
+        value, at = getattr(part, item.name), f"{path}.{item.name}".removeprefix(".")
+        if "unit" in item.metadata:
+            changes[item.name] = change(at, value, item.metadata["unit"])
+        elif is_dataclass(value):
+            changes[item.name] = with_numbers(value, change, at)
+        elif item.name == "sensors":
+            changes[item.name] = tuple(
+                with_numbers(sensor, change, f"{at}[{number}]") for number, sensor in enumerate(value)
+            )
+    return replace(part, **changes)
 
 
 def pump_text(pump: Pump, comment: str) -> str:

@@ -268,8 +268,8 @@ class Sensor:
 
     name: str
     """Channel name."""
-    position: tuple[float, float, float]
-    """Place (x, y, z) [m]; z along the shaft from the slippers' plane toward the valve plate."""
+    position: tuple[float, float, float] = field(metadata={"unit": "m", "meaning": "Place (x, y, z)"})
+    """z lies along the shaft from the slippers' plane toward the valve plate."""
     direction: tuple[float, float, float]
     """Measuring direction (a unit vector)."""
 

@@ -21,12 +21,13 @@ The other laws are our own derivations from the films and volumes of docs/explan
 
 import math
 import re
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from swashtwin.foundation import InputError, UnitError, parse
 from swashtwin.pump.condition import OperatingCondition
 from swashtwin.pump.geometry import compression_angle, decompression_angle, require_sound_geometry
+from swashtwin.pump.numbers import with_numbers
 from swashtwin.pump.parameters import Pump, Rated
 
 _PER_TURN = re.compile(r"\s*(?:/|per)\s*(?:rev(?:olution)?|r|U|turn)\.?\s*$")
@@ -183,11 +184,11 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
     }
     sources: dict[str, str] = {}
 
-    def scaled(value: Any, path: str, law_of: str) -> Any:
+    def scaled(path: str, value: Any, unit: str) -> Any:
         if stated.get(path) is not None:
             sources[path] = "nameplate"
             return stated[path]
-        law, reason = _LAWS.get(law_of, ("", ""))
+        law, reason = _LAWS.get(re.sub(r"\[\d+\]", "", path), ("", ""))
         factor = _power(law, ratios)
         if law.startswith("M"):
             reason += f" ({weight:.3g} kg, {'by catalogs; weigh yours' if nameplate.mass is None else 'as stated'})"
@@ -197,19 +198,8 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
             return value
         return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor
 
-    def section(part: Any, path: str) -> Any:
-        if not is_dataclass(part) or isinstance(part, type):
-            return scaled(part, path, path)
-        names = [item.name for item in fields(part)]
-        return replace(part, **{name: section(getattr(part, name), f"{path}.{name}") for name in names})
-
-    parts = {item.name: getattr(original, item.name) for item in fields(original)}
-    changes = {name: section(part, name) for name, part in parts.items() if is_dataclass(part)}
-    changes["sensors"] = tuple(
-        replace(sensor, position=scaled(sensor.position, f"sensors[{index}].position", "sensors.position"))
-        for index, sensor in enumerate(original.sensors)
-    )
-    pump = _with_timing(Pump(name=name, sources=sources, **changes), original, original.rated, ratios, sources)
+    pump = with_numbers(replace(original, name=name, sources=sources), scaled)
+    pump = _with_timing(pump, original, original.rated, ratios, sources)
     require_sound_geometry(pump)
     return pump
 

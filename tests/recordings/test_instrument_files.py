@@ -1,7 +1,5 @@
 """Files as instruments write them: what they say of their numbers is obeyed or refused, and never ignored."""
 
-import logging
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -117,16 +115,6 @@ def test_a_segment_that_goes_on_without_a_gap_is_no_other_recording(tmp_path: Pa
         {"x": (NOISE[1000:], waveform("2026-03-02T09:14:07.100"))},
     )
     assert_noise(load_recording(goes_on))
-
-
-def test_readers_of_tdms_in_threads_leave_the_library_as_it_was(tmp_path: Path) -> None:
-    reader, logger = pytest.importorskip("nptdms.reader").TdmsReader, logging.getLogger("nptdms")
-    path = write_tdms(tmp_path / "a.tdms", {"x": (NOISE, waveform("2026-03-02T09:14:07"))})
-    before = reader._update_object_metadata, reader._update_object_properties, logger.propagate
-    with ThreadPoolExecutor(4) as pool:
-        for recording in pool.map(lambda _: load_recording(path), range(8)):
-            assert_noise(recording)
-    assert (reader._update_object_metadata, reader._update_object_properties, logger.propagate) == before
 
 
 @pytest.mark.parametrize(

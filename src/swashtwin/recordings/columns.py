@@ -4,6 +4,7 @@ This module is imported by the process that reads files, so it imports little.
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -52,63 +53,42 @@ def number_type(column: Column) -> np.dtype:
     return stated if isinstance(stated, np.dtype) else np.asarray(column[0 : min(1, len(column))]).dtype
 
 
-class Part:
-    """Samples of a column from `first` to before `last`."""
+class LazyColumn:
+    """Samples of a column that `read` gives, from a first one to before another, when they are sliced."""
 
-    def __init__(self, column: Column, first: int, last: int) -> None:
-        self._column, self._first, self._last = column, first, last
-
-    def __len__(self) -> int:
-        """Number of samples."""
-        return self._last - self._first
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, step = span.indices(len(self))
-        return np.asarray(self._column[self._first + start : self._first + stop])[::step]
-
-
-class SideBySide:
-    """Columns that a file holds beside each other: a slice of all is read at once and kept for the others."""
-
-    def __init__(
-        self, read: Callable[[int, int], np.ndarray], shape: tuple[int, int], dtype: np.dtype | None = None
-    ) -> None:
+    def __init__(self, read: Callable[[int, int], np.ndarray], length: int, dtype: np.dtype | None = None) -> None:
         self._read = read
-        self._shape = shape
-        self.dtype = np.dtype(np.float64) if dtype is None else dtype
-        self._last: tuple[int, int, np.ndarray] | None = None
-
-    def columns(self) -> "list[_SideColumn]":
-        """Each column by itself."""
-        return [_SideColumn(self, number) for number in range(self._shape[0])]
+        self._length = length
+        self.dtype = dtype
 
     def __len__(self) -> int:
-        """Number of samples of each column."""
-        return self._shape[1]
-
-    def together(self, start: int, stop: int) -> np.ndarray:
-        """Samples of every column from `start` to before `stop`."""
-        if self._last is None or self._last[:2] != (start, stop):
-            self._last = None  # its memory is needed for the next
-            self._last = (start, stop, self._read(start, stop))
-        return self._last[2]
-
-
-class _SideColumn:
-    """One column of several that are read together."""
-
-    def __init__(self, source: SideBySide, number: int) -> None:
-        self._source = source
-        self._number = number
-
-    @property
-    def dtype(self) -> np.dtype:
-        return self._source.dtype
-
-    def __len__(self) -> int:
-        return len(self._source)
+        return self._length
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, step = span.indices(len(self._source))
-        samples: np.ndarray = self._source.together(start, max(start, stop))[self._number]
-        return samples[::step]
+        start, stop, step = span.indices(self._length)
+        return np.asarray(self._read(start, max(start, stop)))[::step]
+
+
+def part_of(column: Column, first: int, last: int) -> LazyColumn:
+    """Samples of a column from `first` to before `last`."""
+    return LazyColumn(lambda start, stop: column[first + start : first + stop], last - first)
+
+
+def side_by_side(
+    read: Callable[[int, int], np.ndarray], shape: tuple[int, int], dtype: np.dtype | None = None
+) -> list[LazyColumn]:
+    """Columns (number, samples of each) that a file holds beside each other, of which `read` gives a slice of all.
+
+    The slice is kept for the other columns.
+    """
+    kept: dict[tuple[int, int], np.ndarray] = {}
+
+    def row(number: int, start: int, stop: int) -> np.ndarray:
+        if (start, stop) not in kept:
+            kept.clear()  # its memory is needed for the next
+            kept[start, stop] = read(start, stop)
+        samples: np.ndarray = kept[start, stop][number]
+        return samples
+
+    kind = np.dtype(np.float64) if dtype is None else dtype
+    return [LazyColumn(partial(row, number), shape[1], kind) for number in range(shape[0])]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import Column, Part
+from swashtwin.recordings.columns import Column, part_of
 from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, TimeColumn, read_time_column
@@ -127,7 +127,7 @@ def split(raw: RawFile) -> RawFile:
     for name, column in raw.columns.items():
         for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
             key = f"{name} [{number}]"
-            columns[key], starts[key], names[key] = Part(column, first, last), f"sample {first} of the file", name
+            columns[key], starts[key], names[key] = part_of(column, first, last), f"sample {first} of the file", name
     kept: dict[str, Any] = {
         field: {key: values[name] for key, name in names.items() if name in values}
         for field, values in (("units", raw.units), ("rates", raw.rates), ("sensitivities", raw.sensitivities))

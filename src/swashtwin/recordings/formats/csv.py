@@ -6,7 +6,7 @@ import io
 import re
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
-from swashtwin.recordings.columns import SideBySide
+from swashtwin.recordings.columns import Column, side_by_side
 from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
 from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
@@ -44,20 +44,6 @@ def read(path: Path, options: Options) -> RawFile:
     table = _Table(path, options)
     spool = tempfile.SpooledTemporaryFile(max_size=_BYTES)  # noqa: SIM115
     folder = Path(tempfile.gettempdir())
-    try:
-        count = 0
-        for block in table.blocks():
-            require_disk_space(folder, 1, block.nbytes)
-            spool.write(block.tobytes())
-            count += len(block)
-    except BaseException as cause:
-        spool.close()
-        if isinstance(cause, InputError):
-            raise InputError(
-                f"{path}: its numbers do not fit in the folder of temporary files, {folder}; free space there, or let "
-                "the environment variable TMPDIR name a folder on another disk."
-            ) from cause
-        raise
     width = len(table.columns)
 
     def rows(start: int, stop: int) -> np.ndarray:
@@ -66,9 +52,19 @@ def read(path: Path, options: Options) -> RawFile:
         spool.readinto(flat.data)
         return np.ascontiguousarray(flat.reshape(-1, width).T)
 
-    side_by_side = SideBySide(rows, (width, count))
-    weakref.finalize(side_by_side, spool.close)
-    return table.raw_file(side_by_side, options)
+    weakref.finalize(rows, spool.close)
+    count = 0
+    try:
+        for block in table.blocks():
+            require_disk_space(folder, 1, block.nbytes)
+            spool.write(block.tobytes())
+            count += len(block)
+    except InputError as cause:
+        raise InputError(
+            f"{path}: its numbers do not fit in the folder of temporary files, {folder}; free space there, or let "
+            "the environment variable TMPDIR name a folder on another disk."
+        ) from cause
+    return table.raw_file(side_by_side(rows, (width, count)), options)
 
 
 class _Table:
@@ -252,10 +248,10 @@ class _Table:
                     )
         return DataError(f"{self._path}: the rows after line {self._line} cannot be read; the file is damaged.")
 
-    def raw_file(self, samples: SideBySide, options: Options) -> RawFile:
+    def raw_file(self, samples: Sequence[Column], options: Options) -> RawFile:
         """The columns under their names, the time as the rate, and which columns were left out."""
         names = self._names
-        columns = {names[column]: values for column, values in zip(self.columns, samples.columns(), strict=True)}
+        columns = {names[column]: values for column, values in zip(self.columns, samples, strict=True)}
         blank = [names[column] for column in self.columns if not self._has_values[column]]
         stamps = {names[column]: reader for column, reader in self._stamps.items() if names[column] not in blank}
         words = [names[column] for column, kind in enumerate(self._kinds) if kind in (Kind.text, Kind.date)]

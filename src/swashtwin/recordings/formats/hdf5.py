@@ -7,6 +7,7 @@ are ``sample_rate`` [Hz], ``unit``, ``channels``, ``factor``, ``recording_id``, 
 """
 
 import json
+from collections.abc import Sequence
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
-from swashtwin.recordings.columns import Column, SideBySide
+from swashtwin.recordings.columns import Column, side_by_side
 from swashtwin.recordings.formats.clock import named_as_time, timed
 from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, known_unit, require_plausible_size
 from swashtwin.recordings.formats.tables import (
@@ -166,7 +167,7 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     }
     if "condition.speed" in stated:
         facts["condition"] = {name: float(stated[f"condition.{name}"]) for name in CONDITION}
-    columns = SideBySide(lambda start, stop: signal[:, start:stop], signal.shape, signal.dtype).columns()
+    columns = side_by_side(lambda start, stop: signal[:, start:stop], signal.shape, signal.dtype)
     named = dict(zip(channels, columns, strict=True))
     if len(named) < len(channels):  # the same name twice
         named = {
@@ -261,7 +262,7 @@ def _rate(path: Path, name: str, facts: dict[str, str]) -> float | None:
     return next(iter(rates.values()), None)
 
 
-def _vectors_in(item: h5py.Dataset, field: str) -> list[Column]:
+def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
     """Vectors along the longer side of a data set of one or two sides, or of one of its fields; none of another."""
     sides = [axis for axis, length in enumerate(item.shape) if length > 1]
     if len(sides) == 1:
@@ -284,4 +285,4 @@ def _vectors_in(item: h5py.Dataset, field: str) -> list[Column]:
             return block[None]
         return block if across < along else block.T
 
-    return list(SideBySide(vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype).columns())
+    return side_by_side(vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype)

@@ -1,11 +1,12 @@
 """Parquet tables."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from swashtwin.recordings.columns import Column
+from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.clock import timed
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
 from swashtwin.recordings.formats.tables import split_unit
@@ -28,7 +29,7 @@ def read(path: Path, options: Options) -> RawFile:
             continue
         name, unit = split_unit(heading)
         name = name if name not in columns else heading
-        columns[name] = _Column(table.select(heading), height)
+        columns[name] = LazyColumn(partial(_samples, table.select(heading)), height, np.dtype(np.float64))
         if unit or kind.is_temporal():
             units[name] = "s" if kind.is_temporal() else str(unit)
     return timed(path, RawFile(columns, None, units), options)
@@ -43,22 +44,12 @@ def write(recording: Recording, path: Path) -> None:
         polars.DataFrame(table).write_parquet(file)
 
 
-class _Column:
-    """One column of a table, which is read when it is sliced."""
-
-    def __init__(self, table: Any, height: int) -> None:
-        self._table = table
-        self._height = height
-
-    def __len__(self) -> int:
-        return self._height
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        polars = load_extra("polars")
-        start, stop, step = span.indices(self._height)
-        series = self._table.slice(start, max(0, stop - start)).collect().to_series()
-        if series.dtype.is_temporal():
-            nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
-            origin = self._table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
-            series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
-        return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)[::step]
+def _samples(table: Any, start: int, stop: int) -> np.ndarray:
+    """Samples of a table of one column."""
+    polars = load_extra("polars")
+    series = table.slice(start, stop - start).collect().to_series()
+    if series.dtype.is_temporal():
+        nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
+        origin = table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
+        series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
+    return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)

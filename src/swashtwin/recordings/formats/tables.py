@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse
-from swashtwin.recordings.columns import Column
+from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.raw import SAMPLE_UNITS, Options, known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
@@ -238,7 +238,15 @@ def obeyed(
     missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_fillvalue", "fill_value", "missing_value")])
     low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
     low, high = max([low, *numbers.get("valid_min", [])]), min([high, *numbers.get("valid_max", [])])
-    return _Obeyed(column, factor, offset, missing, (low, high))
+
+    def samples(start: int, stop: int) -> np.ndarray:
+        raw = np.asarray(column[start:stop])
+        values = raw.astype(np.float64)
+        is_missing = np.isin(raw, missing if raw.dtype.kind in "iu" else missing.astype(raw.dtype))
+        is_missing |= (values < low) | (values > high)
+        return np.where(is_missing, np.nan, values * factor + offset)
+
+    return LazyColumn(samples, len(column), np.dtype(np.float64))
 
 
 def _numbers(value: Any) -> np.ndarray:
@@ -247,25 +255,3 @@ def _numbers(value: Any) -> np.ndarray:
         return np.atleast_1d(np.asarray(value if value is not None else [], dtype=np.float64)).ravel()
     except (TypeError, ValueError):
         return np.empty(0)
-
-
-class _Obeyed:
-    """Samples of a column, scaled, and NaN where the file says that they are missing."""
-
-    dtype = np.dtype(np.float64)
-
-    def __init__(
-        self, column: Column, factor: float, offset: float, missing: np.ndarray, valid: tuple[float, float]
-    ) -> None:
-        self._column, self._factor, self._offset, self._missing, self._valid = column, factor, offset, missing, valid
-
-    def __len__(self) -> int:
-        return len(self._column)
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        raw = np.asarray(self._column[span])
-        values = raw.astype(np.float64)
-        missing = self._missing if raw.dtype.kind in "iu" else self._missing.astype(raw.dtype)
-        is_missing = np.isin(raw, missing)
-        is_missing |= (values < self._valid[0]) | (values > self._valid[1])
-        return np.where(is_missing, np.nan, values * self._factor + self._offset)

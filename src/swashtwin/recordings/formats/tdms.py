@@ -1,25 +1,21 @@
 """TDMS files of National Instruments."""
 
 import logging
-import threading
-import weakref
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import Column, Part
+from swashtwin.recordings.columns import Column, LazyColumn, part_of
 from swashtwin.recordings.formats.clock import TIME_UNITS, timed
 from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
 from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
 from swashtwin.recordings.recording import Recording
 
-_ONE_AT_A_TIME = threading.Lock()
-"""Held while the reader and the loggers of npTDMS, which all threads share, are changed."""
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
 
@@ -30,64 +26,53 @@ def read(path: Path, options: Options) -> RawFile:
     Scales are applied by npTDMS; one that it does not know is refused. Recordings that were appended to one channel,
     with another start or rate, are columns of their own, called ``channel [1]``, ``channel [2]``, ...
     """
-    nptdms = load_extra("nptdms")
-    stream = path.open("rb")
-    try:
-        with _ONE_AT_A_TIME, _logged("nptdms") as messages, _noted_properties(nptdms) as history:
-            file = nptdms.TdmsFile.open(stream)
-            if file.file_status.incomplete_final_segment:
-                raise DataError(f"{path} is cut off: its last segment is incomplete.")
-            raw = timed(path, _columns(path, file, history), options)
-        if unknown := [text for text in messages if "scal" in text.lower()]:
-            raise DataError(f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples.")
-    except BaseException:
-        stream.close()
-        raise
-    weakref.finalize(file, stream.close)
+    nptdms = _noting_nptdms()
+    _warnings.clear()
+    file = nptdms.TdmsFile.open(path)
+    if file.file_status.incomplete_final_segment:
+        raise DataError(f"{path} is cut off: its last segment is incomplete.")
+    raw = timed(path, _columns(path, file, file._reader.history), options)
+    if unknown := [text for text in _warnings if "scal" in text.lower()]:
+        raise DataError(f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples.")
     return raw
 
 
-@contextmanager
-def _logged(name: str) -> Iterator[list[str]]:
-    """Warnings that a library logs, such as that it leaves out a scale."""
-    messages: list[str] = []
+_warnings: list[str] = []
+"""What npTDMS has warned of, such as that it leaves out a scale."""
+
+
+@cache
+def _noting_nptdms() -> Any:
+    """npTDMS, whose warnings are noted, and for each channel its properties with the sample from which they hold.
+
+    The library itself keeps the last properties only. Its module is changed for all that this process reads, which
+    is one file at a time.
+    """
+    nptdms = load_extra("nptdms")
     handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
-    loggers = [logging.getLogger(each) for each in list(logging.root.manager.loggerDict) if each.startswith(name)]
-    before = [logger.propagate for logger in loggers]
-    for logger in loggers:
-        logger.addHandler(handler)
-        logger.propagate = False
-    try:
-        yield messages
-    finally:
-        for logger, propagate in zip(loggers, before, strict=True):
-            logger.removeHandler(handler)
-            logger.propagate = propagate
+    handler.emit = lambda record: _warnings.append(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger("nptdms").addHandler(handler)
 
+    base: Any = nptdms.reader.TdmsReader
 
-@contextmanager
-def _noted_properties(nptdms: Any) -> Iterator[dict[str, list[tuple[int, dict[str, Any]]]]]:
-    """Properties of each channel by the number of the sample from which they hold; npTDMS keeps the last only."""
-    reader, history = nptdms.reader.TdmsReader, {}  # type: ignore[var-annotated]
-    samples, properties = reader._update_object_metadata, reader._update_object_properties
-    before: dict[str, int] = {}
+    class Reader(base):
+        def __init__(self, file: Any) -> None:
+            self.history: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+            self._counts: dict[str, int] = {}
+            super().__init__(file)
 
-    def note_samples(self: Any, segment: Any) -> None:
-        before.update({path: item.num_values for path, item in self.object_metadata.items()})
-        samples(self, segment)
+        def _update_object_metadata(self, segment: Any) -> None:
+            self._counts = {path: item.num_values for path, item in self.object_metadata.items()}
+            super()._update_object_metadata(segment)
 
-    def note_properties(self: Any, values: Any) -> None:
-        properties(self, values)
-        for path, pairs in (values or {}).items():
-            known = history.setdefault(path, [])
-            known.append((before.get(path, 0), (known[-1][1] if known else {}) | dict(pairs)))
+        def _update_object_properties(self, values: Any) -> None:
+            super()._update_object_properties(values)
+            for path, pairs in (values or {}).items():
+                known = self.history.setdefault(path, [])
+                known.append((self._counts.get(path, 0), (known[-1][1] if known else {}) | dict(pairs)))
 
-    reader._update_object_metadata, reader._update_object_properties = note_samples, note_properties
-    try:
-        yield history
-    finally:
-        reader._update_object_metadata, reader._update_object_properties = samples, properties
+    nptdms.tdms.TdmsReader = Reader
+    return nptdms
 
 
 def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str, Any]]]]) -> RawFile:
@@ -106,7 +91,7 @@ def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str,
             parts = _parts(history.get(channel.path, []), channel)
             for number, (start, stop, properties) in enumerate(parts, 1):
                 key = name if len(parts) == 1 else f"{name} [{number}]"
-                columns[key] = Part(_Channel(file, channel), start, stop)
+                columns[key] = part_of(LazyColumn(partial(_samples, channel), len(channel)), start, stop)
                 stated[key] = kind, properties, group
     if size > path.stat().st_size:
         raise DataError(f"{path} is damaged: its channels state {size} bytes, it has {path.stat().st_size}.")
@@ -174,21 +159,11 @@ def _parts(history: list[tuple[int, dict[str, Any]]], channel: Any) -> list[tupl
     return [(at, end, properties) for (at, properties), end in zip(parts, ends, strict=True)]
 
 
-class _Channel:
-    """Samples of a channel, which keep their file open."""
-
-    def __init__(self, file: Any, channel: Any) -> None:
-        self._file, self._channel = file, channel
-
-    def __len__(self) -> int:
-        return len(self._channel)
-
-    def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, step = span.indices(len(self))
-        samples = np.asarray(self._channel[start:stop])[::step]
-        if samples.dtype.kind == "M":
-            return samples.astype("datetime64[ns]").astype(np.int64)
-        return samples.astype(np.float64)
+def _samples(channel: Any, start: int, stop: int) -> np.ndarray:
+    samples = np.asarray(channel[start:stop])
+    if samples.dtype.kind == "M":
+        return samples.astype("datetime64[ns]").astype(np.int64)
+    return samples.astype(np.float64)
 
 
 def write(recording: Recording, path: Path) -> None:

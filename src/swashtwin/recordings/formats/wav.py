@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings.columns import SideBySide
+from swashtwin.recordings.columns import side_by_side
 from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
 from swashtwin.recordings.recording import Recording
 
@@ -44,7 +44,7 @@ def read(path: Path, options: Options) -> RawFile:
             raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} samples are there.")
         return np.ascontiguousarray(signal.T)
 
-    columns = SideBySide(frames, (sound.channels, sound.frames), np.dtype(kind)).columns()
+    columns = side_by_side(frames, (sound.channels, sound.frames), np.dtype(kind))
     named = {f"channel_{number}": column for number, column in enumerate(columns)}
     return RawFile(named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE"))
 

@@ -12,7 +12,7 @@ import swashtwin
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
-from swashtwin.synthesis import FILLERS
+from swashtwin_bench import FILLERS
 
 pytestmark = pytest.mark.nightly
 

@@ -14,12 +14,8 @@ from swashtwin.learning import WindowSet, cut_windows, evaluate
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.synthesis import (
-    FILLERS,
     Variation,
-    fill_cell,
-    register_filler,
     simulate_windows,
-    sources_of,
     synthesize,
 )
 from swashtwin.synthesis import twin_windows as synthesis
@@ -164,7 +160,7 @@ def test_windows_of_a_posterior_are_those_of_its_draws(twin: Twin, measured: Win
         seed=4,
         variation=STILL,
         background="none",
-        posterior=posterior,
+        posterior=[posterior],
     )
     for window, draw in zip(
         synthetic.signal, posterior.twins(twin, 3, derive_seed(4, "posterior", "swash_plate", 0)), strict=True
@@ -218,21 +214,3 @@ def test_recordings_are_cut_into_windows_that_the_synthetic_ones_are_like(twin: 
     short = synthesize(healthy, None, count=1, like=recordings, window=1024)
     assert short.length == 1024
     assert set(short.label) == {"normal"}
-
-
-def test_a_filler_of_ones_own_is_registered_and_used_by_name(
-    measured: WindowSet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("swashtwin.synthesis.filler.FILLERS", names := dict(FILLERS))
-
-    def fill_with_silence(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        sources = sources_of(train, label, pressure)[:count]
-        silence = 0 * train.signal[sources]
-        return fill_cell(silence, sources, train=train, name="silence", label=label, pressure=pressure, seed=seed)
-
-    register_filler("silence", fill_with_silence)
-    windows = names["silence"](measured, label="normal", pressure=MPa(15), count=3, seed=0)
-    assert not windows.signal.any()
-    assert windows.synthetic.all()
-    with pytest.raises(InputError, match="registered already"):
-        register_filler("silence", fill_with_silence)

@@ -5,14 +5,6 @@ from .fidelity import TellingFeature as TellingFeature
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance
-from .filler import FILLERS as FILLERS
-from .filler import Filler as Filler
-from .filler import fill_cell as fill_cell
-from .filler import has_filler as has_filler
-from .filler import in_cell as in_cell
-from .filler import register_filler as register_filler
-from .filler import require_count as require_count
-from .filler import sources_of as sources_of
 from .machine_check import require_same_machine as require_same_machine
 from .prior_changes import OrderChanges as OrderChanges
 from .prior_changes import simulate_changes as simulate_changes
@@ -20,6 +12,8 @@ from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import operating_range as operating_range
 from .twin_windows import Background as Background
 from .twin_windows import SyntheticWindows as SyntheticWindows
+from .twin_windows import build_windows as build_windows
+from .twin_windows import require_count as require_count
 from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize
 from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION

@@ -5,6 +5,7 @@ from one moment to the next drawn anew, laid over noise as the machine makes it.
 `evaluate` refuses.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -12,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import torch
+from jaxtyping import Float, Shaped
 
 from swashtwin.calibration import Calibration, FaultLaw, Posterior
 from swashtwin.foundation import InputError, derive_seed, stream
@@ -22,7 +24,6 @@ from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import background_noise
 from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
-from swashtwin.synthesis.filler import build_windows, require_count
 from swashtwin.synthesis.machine_check import require_same_machine
 from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
@@ -147,7 +148,7 @@ def synthesize(
         variation=variation,
         background=background,
         posterior=[calibration.posterior] * len(conditions) if calibration and values == "drawn" else None,
-        law=calibration.law if calibration and values != "nominal" else None,
+        law=[calibration.law] * len(conditions) if calibration and values != "nominal" else None,
     )
     windows = simulate([twin.at(condition) for condition in conditions])
     facts = {item.name: getattr(windows, item.name) for item in fields(WindowSet)}
@@ -191,8 +192,8 @@ def simulate_windows(
     seed: int,
     variation: Variation = DEFAULT_VARIATION,
     background: Background = "spectrum",
-    posterior: Posterior | Sequence[Posterior] | None = None,
-    law: FaultLaw | Sequence[FaultLaw | None] | None = None,
+    posterior: Sequence[Posterior] | None = None,
+    law: Sequence[FaultLaw | None] | None = None,
 ) -> WindowSet:
     """Synthetic windows of twins as they are, of the layout and the classes of `like`.
 
@@ -211,8 +212,8 @@ def simulate_windows(
     posterior : what a calibration leaves open (`Calibration.posterior`), one for each twin: the values, scales and
         sensor path of each window are drawn from it, and `variation` spreads them further as pumps differ from one
         recording to the next. Without, every window has the twin's own.
-    law : law of a recess (`Calibration.law`), one for all twins or one for each: how far slippers follow is drawn from
-        its estimate, and the noise rises with the depth.
+    law : law of a recess (`Calibration.law`), one for each twin: how far slippers follow is drawn from its estimate,
+        and the noise rises with the depth.
 
     Raises
     ------
@@ -228,7 +229,7 @@ def simulate_windows(
     sensors = [_sensors(twin, like.channels) for twin in twins]
     noises = [background_noise(like, twin) for twin in twins] if background == "spectrum" else []
     gains = [noise.gains(twin, rows) for noise, twin, rows in zip(noises, twins, sensors, strict=False)]
-    laws = [law] * len(twins) if law is None or isinstance(law, FaultLaw) else list(law)
+    laws = [None] * len(twins) if law is None else law
     time = np.arange(like.length) / like.sample_rate
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
@@ -262,17 +263,15 @@ def simulate_windows(
 
 
 def _value_draws(
-    twins: Sequence[Twin], posterior: Posterior | Sequence[Posterior] | None, count: int, seed: int
+    twins: Sequence[Twin], posteriors: Sequence[Posterior] | None, count: int, seed: int
 ) -> Callable[[Twin, int], Twin]:
     """Function from a window's twin and number to the twin with values drawn for that window."""
-    if posterior is None:
+    if posteriors is None:
         return lambda twin, index: twin
-    posteriors = [posterior] if isinstance(posterior, Posterior) else list(posterior)
     if len(posteriors) != len(twins):
         raise InputError(f"{len(posteriors)} posteriors for {len(twins)} twins; give one for each.")
-    turns = -(-count // len(twins))
     points = [
-        item.draws(turns, derive_seed(seed, "posterior", twins[0].label, number))
+        item.draws(-(-count // len(twins)), derive_seed(seed, "posterior", twins[0].label, number))
         for number, item in enumerate(posteriors)
     ]
 
@@ -322,3 +321,51 @@ def _require_agreement(twins: Sequence[Twin], like: WindowSet) -> None:
                 f"the windows' sample rate ({like.sample_rate:g} Hz) is below twice the twin's bandwidth; use "
                 f"a bandwidth of {like.sample_rate / 2.56:g}."
             )
+
+
+def require_count(count: int) -> None:
+    """Raise an `InputError` where `count` is below 1."""
+    if count < 1:
+        raise InputError(f"count ({count}) must be at least 1.")
+
+
+def build_windows(
+    signal: Float[np.ndarray, "window channel time"],
+    *,
+    like: WindowSet,
+    name: str,
+    label: str,
+    pressure: Float[np.ndarray, " window"],
+    speed: Float[np.ndarray, " window"],
+    specimen: Shaped[np.ndarray, " window"],
+    seed: int,
+) -> WindowSet:
+    """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
+
+    The recordings of `like` had a part in them, and are in their manifest.
+
+    Parameters
+    ----------
+    name : of the filler; begins their recordings' ids.
+    label : class of all.
+    pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
+    specimen : specimen that each window stands for.
+    seed : in their recordings' ids, which each window's number ends.
+    """
+    count = len(signal)
+    at = ["" if math.isnan(p) else f"_{p / 1e6:.4g}MPa" for p in pressure.tolist()]
+    return WindowSet(
+        signal=signal.astype(np.float32),
+        target=np.full(count, like.classes.index(label), dtype=np.int64),
+        classes=like.classes,
+        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{i}" for i in range(count)], dtype=np.str_),
+        specimen=specimen,
+        discharge_pressure=pressure,
+        speed=speed,
+        start=np.zeros(count, dtype=np.int64),
+        synthetic=np.ones(count, dtype=bool),
+        sample_rate=like.sample_rate,
+        channels=like.channels,
+        unit=like.unit,
+        manifest=like.sources,
+    )

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 from swashtwin.foundation import stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import fill_cell
 from swashtwin_bench.fillers.duplicates import draw_sources
+from swashtwin_bench.fillers.filler import fill_cell
 from swashtwin_bench.fillers.periodic_extension import close_period, extension_length, read_extension
 
 

@@ -8,7 +8,8 @@ from jaxtyping import Int64
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import fill_cell, require_count, sources_of
+from swashtwin.synthesis import require_count
+from swashtwin_bench.fillers.filler import fill_cell, sources_of
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from torch import Tensor, nn
 
 from swashtwin.foundation import TorchStream, derive_seed, stream
 from swashtwin.learning import WindowSet
-from swashtwin.synthesis import fill_cell, require_count, sources_of
+from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.duplicates import draw_indices
+from swashtwin_bench.fillers.filler import fill_cell, sources_of
 from swashtwin_bench.fillers.log_spectra import SpectralForm
 from swashtwin_bench.fillers.periodic_extension import cut_extensions, extension_length, periodic_extensions
 

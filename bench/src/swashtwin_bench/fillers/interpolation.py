@@ -9,7 +9,8 @@ from scipy.spatial.distance import cdist
 
 from swashtwin.foundation import DataError, derive_seed, stream
 from swashtwin.learning import WindowSet
-from swashtwin.synthesis import fill_cell, require_count, sources_of
+from swashtwin.synthesis import require_count
+from swashtwin_bench.fillers.filler import fill_cell, sources_of
 
 
 class NoNeighborsError(DataError):

@@ -1,9 +1,9 @@
 """The fillers that the studies compare, by name."""
 
-from swashtwin.synthesis import FILLERS, Filler, register_filler
 from swashtwin_bench.fillers.cvae import CVAE
 from swashtwin_bench.fillers.distortion import Jitter
 from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
+from swashtwin_bench.fillers.filler import FILLERS, Filler, register_filler
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
 from swashtwin_bench.fillers.wgan_gp import WGANGP
 

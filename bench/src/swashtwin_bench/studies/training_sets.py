@@ -15,13 +15,8 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.signals import add_noise
-from swashtwin.synthesis import (
-    DEFAULT_VARIATION,
-    Filler,
-    Variation,
-    discriminative_score,
-    has_filler,
-)
+from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score
+from swashtwin_bench.fillers.filler import Filler, has_filler
 from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.studies.dataset import StudyDataset, cut_again
@@ -46,7 +41,7 @@ class TrainingSet:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
-    """A name in `TWINS` or in `synthesis.FILLERS`, or None for nothing."""
+    """A name in `TWINS` or in `fillers.filler.FILLERS`, or None for nothing."""
     count: int | None = None
     """Windows for each cell that is filled; None takes the scenario's."""
     every_class: bool = False

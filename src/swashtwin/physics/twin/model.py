@@ -10,20 +10,13 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.dynamics import N_DOF, Structure, Topology, assemble
+from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import recess_of
 from swashtwin.physics.loads import LoadCase, force_lines
 from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
-from swashtwin.physics.twin.contact_check import (
-    ContactCheck,
-    check_contact,
-    mean_motion,
-    slipper_forces,
-    slipper_lines,
-)
 from swashtwin.physics.twin.path import SensorPath
-from swashtwin.physics.twin.response import Drive, drive_of, motion_of, pressing_lines, require_positive, respond
-from swashtwin.physics.twin.scales import SUPPORTS, UNSCALED, Scales
+from swashtwin.physics.twin.response import Drive, drive_of, require_positive, respond
+from swashtwin.physics.twin.scales import UNSCALED, Scales
 from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump
 from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
@@ -103,28 +96,6 @@ class Twin:
         """Shaft orders at which there is anything to compute (`fault_forcing.active_orders`)."""
         return self.drive.orders
 
-    def slipper_forces(self, samples: int = 4096) -> Float[np.ndarray, "piston angle"]:
-        """Force [N] of each slipper's film at `samples` shaft angles of a revolution, positive where it pushes.
-
-        The mean is that of pistons that slide in their bores; the band is the twin's own.
-        """
-        drive, scales = self.drive, torch.tensor(self.scales.values(), dtype=torch.float64)
-        require_positive(self.values, scales)
-        recess = self.scales.excitation * slipper_lines(self.pump, self.condition, self.fault, self.n_lines)
-        pressing = pressing_lines(self.pump, self.condition, self.fault, self.topology, self.n_lines)
-        worn = self.values * drive.wear[0]
-        stiffness = drive.structure.stiffness(worn, scales[0], scales[1], scales[SUPPORTS])
-        steady = torch.as_tensor(pressing[0].real)
-        motion = np.zeros((self.n_lines + 1, N_DOF), dtype=complex)
-        motion[0] = mean_motion(self.pump, drive.structure, stiffness, worn, steady, float(recess[0].real))
-        with torch.no_grad():
-            motion[self.orders] = motion_of(drive, self.values[None], scales[None], HarmonicBalance())[0][0]
-        return slipper_forces(self.pump, self.topology, self.condition.speed, worn, motion, recess, samples)
-
-    def contact_check(self) -> ContactCheck:
-        """Whether the slippers' films would have to pull, which no film can."""
-        return check_contact(self.slipper_forces())
-
     def notes(self) -> tuple[str, ...]:
         """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
         notes = []
@@ -136,9 +107,12 @@ class Twin:
                 f"of {recess.depth * 1e3:.4g} mm counts as {recess.effective_depth(slipper) * 1e3:.4g} mm. The "
                 "paper has no such defect; this is an extrapolation of ours."
             )
-        check = self.contact_check()
-        if not check.within_range:
-            notes.append(check.sentence())
+        if recess is not None and recess.strains_films:
+            notes.append(
+                f"In a recess {recess.depth * 1e3:.4g} mm deep by contact={recess.contact} films are strained: from "
+                "some hundredths of a millimeter on the linear twin pulls at its slippers, which no film can. By "
+                "contact=lift_off slippers may leave the plate."
+            )
         return tuple(notes)
 
     def at(self, condition: OperatingCondition) -> "Twin":

@@ -90,7 +90,9 @@ def drive_of(
 ) -> Drive:
     """Drive of one twin up to order `n_lines`, float64."""
     structure = assemble(pump, topology)
-    pressure = pressing_lines(pump, condition, fault, topology, n_lines)
+    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
+    contact = contact_lines(fault, pump, condition, n_lines, topology)
+    pressure = pressure if contact is None else pressure + contact
     motion = excitation_lines(pump, condition, fault, n_lines)
     turns = bool(turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64)))
     orders = np.arange(1, n_lines + 1) if turns else active_orders(pressure, motion)
@@ -108,15 +110,6 @@ def drive_of(
         turning=partial(turning_terms, fault, pump) if turns else None,
         path=None if path is None else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
     )
-
-
-def pressing_lines(
-    pump: Pump, condition: OperatingCondition, fault: Fault | None, topology: Topology, n_lines: int
-) -> Complex[np.ndarray, "line 13"]:
-    """Lines 0...`n_lines` [N, N m] of all forces that no interface value changes."""
-    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
-    contact_forces = contact_lines(fault, pump, condition, n_lines, topology)
-    return pressure if contact_forces is None else pressure + contact_forces
 
 
 def respond(
@@ -154,28 +147,22 @@ def rows_of(n_lines: int) -> int:
 
 
 def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
-    motion, frequency = motion_of(drive, values, scales, solver)
-    shell = motion[..., None, :, SHELL] * drive.structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
-    read = shell.sum(-1) * (-(frequency**2) * scales[:, 3, None])[:, None]
-    return read if drive.path is None else read * drive.path
-
-
-def motion_of(
-    drive: Drive, values: Float[Tensor, "row 6"], scales: Float[Tensor, "row 11"], solver: SteadySolver
-) -> tuple[Complex[Tensor, "row read 13"], Float[Tensor, "*row read"]]:
-    """Displacement lines [m, rad] at the orders that are read, and their angular frequencies [rad/s]."""
     structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
-    mount, bearing, excitation, *_ = scales.unbind(-1)
+    mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
     worn, force = values * drive.wear, drive.pressure
     if drive.action.strains or drive.action.pushes:
         force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
     stiffness, damping = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]), structure.damping(worn)
     force = force.expand(len(values), -1, -1)
     if drive.turning is None:
-        return solver.steady_state(structure.mass, damping, stiffness, frequency, force), frequency
-    terms, speed = drive.turning(worn), float(frequency[1])
-    motion = periodic_steady_state(solver, structure.mass, damping, stiffness, speed, force, terms)
-    return motion[:, 1:], frequency[1:]
+        motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
+    else:
+        terms, speed = drive.turning(worn), float(frequency[1])
+        motion = periodic_steady_state(solver, structure.mass, damping, stiffness, speed, force, terms)[:, 1:]
+        frequency = frequency[1:]
+    shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
+    read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
+    return read if drive.path is None else read * drive.path
 
 
 def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]) -> None:

@@ -5,11 +5,12 @@ from importlib.metadata import entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int64, Shaped
+from jaxtyping import Float, Int64
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import WindowSet
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+from swashtwin.synthesis import build_windows
 
 
 @runtime_checkable
@@ -100,54 +101,6 @@ def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarra
             f"no measured window of {label} to draw from, at any pressure; a twin can make windows of it (synthesize)."
         )
     return np.flatnonzero(is_source)
-
-
-def require_count(count: int) -> None:
-    """Raise an `InputError` where `count` is below 1."""
-    if count < 1:
-        raise InputError(f"count ({count}) must be at least 1.")
-
-
-def build_windows(
-    signal: Float[np.ndarray, "window channel time"],
-    *,
-    like: WindowSet,
-    name: str,
-    label: str,
-    pressure: Float[np.ndarray, " window"],
-    speed: Float[np.ndarray, " window"],
-    specimen: Shaped[np.ndarray, " window"],
-    seed: int,
-) -> WindowSet:
-    """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
-
-    The recordings of `like` had a part in them, and are in their manifest.
-
-    Parameters
-    ----------
-    name : of the filler; begins their recordings' ids.
-    label : class of all.
-    pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
-    specimen : specimen that each window stands for.
-    seed : in their recordings' ids, which each window's number ends.
-    """
-    count = len(signal)
-    at = ["" if math.isnan(p) else f"_{p / 1e6:.4g}MPa" for p in pressure.tolist()]
-    return WindowSet(
-        signal=signal.astype(np.float32),
-        target=np.full(count, like.classes.index(label), dtype=np.int64),
-        classes=like.classes,
-        recording_id=np.array([f"{name}_{label}{at[i]}_{seed}_{i}" for i in range(count)], dtype=np.str_),
-        specimen=specimen,
-        discharge_pressure=pressure,
-        speed=speed,
-        start=np.zeros(count, dtype=np.int64),
-        synthetic=np.ones(count, dtype=bool),
-        sample_rate=like.sample_rate,
-        channels=like.channels,
-        unit=like.unit,
-        manifest=like.sources,
-    )
 
 
 def fill_cell(

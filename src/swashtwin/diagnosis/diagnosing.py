@@ -16,11 +16,13 @@ from swashtwin.learning import (
     FittedClassifier,
     WindowLayout,
     WindowSet,
+    level_features,
     likeliest_class,
     pooled_probabilities,
     require_verdicts,
     signal_facts,
     window_batches,
+    window_powers,
 )
 from swashtwin.recordings import Recording, facts_of, listed_recordings, stated_speed
 
@@ -60,7 +62,9 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     answers = []
     try:
         for windows in recording_windows(classifier, recording):
-            answers.append((*classifier.answer(windows), signal_facts(windows)))
+            powers = window_powers(windows)
+            levels, facts = level_features(windows, powers), signal_facts(windows, powers)
+            answers.append((classifier.predict_proba(windows), levels, facts))
         notes = _notes(classifier, recording)
     except DataError as cause:
         return replace(result, no_verdict=str(cause))

@@ -5,16 +5,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from swashtwin.learning import Deviation, Level
+from swashtwin.learning import Deviation, Level, common_shift
 
 LEAST_SPREADS = 3.0
 """Standard deviations by which a level must have moved to be listed."""
 _MOST = 8
-_SHIFT, _ALIKE = 3.0, 0.25
-"""A channel as a whole moved if the median change of its bands is at least so many dB, and the bands differ from it by
-so little, relative to it, in the median."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ def level_changes(
     sentences = []
     for channel in dict.fromkeys(level.channel for level in levels):
         of_channel = np.array([level.channel == channel for level in levels])
-        shift = _common_shift(change[of_channel & np.array([level.is_band for level in levels])])
+        shift = float(common_shift(change[of_channel & np.array([level.is_band for level in levels])]))
         if shift:
             sentences.append(
                 f"{shift:+.1f} dB in all bands of channel {channel}: a changed gain, sensor or mounting does that"
@@ -77,13 +73,6 @@ def level_changes(
         )
         for index in listed
     )  # fmt: skip
-
-
-def _common_shift(change: Float[np.ndarray, " band"]) -> float:
-    """Median change of a channel's bands [dB] where nearly all moved alike, else 0."""
-    shift = float(np.median(change))
-    is_alike = np.median(np.abs(change - shift)) <= _ALIKE * abs(shift)
-    return shift if abs(shift) >= _SHIFT and is_alike else 0.0
 
 
 def _overlap(first: Level, second: Level, shaft: float | None) -> bool:

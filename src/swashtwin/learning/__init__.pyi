@@ -28,7 +28,9 @@ from .evaluation.scores import evaluate as evaluate
 from .features import band_energies as band_energies
 from .features import extract_features as extract_features
 from .features import feature_values as feature_values
+from .features import level_features as level_features
 from .features import level_spectrum as level_spectrum
+from .features import window_powers as window_powers
 from .healthy.healthy_levels import LEAST_HEALTHY as LEAST_HEALTHY
 from .healthy.healthy_levels import USUAL_ERROR_RATE as USUAL_ERROR_RATE
 from .healthy.healthy_levels import Deviation as Deviation
@@ -40,6 +42,7 @@ from .healthy.levels import LevelLayout as LevelLayout
 from .healthy.odd_recordings import MOST_ODD as MOST_ODD
 from .healthy.odd_recordings import least_rise as least_rise
 from .healthy.odd_recordings import usual_recordings as usual_recordings
+from .lines import common_shift as common_shift
 from .networks.bitcn import BiTCN as BiTCN
 from .networks.branch import Branch as Branch
 from .networks.forest import Forest as Forest

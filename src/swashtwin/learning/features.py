@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 
+from swashtwin.learning.lines import line_powers
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import (
     TIME_STATISTICS,
     band_shares,
-    hann_taper,
     signal_envelope,
-    tapered_transform,
     time_statistics,
 )
 
@@ -81,14 +80,26 @@ def feature_names(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{channel} {name}" for channel in channels for name in names)
 
 
-def level_features(windows: WindowSet) -> Float64[np.ndarray, "window feature"]:
+def window_powers(windows: WindowSet) -> list[Float64[np.ndarray, "window line"]]:
+    """`line_powers` of each window, channel by channel."""
+    return [line_powers(windows.signal[:, index].astype(np.float64)) for index in range(windows.n_channels)]
+
+
+def level_features(
+    windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
+) -> Float64[np.ndarray, "window feature"]:
     """Levels of each window, channel after channel, by which `TrainingReference` tells what is like the training.
 
     Per channel: the logarithm of the deviation, four numbers of the waveform's shape that no gain changes, log10 of the
     mean power in up to 72 equal bands of the lowest twelfth of the spectrum, and `band_energies` in 48 bands. All are
     numbers of the same kind, decades or shares, so that none needs a scale.
+
+    Parameters
+    ----------
+    powers : `window_powers`, where they are at hand.
     """
     parts = []
+    powers = window_powers(windows) if powers is None else powers
     for index in range(windows.n_channels):
         signal = windows.signal[:, index].astype(np.float64)
         moving = signal - signal.mean(axis=1, keepdims=True)
@@ -102,8 +113,7 @@ def level_features(windows: WindowSet) -> Float64[np.ndarray, "window feature"]:
             np.log10(np.maximum(magnitude.max(axis=1, keepdims=True), 1e-3)),
             magnitude.mean(axis=1, keepdims=True),
         )
-        power = line_powers(signal)
-        parts += [*shape, _line_levels(power), band_levels(power, _N_LEVEL_BANDS)]
+        parts += [*shape, _line_levels(powers[index]), band_levels(powers[index], _N_LEVEL_BANDS)]
     return np.concatenate(parts, axis=1)
 
 
@@ -153,11 +163,3 @@ def band_energies(
 def band_levels(power: Float64[np.ndarray, "window line"], n_bands: int) -> Float64[np.ndarray, "window band"]:
     """`band_energies` from the powers of `line_powers`."""
     return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))
-
-
-def line_powers(signal: Float[np.ndarray, "window time"]) -> Float64[np.ndarray, "window line"]:
-    """Mean square of each line of the spectrum but the first, mean removed, Hann taper."""
-    length = signal.shape[1]
-    spectrum = tapered_transform(signal)[:, 1:]
-    scale = 2 / (length * np.sum(hann_taper(length) ** 2))
-    return np.asarray((spectrum.real**2 + spectrum.imag**2) * scale)

@@ -17,8 +17,20 @@ from swashtwin.foundation import InputError
 
 
 def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " time"]:
-    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted mean does."""
-    return np.hanning(count) if symmetric else np.hanning(count + 1)[:-1]
+    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted mean does; read
+    only."""
+    return _kept_taper(count, symmetric) if count <= _LONGEST_KEPT else _kept_taper.__wrapped__(count, symmetric)
+
+
+_LONGEST_KEPT = 1 << 18
+"""Samples of a taper up to which it is kept: to compute it takes longer than to transform what it tapers."""
+
+
+@lru_cache(maxsize=16)
+def _kept_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
+    taper: np.ndarray = np.hanning(count) if symmetric else np.hanning(count + 1)[:-1]
+    taper.setflags(write=False)
+    return taper
 
 
 def transform(signal: Float[np.ndarray, "*batch time"], count: int | None = None) -> Complex[np.ndarray, "*batch line"]:
@@ -37,9 +49,8 @@ def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line
 
 
 def tapered_transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.ndarray, "*batch line"]:
-    """`transform` of a signal without its mean, times `hann_taper`."""
-    length = signal.shape[-1]
-    taper = _periodic_taper(length) if length <= AT_ONCE else hann_taper(length)
+    """`transform` of a signal without its mean, times `hann_taper`; of the signal's precision."""
+    taper = hann_taper(signal.shape[-1]).astype(signal.dtype, copy=False)
     return transform((signal - signal.mean(axis=-1, keepdims=True)) * taper)
 
 
@@ -69,7 +80,7 @@ def power_density(
     length : samples of the half-overlapping segments over which it is averaged (Welch); None takes the whole signal.
     """
     length = signal.shape[-1] if length is None else min(length, signal.shape[-1])
-    taper = _periodic_taper(length)
+    taper = hann_taper(length)
     segments = sliding_window_view(np.asarray(signal, dtype=np.float64), length, axis=-1)
     segments = segments[..., :: max(1, length - length // 2), :]
     density = np.zeros((*segments.shape[:-2], length // 2 + 1))
@@ -84,11 +95,6 @@ def power_density(
     if length % 2 == 0:
         density[..., -1] /= 2
     return line_frequencies(length, sample_rate), density
-
-
-@lru_cache(maxsize=16)
-def _periodic_taper(length: int) -> Float[np.ndarray, " time"]:
-    return hann_taper(length)
 
 
 def fourier_lines(revolution: Float[np.ndarray, "*batch step"]) -> Complex[np.ndarray, "*batch order"]:

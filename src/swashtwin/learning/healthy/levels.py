@@ -7,9 +7,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, InputError
+from swashtwin.learning.lines import between, running_sums
 from swashtwin.learning.windows.window_set import WindowLayout
 from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals import power_density, signal_envelope
@@ -121,11 +122,10 @@ class LevelLayout(WindowLayout):
         densities = list(self._densities(recording))
         weights = np.array([weight for weight, _ in densities])
         density = np.einsum("p,pcef->cef", weights / weights.sum(), np.stack([part for _, part in densities]))
-        edges = np.array([level.edges(shaft) for level in self.levels[: self._n_each]])
-        power = band_sums(density[..., 1:], edges * self.length / self.sample_rate)
-        power *= self.sample_rate / self.length
-        total = density[..., 1:].sum(axis=-1, keepdims=True) * self.sample_rate / self.length
-        return np.asarray(10 * np.log10(np.maximum(power, np.maximum(_FAINTEST * total, 1e-300)))).ravel()
+        low, high = np.array([level.edges(shaft) for level in self.levels[: self._n_each]]).T
+        sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
+        power = between(sums, low * per_hertz, high * per_hertz)
+        return np.asarray(10 * np.log10(np.maximum(power, _FAINTEST * sums[..., -1:] + 1e-300) / per_hertz)).ravel()
 
     @property
     def _n_each(self) -> int:
@@ -165,21 +165,3 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
         del edges[-1]
     edges[-1] = n_lines + 0.5
     return np.array(edges)
-
-
-def band_sums(
-    density: Float64[np.ndarray, "channel envelope line"], edges: Float[np.ndarray, "band 2"]
-) -> Float64[np.ndarray, "channel envelope band"]:
-    """Sum of the lines 1, 2, ... in each band between two edges, in lines; a line at an edge counts by its share.
-
-    Examples
-    --------
-    >>> band_sums(np.array([[[1.0, 2.0, 3.0]]]), np.array([[0.5, 2.0], [2.5, 9.0]])).tolist()
-    [[[2.0, 3.0]]]
-    """
-    sums = np.zeros((*density.shape[:-1], len(edges)))
-    for band, (low, high) in enumerate(edges.tolist()):
-        line = np.arange(max(round(low), 1), min(math.ceil(high + 0.5), density.shape[-1] + 1))
-        share = np.minimum(high, line + 0.5) - np.maximum(low, line - 0.5)
-        sums[..., band] = density[..., line - 1] @ share
-    return sums

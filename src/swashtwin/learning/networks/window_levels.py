@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Complex64, Float, Float32, Float64, Int
+from jaxtyping import Complex64, Float, Float32, Int
 
+from swashtwin.learning.lines import running_sums
 from swashtwin.signals import hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7
@@ -178,7 +179,7 @@ def _levels(
     for turns, count in zip(axes, n_lines, strict=True):
         if turns is None:
             first, last = narrow_edges(power.shape[-1], count, share)
-            total = _running_total(power[..., : last[-1]])
+            total = running_sums(power[..., : last[-1]])
             narrow = ((total[..., last] - total[..., first]) / (last - first)).astype(np.float32)
         else:
             narrow = _order_powers(power, turns * x.shape[-1], count)
@@ -228,16 +229,9 @@ def _order_powers(
     n_lines = power.shape[-1]
     edges = np.clip((np.arange(n_orders + 1) + 0.5) * lines_per_order[:, None] - 0.5, 0, n_lines)[:, None]
     below = np.minimum(edges.astype(np.int64), n_lines - 1)
-    total = _running_total(power[..., : int(below.max()) + 1])
+    total = running_sums(power[..., : int(below.max()) + 1])
     left, right = (np.take_along_axis(total, index, axis=-1) for index in (below, below + 1))
     at_edges = left + (edges - below) * (right - left)
     width = np.maximum(np.diff(edges, axis=-1), 1e-6)
     mean = np.maximum(np.diff(at_edges, axis=-1) / width, 0.0)
     return np.where(width < NARROWEST, power[..., -1:], mean).astype(np.float32)
-
-
-def _running_total(power: Float32[np.ndarray, "window channel line"]) -> Float64[np.ndarray, "window channel edge"]:
-    """Power of all lines before each edge between two lines."""
-    total = np.zeros((*power.shape[:-1], power.shape[-1] + 1))
-    np.cumsum(power, axis=-1, dtype=np.float64, out=total[..., 1:])
-    return total

@@ -7,11 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float32, Float64, Int64
 
 from swashtwin.foundation import InputError
+from swashtwin.learning.lines import between, common_shift, line_powers, running_sums
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.signals import hann_taper, transform
+from swashtwin.signals import transform
 
 LONGEST = 1 << 18
 """Samples of a segment, at most."""
@@ -92,42 +93,39 @@ class RecordingLevels:
 
     def _powers(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float64[np.ndarray, "channel level"]:
         x = signal.astype(np.float32) - signal.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
-        spacing = self.sample_rate / x.shape[1]
-        sums = _running_sums(_line_powers(x))
-        edges = self.sample_rate / 2 * 2.0 ** (-np.arange(_THIRDS, -1, -1) / 3)
-        parts = [_between(sums, edges[:-1], edges[1:], spacing)]
+        highest = x.shape[1] / 2
+        per_order = shaft * x.shape[1] / self.sample_rate
+        sums = running_sums(line_powers(x))
+        parts = [_bands(sums, highest, 3)]
         if self.n_orders:
             order = np.arange(1, self.n_orders + 1)
-            shaft *= _aligned(sums, order * shaft, shaft, spacing)
-            parts.append(_between(sums, (order - _LINE) * shaft, (order + _LINE) * shaft, spacing))
-            floor = _between(sums, (order + _BETWEEN[0]) * shaft, (order + _BETWEEN[1]) * shaft, spacing)
+            per_order *= _aligned(sums, order, per_order)
+            parts.append(between(sums, (order - _LINE) * per_order, (order + _LINE) * per_order))
+            floor = between(sums, (order + _BETWEEN[0]) * per_order, (order + _BETWEEN[1]) * per_order)
             parts.append(np.stack([floor[:, a - 1 : b - 1].mean(axis=1) for a, b in self._groups], axis=1))
         else:
-            fine = self.sample_rate / 2 * 2.0 ** (-np.arange(4 * _THIRDS, -1, -1) / 12)
-            parts.append(_between(sums, fine[:-1], fine[1:], spacing))
+            parts.append(_bands(sums, highest, 12))
         parts[:] = [np.maximum(np.concatenate(parts, axis=1), _FAINTEST * sums[:, -1:] + 1e-30)]
         lines = transform(x)
         for octave in range(_OCTAVES, 0, -1):
-            parts.append(self._envelope(lines, self.sample_rate / 2**octave / 2, shaft, spacing))
+            parts.append(self._envelope(lines, highest / 2**octave, per_order))
         return np.concatenate(parts, axis=1)
 
-    def _envelope(
-        self, lines: np.ndarray, low: float, shaft: float, spacing: float
-    ) -> Float64[np.ndarray, "channel level"]:
-        """Powers of lines of the squared envelope of the octave above `low` [Hz], over its mean squared."""
-        first, last = int(low / spacing), int(2 * low / spacing)
+    def _envelope(self, lines: np.ndarray, low: float, per_order: float) -> Float64[np.ndarray, "channel level"]:
+        """Powers of lines of the squared envelope of the octave above line `low`, over its mean squared."""
+        first, last = int(low), int(2 * low)
         count = scipy.fft.next_fast_len(2 * max(last - first, 8))
         analytic = scipy.fft.ifft(lines[:, first:last], count, axis=1)
         square = analytic.real**2 + analytic.imag**2
         square /= np.maximum(square.mean(axis=1, keepdims=True), 1e-30)
-        sums = _running_sums(_line_powers(square - 1))
+        sums = running_sums(line_powers(square - 1))
         number = np.arange(1, _ENVELOPE_ORDERS + 1)
         if self.n_orders:
-            edges = (number - _LINE) * shaft, (number + _LINE) * shaft
+            edges = (number - _LINE) * per_order, (number + _LINE) * per_order
         else:
-            bands = np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * self.sample_rate / 2**_OCTAVES / 2
+            bands = np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * (lines.shape[1] - 1) / 2**_OCTAVES
             edges = bands[:-1], bands[1:]
-        return np.maximum(_between(sums, *edges, spacing), 1e-12)
+        return np.maximum(between(sums, *edges), 1e-12)
 
     def shapes(self, levels: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row channel level"]:
         """Levels less the mean of each channel's third octaves where they rise with its gain."""
@@ -136,52 +134,24 @@ class RecordingLevels:
         return shaped
 
     def without_gain(self, change: Float[np.ndarray, "channel level"]) -> Float[np.ndarray, "channel level"]:
-        """Changes of levels less what a channel's gain explains: bands that all moved by 3 dB or more, and alike."""
-        shift = np.median(change[:, :_THIRDS], axis=1, keepdims=True)
-        rest = np.median(np.abs(change[:, :_THIRDS] - shift), axis=1, keepdims=True)
-        is_gain = (np.abs(shift) >= 3) & (rest <= 0.25 * np.abs(shift))
+        """Changes of levels less what a channel's gain explains (`common_shift`)."""
         corrected = change.copy()
-        corrected[:, : self.n_scaled] -= np.where(is_gain, shift, 0.0)
+        corrected[:, : self.n_scaled] -= common_shift(change[:, :_THIRDS])[:, None]
         return corrected
 
 
-def _line_powers(x: Float[np.ndarray, "channel time"]) -> Float32[np.ndarray, "channel line"]:
-    """Mean square of each line of the spectrum, the mean's among them; Hann taper."""
-    taper = hann_taper(x.shape[1]).astype(np.float32)
-    lines = transform(x * taper)
-    power = np.asarray(lines.real**2 + lines.imag**2)
-    power *= np.float32(2 / (x.shape[1] * float(taper @ taper)))
-    return power
+def _bands(
+    sums: Float64[np.ndarray, "channel edge"], highest: float, per_octave: int
+) -> Float64[np.ndarray, "channel band"]:
+    """Power in each band of equal ratio of eight octaves up to line `highest`."""
+    edges = highest * 2.0 ** (-np.arange(8 * per_octave, -1, -1) / per_octave)
+    return between(sums, edges[:-1], edges[1:])
 
 
-def _running_sums(power: Float32[np.ndarray, "channel line"]) -> Float64[np.ndarray, "channel edge"]:
-    sums = np.zeros((len(power), power.shape[1] + 1))
-    np.cumsum(power, axis=1, out=sums[:, 1:])
-    return sums
-
-
-def _between(
-    sums: Float64[np.ndarray, "channel edge"],
-    low: Float[np.ndarray, "*band"],
-    high: Float[np.ndarray, "*band"],
-    spacing: float,
-) -> Float64[np.ndarray, "channel *band"]:
-    """Power between two frequencies [Hz]; of a line that an edge cuts its share."""
-
-    def up_to(frequency: np.ndarray) -> np.ndarray:
-        place = np.clip(frequency / spacing + 0.5, 0, sums.shape[1] - 1)
-        line = np.minimum(place.astype(np.int64), sums.shape[1] - 2)
-        return np.asarray(sums[:, line] + (place - line) * (sums[:, line + 1] - sums[:, line]))
-
-    return up_to(high) - up_to(low)
-
-
-def _aligned(
-    sums: Float64[np.ndarray, "channel edge"], center: Float64[np.ndarray, " order"], shaft: float, spacing: float
-) -> float:
+def _aligned(sums: Float64[np.ndarray, "channel edge"], order: Int64[np.ndarray, " order"], per_order: float) -> float:
     """Factor on the stated speed under which a comb of orders stands out most: what is stated is the set speed."""
     factor = np.linspace(1 - _SEARCH, 1 + _SEARCH, _STEPS)
-    teeth = factor[:, None] * center
-    line = _between(sums, teeth - _NARROW * shaft, teeth + _NARROW * shaft, spacing)
-    around = _between(sums, center - shaft / 2, center + shaft / 2, spacing)[:, None]
+    teeth = factor[:, None] * order
+    line = between(sums, (teeth - _NARROW) * per_order, (teeth + _NARROW) * per_order)
+    around = between(sums, (order - 0.5) * per_order, (order + 0.5) * per_order)[:, None]
     return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])

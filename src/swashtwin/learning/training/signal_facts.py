@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.learning.features import band_levels, line_powers
+from swashtwin.learning.features import band_levels, window_powers
 from swashtwin.learning.windows.window_set import WindowSet
 
 FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
@@ -57,39 +57,40 @@ class OutsideFact:
         return self.value - self.high if self.value > self.high else self.value - self.low
 
 
-def signal_facts(windows: WindowSet) -> Float64[np.ndarray, "window channel fact"]:
+def signal_facts(
+    windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
+) -> Float64[np.ndarray, "window channel fact"]:
     """`FACTS` and the levels of `N_BANDS` bands, of each channel of each window [dB re the unit squared].
 
     The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean removed.
+
+    Parameters
+    ----------
+    powers : `window_powers`, where they are at hand.
     """
     samples = windows.signal.astype(np.float64)
-    unit = samples - samples.mean(axis=2, keepdims=True)
-    unit /= np.maximum(np.linalg.norm(unit, axis=2, keepdims=True), _LEAST_POWER)
-    square = (unit @ unit.swapaxes(1, 2)) ** 2 * (1 - np.eye(windows.n_channels))
-    alone = np.clip(1 - square.max(axis=2), *_ALONE)
-    return np.stack(
-        [_facts_of(samples[:, c], alone[:, c], windows.sample_rate) for c in range(windows.n_channels)], axis=1
-    )
-
-
-def _facts_of(
-    samples: Float64[np.ndarray, "window time"], alone: Float64[np.ndarray, " window"], sample_rate: float
-) -> Float64[np.ndarray, "window fact"]:
-    power = line_powers(samples)
-    n_lines = power.shape[1]
-    quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
-    density = np.partition(power, (quietest, first_strong), axis=1) * (samples.shape[1] / sample_rate)
-    strongest = density[:, first_strong:].sum(axis=1)
-    variance = np.maximum(samples.var(axis=1), _LEAST_POWER)
-    powers = (
-        variance,
-        density[:, quietest],
-        strongest / np.maximum(density.sum(axis=1), _LEAST_POWER),
-        np.maximum(samples.mean(axis=1) ** 2 / variance, _LEAST_OFFSET),
-        1 / alone,
-    )
-    facts = 10 * np.log10(np.maximum(np.stack(powers, axis=1), _LEAST_POWER))
-    return np.concatenate([facts, 10 * band_levels(power, N_BANDS)], axis=1)
+    mean = samples.mean(axis=2)
+    samples -= mean[:, :, None]
+    products = samples @ samples.swapaxes(1, 2) / windows.length
+    variance = np.maximum(np.diagonal(products, axis1=1, axis2=2), _LEAST_POWER)
+    alike = products**2 / (variance[:, :, None] * variance[:, None]) * (1 - np.eye(windows.n_channels))
+    share_alone = np.clip(1 - alike.max(axis=2), *_ALONE)
+    facts = []
+    for channel, power in enumerate(window_powers(windows) if powers is None else powers):
+        n_lines = power.shape[1]
+        quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
+        density = np.partition(power, (quietest, first_strong), axis=1) * (windows.length / windows.sample_rate)
+        strongest = density[:, first_strong:].sum(axis=1)
+        ratios = (
+            variance[:, channel],
+            density[:, quietest],
+            strongest / np.maximum(density.sum(axis=1), _LEAST_POWER),
+            np.maximum(mean[:, channel] ** 2 / variance[:, channel], _LEAST_OFFSET),
+            1 / share_alone[:, channel],
+        )
+        decibels = 10 * np.log10(np.maximum(np.stack(ratios, axis=1), _LEAST_POWER))
+        facts.append(np.concatenate([decibels, 10 * band_levels(power, N_BANDS)], axis=1))
+    return np.stack(facts, axis=1)
 
 
 def outside_facts(

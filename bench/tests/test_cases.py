@@ -16,7 +16,7 @@ from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
 from swashtwin_bench import FILLERS, StudyResult, Work, plan_of, run_plan, write_study_report
-from swashtwin_bench.fillers.distortion import Jitter
+from swashtwin_bench.fillers.interpolation import SMOTE
 from swashtwin_bench.results.page import differences_table, scores_table
 from swashtwin_bench.results.runs import load_run
 from swashtwin_bench.rivals.models import DEFAULT
@@ -100,26 +100,22 @@ def test_another_setting_is_another_task(recordings: list[Recording], monkeypatc
         assert not keys & set(network)
     assert not keys & {task.key for task in plan.tasks(1, data)}
     assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}
-    filled = replace(plan, training_sets={"jitter": TrainingSet("jitter")})
+    filled = replace(plan, training_sets={"smote": TrainingSet("smote")})
     before = {task.key for task in filled.tasks(0, "data")}
-    monkeypatch.setitem(FILLERS, "jitter", Jitter(gain=0.5))
+    monkeypatch.setitem(FILLERS, "smote", SMOTE(neighbors=2))
     assert not before & {task.key for task in filled.tasks(0, "data")}
 
 
-def test_a_key_holds_everything_that_twins_and_noise_are_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_key_holds_everything_that_twins_are_made_of() -> None:
     def keys(study: str, **changes: Any) -> dict[str, str]:
         plan = plan_of(study, "paper")
         plan = replace(plan, scenario=replace(plan.scenario, **changes))
         return {"-".join(task.factors.values()): task.key for task in plan.tasks(0, "data")}
 
-    before = {study: keys(study) for study in ("augmentation", "noise")}
+    before = keys("augmentation")
     changed = keys("augmentation", faults={**MACHINED, "piston": (PistonWear(clearance=1e-4),)})
-    differing = {name for name, key in before["augmentation"].items() if changed[name] != key}
+    differing = {name for name, key in before.items() if changed[name] != key}
     assert differing == {name for name in changed if "every_class" in name}
-    monkeypatch.setattr("swashtwin_bench.studies.training_sets.TRAINING_SNRS", (5.0, 25.0))
-    assert {name for name, key in keys("noise").items() if before["noise"][name] != key} == {
-        name for name in before["noise"] if "calibrated_noise" in name
-    }
 
 
 @pytest.mark.nightly

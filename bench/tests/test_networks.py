@@ -163,19 +163,13 @@ def test_a_graph_of_sensors_listens_by_its_adjacency_and_knows_which_sensor_is_w
     assert moved[[0, 2]].max() < 1e-5
 
 
-@pytest.mark.parametrize("parts", [("frames",), ("lines",), ("lines", "envelope"), ("frames", "lines", "envelope")])
-def test_levels_of_whatever_parts_there_are_come_out_centered_and_of_unit_deviation(parts):
-    network = build_network("spectral_bitcn", 2, 3, parts=parts)
+def test_levels_of_a_window_come_out_centered_and_of_unit_deviation():
+    network = build_network("spectral_bitcn", 2, 3)
     levels = network.represent(torch.from_numpy(np.random.default_rng(0).normal(size=(40, 2, 1024))).float())
     network.pretrain(levels, 0)
     still, moving = network._split(levels)
-    mean, deviation = network.get_buffer("mean"), network.get_buffer("deviation")
-    assert (mean.numel() > network._n_still) is ("frames" in parts)
-    scaled = [(still - mean[: network._n_still]) / deviation[: network._n_still]]
-    if "frames" in parts:
-        flat = moving.transpose(1, 2).flatten(0, 1)
-        scaled.append((flat - mean[network._n_still :]) / deviation[network._n_still :])
-    for values in scaled:
-        if values.numel():
-            torch.testing.assert_close(values.mean(dim=0), torch.zeros(values.shape[1]), atol=1e-4, rtol=0)
-            torch.testing.assert_close(values.std(dim=0), torch.ones(values.shape[1]), atol=1e-3, rtol=0)
+    mean, deviation, n = network.get_buffer("mean"), network.get_buffer("deviation"), network.n_still
+    for values, part in ((still, slice(n)), (moving.transpose(1, 2).flatten(0, 1), slice(n, None))):
+        scaled = (values - mean[part]) / deviation[part]
+        torch.testing.assert_close(scaled.mean(dim=0), torch.zeros(scaled.shape[1]), atol=1e-4, rtol=0)
+        torch.testing.assert_close(scaled.std(dim=0), torch.ones(scaled.shape[1]), atol=1e-3, rtol=0)

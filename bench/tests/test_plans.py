@@ -25,7 +25,6 @@ from swashtwin_bench.studies.training_sets import (
     TWIN_TRAINING_SETS,
     TrainingSet,
     fill_cells,
-    noisy_training_windows,
 )
 
 FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, "held_out": 1}
@@ -39,19 +38,19 @@ def small(study: str, **changes: Any) -> Plan:
 
 @pytest.fixture(scope="module")
 def dataset(recordings: list[Recording]) -> StudyDataset:
-    return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
+    return prepare(recordings, small("noise").scenario, 0, (), noisy_tests=True)
 
 
 def test_what_workers_get_needs_no_file_of_a_recording(
     recordings: list[Recording], dataset: StudyDataset, tmp_path: Path
 ) -> None:
-    expected = dataset.test_recordings["L4"][0], dataset.train_recordings[0]
+    expected = dataset.test_recordings["L4"][:2]
     files = {each.recording_id: write_recording(each, tmp_path / f"{n}.h5") for n, each in enumerate(expected)}
     lazy = [load_recording(files[r.recording_id]) if r.recording_id in files else r for r in recordings]
-    prepared = prepare(lazy, small("noise").scenario, 0, (), noisy_tests=True, noisy_training=True)
+    prepared = prepare(lazy, small("noise").scenario, 0, (), noisy_tests=True)
     for file in files.values():
         file.unlink()
-    received = pickle.loads(pickle.dumps((prepared.test_recordings["L4"][0], prepared.train_recordings[0])))
+    received = pickle.loads(pickle.dumps(prepared.test_recordings["L4"][:2]))
     for recording, original in zip(received, expected, strict=True):
         np.testing.assert_allclose(recording.signal, original.signal, rtol=1e-6, atol=1e-6)
 
@@ -94,15 +93,6 @@ def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
     plan = plan_of("case2", "paper").of_window(8192)
     assert (plan.scenario.length, plan.scenario.scarce_windows, plan.scenario.test_windows) == (8192, 0, 12)
     assert plan_of("case1", "paper").of_window(8192).scenario.scarce_windows == 12
-
-
-def test_training_with_noise_adds_a_noisy_copy_of_every_training_window(dataset: StudyDataset) -> None:
-    noisy, values = fill_cells(dataset, TrainingSet(noise=True))
-    assert values == {}
-    assert noisy.recording_id.tolist() == dataset.measured.recording_id.tolist()
-    assert not noisy.synthetic.any()
-    assert (noisy.signal != dataset.measured.signal).any(axis=(1, 2)).all()
-    np.testing.assert_array_equal(noisy.signal, noisy_training_windows(dataset).signal)
 
 
 def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(recordings: list[Recording]) -> None:
@@ -167,12 +157,12 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
 
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])
 def test_a_filler_fills_the_scarce_cell_or_every_class(dataset: StudyDataset, by: str) -> None:
-    synthetic, values = fill_cells(dataset, TrainingSet(by, count=4))
+    synthetic, values = fill_cells(dataset, TrainingSet(by))
     assert synthetic.synthetic.all()
-    assert synthetic.counts()["swash_plate", 15e6] == len(synthetic) == 4
+    assert synthetic.counts()["swash_plate", 15e6] == len(synthetic) == dataset.scenario.synthetic
     assert 0 <= values["discriminator"] <= 1
-    every, _ = fill_cells(dataset, TrainingSet(by, count=2, every_class=True))
-    assert [every.counts()[label, 15e6] for label in every.classes] == [2] * 5
+    every, _ = fill_cells(dataset, TrainingSet(by, every_class=True))
+    assert [every.counts()[label, 15e6] for label in every.classes] == [dataset.scenario.synthetic] * 5
 
 
 def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:

@@ -50,8 +50,8 @@ _ENTRY_POINTS = "swashtwin.fillers"
 def register_filler(name: str, filler: Filler) -> None:
     """Add a filler under a name by which the studies find it.
 
-    A package can have it added automatically, by an entry point `name` of the group
-    ``swashtwin.fillers`` that points at `filler`.
+    A package can have it added automatically, by an entry point `name` of the group ``swashtwin.fillers`` that points
+    at `filler`.
 
     Raises
     ------
@@ -112,7 +112,6 @@ def fill_cell(
     label: str,
     pressure: float,
     seed: int,
-    speed: Float[np.ndarray, " window"] | None = None,
 ) -> WindowSet:
     """`signal` as windows of a cell, made by `name` from the windows `sources` of `train`, whose speed they have."""
     return build_windows(
@@ -121,7 +120,7 @@ def fill_cell(
         name=name,
         label=label,
         pressure=np.full(len(signal), float(pressure)),
-        speed=train.speed[sources].astype(float) if speed is None else speed,
+        speed=train.speed[sources].astype(float),
         specimen=np.array([f"{name} of {specimen}" for specimen in train.specimen[sources]], dtype=np.str_),
         seed=seed,
     )

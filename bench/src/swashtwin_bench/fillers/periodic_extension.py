@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import map_coordinates
 from scipy.signal import resample
 
 from swashtwin.learning import WindowSet
@@ -40,15 +39,6 @@ def close_period(window: Float[np.ndarray, "channel time"], length: int) -> Floa
     return extension
 
 
-def read_extension(
-    extension: Float[np.ndarray, "channel angle"], position: Float[np.ndarray, " time"] | Int[np.ndarray, " time"]
-) -> Float[np.ndarray, "channel time"]:
-    """Periodic extension at `position` [sample]; between samples by splines of degree 5."""
-    if np.issubdtype(position.dtype, np.integer):
-        return extension[..., position % extension.shape[-1]]
-    return np.stack([map_coordinates(row, position[None], order=5, mode="grid-wrap") for row in extension])
-
-
 def periodic_extensions(
     windows: WindowSet, indices: Int[np.ndarray, " index"], length: int
 ) -> Float[np.ndarray, "index channel angle"]:
@@ -79,5 +69,5 @@ def cut_extensions(
     for i, source in enumerate(sources.tolist()):
         length = extension_length(like, source)
         extension = extensions[i] if extensions.shape[-1] == length else resample(extensions[i], length, axis=-1)
-        signal[i] = read_extension(extension, rng.integers(length) + np.arange(like.length))
+        signal[i] = extension[..., (rng.integers(length) + np.arange(like.length)) % length]
     return signal

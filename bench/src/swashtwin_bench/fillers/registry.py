@@ -1,8 +1,7 @@
 """The fillers that the studies compare, by name."""
 
 from swashtwin_bench.fillers.cvae import CVAE
-from swashtwin_bench.fillers.distortion import Jitter
-from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
+from swashtwin_bench.fillers.duplicates import Duplicate
 from swashtwin_bench.fillers.filler import FILLERS, Filler, register_filler
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
 from swashtwin_bench.fillers.wgan_gp import WGANGP
@@ -11,8 +10,6 @@ __all__ = ["FILLERS"]
 
 _fillers: dict[str, Filler] = {
     "duplicate": Duplicate(),
-    "noisy_duplicate": NoisyDuplicate(),
-    "jitter": Jitter(),
     "smote": SMOTE(),
     "adasyn": ADASYN(),
     "cvae": CVAE(),

@@ -7,7 +7,6 @@ TRAINING_SETS = {
     "posterior": "with draws of calibrated twins",
     "stated_prior": "with draws of calibrated twins, stated severities",
     "every_class": "with calibrated twin, every class",
-    "calibrated_noise": "with calibrated twin, trained with noise",
     "class_weights": "class weights",
 }
 """What each training set is called in sentences, tables and figures."""
@@ -38,8 +37,6 @@ CLASSIFIERS = {
     "svm": "SVM",
     "autoencoder": "sparse autoencoder",
     "sensor_graph": "graph over sensors",
-    "logistic": "logistic regression",
-    "ridge": "ridge classifier",
 }
 """What classifiers are called in sentences, tables and figures; others by their own name."""
 

@@ -89,8 +89,6 @@ class StudyDataset:
     """Measured test windows by level, every class alike."""
     test_recordings: Mapping[str, tuple[Recording, ...]]
     """Recordings of the tests, where noise is to be added to them; else empty."""
-    train_recordings: tuple[Recording, ...]
-    """Recordings of the measured training windows, where noise is to be added to them; else empty."""
     calibrations: Mapping[tuple[str, str], Calibration]
     """By specimen and class; empty once no twin is needed any more."""
     calibrated_on: tuple[str, ...]
@@ -152,14 +150,13 @@ def prepare(
     calibrations: Iterable[tuple[CalibrationTask, Calibration]],
     *,
     noisy_tests: bool = False,
-    noisy_training: bool = False,
 ) -> StudyDataset:
     """Windows of every role under `seed`.
 
     Parameters
     ----------
     calibrations : the tasks of `calibration_tasks`, each with its result.
-    noisy_tests, noisy_training : keep the recordings of the tests, of the training set, for noise to be added.
+    noisy_tests : keep the recordings of the tests, for noise to be added.
     """
     finished = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
@@ -185,7 +182,6 @@ def prepare(
         test_recordings={level: _recordings_of(windows, by_id) for level, windows in tests.items()}
         if noisy_tests
         else {},
-        train_recordings=_recordings_of(measured, by_id) if noisy_training else (),
         calibrations={(task.specimen, task.label): calibration for task, calibration in finished},
         calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
         split=split,

@@ -36,7 +36,6 @@ from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
 from swashtwin_bench.studies.training_sets import (
     FAIR_TRAINING_SETS,
     PAPER_TRAINING_SETS,
-    TRAINING_SNRS,
     TWIN_TRAINING_SETS,
     TrainingSet,
 )
@@ -201,17 +200,14 @@ def noise(size: str, recipe: str) -> Plan:
         return replace(plan, perturbations=noises("white", *SNRS), draws=draws, notes=(added,))
     return replace(
         plan,
-        training_sets={**plan.training_sets, "calibrated_noise": TrainingSet("calibrated", noise=True)},
         perturbations=PERTURBATIONS,
         notes=(
             f"{added} Pink is Gaussian with a density of 1/f; hum is the first 20 harmonics of 50 Hz with amplitudes "
             "of 1/h and phases drawn for each channel.",
             "Gain: each channel of a recording up to 12 dB louder or quieter, uniform in dB. Speed: time of a "
             "recording stretched by up to 2 %, uniform, which its stated speed does not say.",
-            "Trained with noise: every training recording and every synthetic window stands in the training set a "
-            f"second time with noise, at a ratio drawn between {TRAINING_SNRS[0]:g} and {TRAINING_SNRS[1]:g} dB. New "
-            f"noise in every epoch: half the windows of each, at ratios between 0 and {RANGE:g} dB, in twice the usual "
-            "epochs.",
+            f"New noise in every epoch: half the windows of each, at ratios between 0 and {RANGE:g} dB, in twice the "
+            "usual epochs.",
         ),
     )
 

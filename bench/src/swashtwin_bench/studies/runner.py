@@ -106,12 +106,11 @@ def _calls(
             data_seed,
             zip(searches, calibrations, strict=True),
             noisy_tests=bool(plan.perturbations),
-            noisy_training=any(training_set.noise for training_set in plan.training_sets.values()),
         )
         names = list(dict.fromkeys(task.factors["training_set"] for task in tasks))
         fills = work.each("filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names])
         filled = dict(zip(names, fills, strict=True))
-        sent = replace(dataset, calibrations={}, train_recordings=())
+        sent = replace(dataset, calibrations={})
         facts = {"calibrations": [search.key for search in searches], "origin": origin_of(recordings)}
         quiet = Work(work.seeds, out=work.out, command=work.command)
         for task in tasks:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import product
 from types import MappingProxyType
 from typing import Any
@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import FaultLaw, Posterior
-from swashtwin.foundation import InputError, derive_seed, stream
+from swashtwin.foundation import InputError, derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
-from swashtwin.signals import add_noise
 from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score
 from swashtwin_bench.fillers.filler import Filler, has_filler
 from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.fillers.twin_filler import TwinFiller
-from swashtwin_bench.studies.dataset import StudyDataset, cut_again
+from swashtwin_bench.studies.dataset import StudyDataset
 
 TWINS = ("nominal", "calibrated", "posterior", "law")
 """What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open, as calibrated with
@@ -32,9 +31,6 @@ CALIBRATED_TWINS = TWINS[1:]
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
 """Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
 
-TRAINING_SNRS = (0.0, 25.0)
-"""Range of the ratios of noise in training [dB], a little wider than the tests'."""
-
 
 @dataclass(frozen=True)
 class TrainingSet:
@@ -42,14 +38,9 @@ class TrainingSet:
 
     by: str | None = None
     """A name in `TWINS` or in `fillers.filler.FILLERS`, or None for nothing."""
-    count: int | None = None
-    """Windows for each cell that is filled; None takes the scenario's."""
     every_class: bool = False
     """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
     trap, for then "synthetic" tells no class."""
-    noise: bool = False
-    """Learn from a noisy copy of everything too, measured and synthetic windows alike."""
-
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
     stated_prior: bool = False
@@ -74,8 +65,6 @@ class TrainingSet:
         del table["stated_prior"]  # the filler's spreads tell it
         if self.every_class:
             table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
-        if self.noise:
-            table["snrs"] = list(TRAINING_SNRS)
         return table
 
 
@@ -105,35 +94,7 @@ def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[Window
     synthetic = synthesize_for(dataset, training_set)
     value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
     values = {} if math.isnan(value) else {"discriminator": value}
-    if training_set.noise:
-        synthetic = synthetic + _noisy(dataset, synthetic) + noisy_training_windows(dataset)
     return synthetic, values
-
-
-def _noisy(dataset: StudyDataset, synthetic: WindowSet) -> WindowSet:
-    """A copy of each synthetic window with noise; each is a recording of its own."""
-    signal = [
-        add_noise(window.astype(np.float64), _training_snr(dataset.seed, name), dataset.seed, "training", name)
-        for window, name in zip(synthetic.signal, synthetic.recording_id.tolist(), strict=True)
-    ]
-    return replace(synthetic, signal=np.array(signal, dtype=np.float32).reshape(synthetic.signal.shape))
-
-
-def noisy_training_windows(dataset: StudyDataset) -> WindowSet:
-    """The measured training windows once more, cut from their recordings after noise was added to these."""
-    noisy = [
-        recording.replace(
-            signal=add_noise(recording.signal, _training_snr(dataset.seed, name), dataset.seed, "training", name),
-        )
-        for recording in dataset.train_recordings
-        for name in [recording.recording_id]
-    ]
-    return cut_again(noisy, dataset.measured)
-
-
-def _training_snr(seed: int, name: str) -> float:
-    """Signal-to-noise ratio of one recording's noisy copy in training [dB]."""
-    return float(stream(seed, "training noise", name).uniform(*TRAINING_SNRS))
 
 
 def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
@@ -153,7 +114,7 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     """The synthetic windows that a training set adds; none where nothing fills."""
     measured = dataset.measured
     synthetic = measured.subset(np.zeros(len(measured), dtype=bool))
-    count = dataset.scenario.synthetic if training_set.count is None else training_set.count
+    count = dataset.scenario.synthetic
     if training_set.by is None or count == 0:
         return synthetic
     for label in measured.classes if training_set.every_class else dataset.scenario.scarce:

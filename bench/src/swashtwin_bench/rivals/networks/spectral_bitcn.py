@@ -13,12 +13,8 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import Branch, Network
 from swashtwin.signals import band_shares
 
-PARTS = ("frames", "lines", "envelope")
-"""What the network is given of a window, one by one: what `parts` may leave out."""
-
-_SHORTEST_FRAME = 8
-"""Samples of a frame that has a spectrum to speak of; one of a single sample says nothing at all."""
-
+_FRAME, _HOP, _BANDS = 256, 64, 24
+"""Samples of a frame and from one to the next; logarithmic bands of a frame."""
 _LINES, _LINE_SHARE, _LINE_BANDS = 200, 200 / 1024, 32
 _ENVELOPE_LINES, _ENVELOPE_SHARE, _ENVELOPE_FROM = 64, 64 / 1024, (0.0, 1000 / 12800)
 
@@ -51,10 +47,7 @@ class SpectralBiTCN(Network):
     ----------
     n_channels : channels of a window.
     n_classes : classes told apart.
-    parts : which of `PARTS` it is given.
-    kernel_size, channels, dilations, reduction, causal, attention, bidirectional : of the branches, as in `BiTCN`.
-    frame, hop : samples of a frame, and from one to the next.
-    n_bands : logarithmic bands of a frame.
+    channels, dilations, causal, attention, bidirectional : of the branches, as in `BiTCN`.
     hidden : size of the hidden layer.
     dropout : share of the features dropped in training; a third of it within the branches.
     noise : deviation of the noise on the levels in training, over theirs.
@@ -62,7 +55,7 @@ class SpectralBiTCN(Network):
     Raises
     ------
     InputError
-        A setting cannot be, or `parts` names none of `PARTS`.
+        A setting cannot be.
 
     Examples
     --------
@@ -78,121 +71,72 @@ class SpectralBiTCN(Network):
         n_channels: int,
         n_classes: int,
         *,
-        parts: Sequence[str] = PARTS,
-        kernel_size: int = 3,
         channels: Sequence[int] = (32, 32, 32, 32),
         dilations: Sequence[int] | None = None,
-        reduction: int = 4,
         causal: bool = True,
         attention: bool = True,
         bidirectional: bool = True,
-        frame: int = 256,
-        hop: int = 64,
-        n_bands: int = 24,
         hidden: int = 128,
         dropout: float = 0.3,
         noise: float = 0.3,
     ) -> None:
-        parts, channels = tuple(parts), tuple(channels)
+        channels = tuple(channels)
         growth = 2 if causal else 1
         dilations = tuple(growth**unit for unit in range(len(channels))) if dilations is None else tuple(dilations)
         if len(channels) != len(dilations):
             raise InputError(f"{self.name} needs as many dilations ({len(dilations)}) as channels ({len(channels)}).")
-        if not parts or not set(parts) <= set(PARTS):
-            raise InputError(f"{self.name}: parts ({', '.join(parts) or 'none'}) are some of {', '.join(PARTS)}.")
         if noise < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) must not be negative.")
-        if frame < _SHORTEST_FRAME:
-            raise InputError(f"{self.name}: frame ({frame}) must be at least {_SHORTEST_FRAME} samples.")
         super().__init__(
             n_channels=n_channels,
             n_classes=n_classes,
-            parts=parts,
-            kernel_size=kernel_size,
             channels=channels,
             dilations=dilations,
-            reduction=reduction,
             causal=causal,
             attention=attention,
             bidirectional=bidirectional,
-            frame=frame,
-            hop=hop,
-            n_bands=n_bands,
             hidden=hidden,
             dropout=dropout,
             noise=noise,
         )
         self.dropout = nn.Dropout(dropout)
-        n_features = self._build_branches(n_channels * n_bands, channels, dilations) if "frames" in parts else 0
-        n_levels = n_channels * self._still(torch.zeros(1, 1, 64, device="cpu")).shape[1]
-        if n_levels:
-            self.hidden = nn.Sequential(nn.Linear(n_levels, hidden), nn.BatchNorm1d(hidden), nn.ReLU())
-        self.register_buffer("mean", torch.zeros(n_levels + ("frames" in parts) * n_channels * n_bands))
-        self.register_buffer("deviation", torch.ones(self.get_buffer("mean").numel()))
-        self.head = nn.Linear(n_features + (hidden if n_levels else 0), n_classes)
-
-    def _build_branches(self, n_inputs: int, channels: tuple[int, ...], dilations: tuple[int, ...]) -> int:
-        words = ("kernel_size", "reduction", "causal", "attention")
-        unit = {**{word: self.settings[word] for word in words}, "dropout": self.settings["dropout"] / 3}
+        n_inputs = n_channels * _BANDS
+        unit = {"kernel_size": 3, "reduction": 4, "causal": causal, "attention": attention, "dropout": dropout / 3}
         self.positive = Branch(n_inputs, channels, dilations, stride=1, **unit)
-        two = self.settings["bidirectional"]
-        self.inverse = Branch(n_inputs, channels, dilations, stride=1, **unit) if two else None
+        self.inverse = Branch(n_inputs, channels, dilations, stride=1, **unit) if bidirectional else None
         self.skip = nn.Conv1d(n_inputs, channels[-1], 1)
-        return 2 * channels[-1]
+        self.n_still = n_channels * _still(torch.zeros(1, 1, 64, device="cpu")).shape[1]
+        self.hidden = nn.Sequential(nn.Linear(self.n_still, hidden), nn.BatchNorm1d(hidden), nn.ReLU())
+        self.register_buffer("mean", torch.zeros(self.n_still + n_inputs))
+        self.register_buffer("deviation", torch.ones(self.n_still + n_inputs))
+        self.head = nn.Linear(2 * channels[-1] + hidden, n_classes)
 
     def represent(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window level"]:
         """Levels that stand still, then those of the frames, step after step."""
-        levels = self._still(windows)
-        if "frames" not in self.settings["parts"]:
-            return levels
-        frame, hop, n_bands = (self.settings[word] for word in ("frame", "hop", "n_bands"))
-        moving = short_time_levels(windows, frame, hop, n_bands)
-        return torch.cat([levels, moving.transpose(1, 2).flatten(1)], dim=1)
-
-    def _still(self, windows: Tensor) -> Tensor:
-        parts = [windows.new_zeros(windows.shape[0], 0)]
-        if "lines" in self.settings["parts"]:
-            parts.append(line_levels(windows, _LINES, _LINE_SHARE, _LINE_BANDS))
-        if "envelope" in self.settings["parts"]:
-            parts += [
-                envelope_levels(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, above)
-                for above in _ENVELOPE_FROM
-            ]
-        return torch.cat(parts, dim=1)
-
-    @property
-    def _n_still(self) -> int:
-        moving = self.n_channels * self.settings["n_bands"] if "frames" in self.settings["parts"] else 0
-        return self.get_buffer("mean").numel() - moving
+        moving = short_time_levels(windows, _FRAME, _HOP, _BANDS)
+        return torch.cat([_still(windows), moving.transpose(1, 2).flatten(1)], dim=1)
 
     def _split(self, represented: Tensor) -> tuple[Tensor, Tensor]:
         """(levels that stand still, levels of the frames with their steps last)."""
-        still, moving = represented[:, : self._n_still], represented[:, self._n_still :]
-        n_inputs = max(1, self.get_buffer("mean").numel() - self._n_still)
-        return still, moving.unflatten(1, (-1, n_inputs)).transpose(1, 2)
+        still, moving = represented[:, : self.n_still], represented[:, self.n_still :]
+        return still, moving.unflatten(1, (-1, self.n_channels * _BANDS)).transpose(1, 2)
 
     def pretrain(self, windows: Float[Tensor, "window level"], seed: int) -> None:
         """Learn the mean and deviation of each level."""
         still, moving = self._split(windows)
-        parts: list[tuple[Tensor, tuple[int, ...]]] = [(still, (0,))] if self._n_still else []
-        parts += [(moving, (0, 2))] if "frames" in self.settings["parts"] else []
-        self.get_buffer("mean").copy_(torch.cat([part.mean(dim=over) for part, over in parts]))
-        deviation = torch.cat([part.std(dim=over) for part, over in parts])
+        self.get_buffer("mean").copy_(torch.cat([still.mean(dim=0), moving.mean(dim=(0, 2))]))
+        deviation = torch.cat([still.std(dim=0), moving.std(dim=(0, 2))])
         self.get_buffer("deviation").copy_(deviation.nan_to_num(1.0).clamp_min(1e-3))
 
     def encode(self, windows: Float[Tensor, "window level"]) -> Float[Tensor, "window feature"]:
         """Features of both branches over the frames, and of the hidden layer over what stands still."""
         mean, deviation = self.get_buffer("mean"), self.get_buffer("deviation")
         still, moving = self._split(windows)
-        features = []
-        if "frames" in self.settings["parts"]:
-            shift, scale = mean[self._n_still :, None], deviation[self._n_still :, None]
-            read = self._read(self._noised((moving - shift) / scale))
-            features += [read.mean(dim=-1), read.amax(dim=-1)]
-        if self._n_still:
-            shift, scale = mean[: self._n_still], deviation[: self._n_still]
-            features.append(self.hidden(self._noised((still - shift) / scale)))
-        encoded: Tensor = self.dropout(torch.cat(features, dim=1))
+        shift, scale = mean[self.n_still :, None], deviation[self.n_still :, None]
+        read = self._read(self._noised((moving - shift) / scale))
+        shift, scale = mean[: self.n_still], deviation[: self.n_still]
+        hidden = self.hidden(self._noised((still - shift) / scale))
+        encoded: Tensor = self.dropout(torch.cat([read.mean(dim=-1), read.amax(dim=-1), hidden], dim=1))
         return encoded
 
     def _read(self, moving: Tensor) -> Tensor:
@@ -203,6 +147,14 @@ class SpectralBiTCN(Network):
 
     def _noised(self, levels: Tensor) -> Tensor:
         return levels + self.settings["noise"] * torch.randn_like(levels) if self.training else levels
+
+
+def _still(windows: Tensor) -> Tensor:
+    """Levels that have no moment: of the window's lines and of its envelopes'."""
+    envelopes = (
+        envelope_levels(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, above) for above in _ENVELOPE_FROM
+    )
+    return torch.cat([line_levels(windows, _LINES, _LINE_SHARE, _LINE_BANDS), *envelopes], dim=1)
 
 
 def short_time_levels(

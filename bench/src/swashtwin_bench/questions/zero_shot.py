@@ -34,8 +34,13 @@ METRICS = {
     "recording_balanced_accuracy": "balanced accuracy by recording",
     "false_alarm_rate": "false alarms",
     "sure_and_wrong": "sure and wrong",
+    "unknown": "called unknown",
     **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in CLASSES},
+    **{f"unknown_{name}": f"{name.replace('_', ' ')} called unknown" for name in CLASSES},
 }
+
+OTHER_DESIGNS = ("3",)
+"""Versions of the rig whose pumps are not of the prior's design, so that their pistons are stated."""
 
 SURE = 0.8
 """Probability from which an answer counts as sure."""
@@ -49,6 +54,11 @@ SHOTS = (1, 3, 5)
 def few_shot(count: int) -> str:
     """Name of the training set with so many measured recordings of each fault."""
     return f"{PRIOR} and {count} of each fault"
+
+
+def left_out(label: str) -> str:
+    """Name of the training set whose prior does not hold a class."""
+    return f"{PRIOR} without {label.replace('_', ' ')}"
 
 
 LEVELS = {
@@ -172,16 +182,20 @@ def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recor
 def _fleet(
     recordings: Sequence[Recording] | None, rig_version: str, seed: int
 ) -> tuple[list[Trial], ZeroShotSplit, str]:
+    pistons: dict[str, int] = {}
     if recordings is None:
         size, points = SIZES["small"], len(VERSIONS[rig_version].speeds)
         healthy = replace(size, repeats=HEALTHY * points * 3 // 2)
-        recordings = [
-            recording
+        pairs = [
+            pair
             for labels, plan in ((CLASSES[:1], healthy), (CLASSES[1:], size))
-            for recording, _ in rig_recordings(seed, plan, labels=labels, version=rig_version)
+            for pair in rig_recordings(seed, plan, labels=labels, version=rig_version)
         ]
+        recordings = [recording for recording, _ in pairs]
+        if rig_version in OTHER_DESIGNS:
+            pistons = {run.specimen.name: len(run.specimen.clearances) for _, run in pairs}
     split = split_zero_shot(recordings, seed)
-    return list(prior_trials(recordings, split, seed)), split, origin_of(recordings)
+    return list(prior_trials(recordings, split, seed, pistons=pistons)), split, origin_of(recordings)
 
 
 def _answer(study: StudyTable) -> tuple[str, ...]:
@@ -200,7 +214,11 @@ def _answer(study: StudyTable) -> tuple[str, ...]:
 
 
 def prior_trials(
-    recordings: Sequence[Recording], split: ZeroShotSplit, seed: int, prior: PriorClassifier | None = None
+    recordings: Sequence[Recording],
+    split: ZeroShotSplit,
+    seed: int,
+    prior: PriorClassifier | None = None,
+    pistons: Mapping[str, int] | None = None,
 ) -> Iterator[Trial]:
     """Scores by recording, over the tests of a split.
 
@@ -209,36 +227,53 @@ def prior_trials(
     split : its healthy recordings are what others are compared with, its faulty ones teach.
     seed : of the fleet; draws the measured recordings of few-shot.
     prior : the shipped one by default.
+    pistons : number of pistons by specimen where they are not of the prior's design.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    healthy, shipped = [by_id[name] for name in sorted(split.healthy)], prior or PriorClassifier.load("25scy14-1b")
-    adapted = shipped.fit(healthy)
-    classes = adapted.classes[:-1]
-    changes = {name: adapted.change(by_id[name])[0] for name in sorted(by_id)}
+    shipped, pistons = prior or PriorClassifier.load("25scy14-1b"), pistons or {}
+    classes = shipped.classes[:-1]
     labels = {name: str(recording.label) for name, recording in by_id.items()}
     pool = {label: [name for name in sorted(split.faulty) if labels[name] == label] for label in classes[1:]}
     faulty = [name for names in pool.values() for name in names]
-    answers: dict[str, Answer] = {PRIOR: _answer_of(adapted)}
+
+    def adapted(prior: PriorClassifier, taught: Sequence[str] = ()) -> dict[str, PriorClassifier]:
+        """By specimen the classifier of its design."""
+        by_design: dict[int | None, PriorClassifier] = {}
+        specimens = {name: str(by_id[name].specimen) for name in [*sorted(split.healthy), *taught]}
+        for count in sorted({pistons.get(specimen) for specimen in specimens.values()}, key=str):
+            known = [by_id[name] for name, specimen in specimens.items() if pistons.get(specimen) == count]
+            by_design[count] = prior.fit(known, pistons=count)
+        return {specimen: by_design[pistons.get(specimen)] for specimen in specimens.values()}
+
+    own = adapted(shipped)
+    classifiers = {PRIOR: own, **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]}}
     rng = stream(seed, "few-shot")
     draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
     for count in SHOTS:
         names = [name for drawn in draws.values() for name in drawn[:count]]
         if all(len(drawn) >= count for drawn in draws.values()) and names:
-            answers[few_shot(count)] = _answer_of(shipped.fit([*healthy, *(by_id[name] for name in names)]))
-    moves = adapted.healthy_changes()
-    if faulty and len(moves):
-        target = [0] * len(moves) + [classes.index(labels[name]) for name in faulty]
-        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(target), -1)
-        answers[ORACLE] = _forest(values, np.array(target), len(classes), seed)
-    for training_set, answer in answers.items():
+            classifiers[few_shot(count)] = adapted(shipped, names)
+    for training_set, by_specimen in classifiers.items():
         for test, ids in split.tests.items():
-            probability = answer(np.stack([changes[name] for name in sorted(ids)]))
-            target = [classes.index(labels[name]) for name in sorted(ids)]
+            answers = [by_specimen[str(by_id[name].specimen)].diagnose(by_id[name]) for name in sorted(ids)]
+            probability = np.array([[answer.probabilities.get(name, 0.0) for name in classes] for answer in answers])
+            unknown = np.array([answer.unknown for answer in answers])
+            target = np.array([classes.index(labels[name]) for name in sorted(ids)])
             factors = {"training_set": training_set, "test": test}
-            yield Trial(factors, seed, recording_scores(probability, np.array(target), classes))
+            yield Trial(factors, seed, recording_scores(probability, target, classes, unknown))
+    moves = np.concatenate([part.healthy_changes() for part in {id(part): part for part in own.values()}.values()])
+    if faulty and len(moves):
+        changes = {name: own[str(by_id[name].specimen)].change(by_id[name])[0] for name in sorted(by_id)}
+        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(moves) + len(faulty), -1)
+        rows = np.array([0] * len(moves) + [classes.index(labels[name]) for name in faulty])
+        forest = _forest(values, rows, len(classes), seed)
+        for test, ids in split.tests.items():
+            probability = forest(np.stack([changes[name] for name in sorted(ids)]))
+            target = np.array([classes.index(labels[name]) for name in sorted(ids)])
+            yield Trial({"training_set": ORACLE, "test": test}, seed, recording_scores(probability, target, classes))
 
 
-def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -> "Answer":
+def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -> Callable[[np.ndarray], np.ndarray]:
     """Random forest, classes weighted alike; a class without a row has no probability."""
     from sklearn.ensemble import RandomForestClassifier
 
@@ -254,27 +289,39 @@ def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -
     return answer
 
 
-Answer = Callable[[np.ndarray], np.ndarray]
-"""Probabilities of the classes for changes; a further class, of what is none of them, may stand last."""
+def _without(prior: PriorClassifier, label: str) -> PriorClassifier:
+    """The prior without the virtual recordings of a class, which is then none of its classes."""
+    virtual, index = prior.virtual, prior.classes.index(label)
+    assert virtual is not None
+    kept = virtual.target != index
+    target = virtual.target[kept] - (virtual.target[kept] > index)
+    virtual = replace(virtual, change=virtual.change[kept], target=target, number=virtual.number[kept])
+    return replace(prior, virtual=virtual, classes=tuple(name for name in prior.classes if name != label))
 
 
-def _answer_of(adapted: PriorClassifier) -> Answer:
-    head = adapted.head
-    assert head is not None
-    return head.predict_proba
+def recording_scores(
+    probability: np.ndarray, target: np.ndarray, classes: Sequence[str], unknown: np.ndarray | None = None
+) -> Mapping[str, float]:
+    """Scores of the likeliest class by recording; the first class is the healthy one.
 
+    Parameters
+    ----------
+    unknown : whether each was called unknown, which counts as not sure; None where nothing says so.
+    """
+    predicted = probability.argmax(axis=1)
+    doubt = np.zeros(len(target), dtype=bool) if unknown is None else unknown
+    of_class = {name: target == index for index, name in enumerate(classes)}
 
-def recording_scores(probability: np.ndarray, target: np.ndarray, classes: Sequence[str]) -> Mapping[str, float]:
-    """Scores of the likeliest class by recording; the first class is the healthy one."""
-    predicted = probability[:, : len(classes)].argmax(axis=1)
-    recalls = {
-        name: float(np.mean(predicted[target == index] == index)) if (target == index).any() else float("nan")
-        for index, name in enumerate(classes)
-    }
+    def share(hit: np.ndarray, mask: np.ndarray) -> float:
+        return float(np.mean(hit[mask])) if mask.any() else float("nan")
+
+    recalls = {name: share(predicted == target, mask) for name, mask in of_class.items()}
     return {
         "recording_balanced_accuracy": float(np.nanmean(list(recalls.values()))),
         "recording_accuracy": float(np.mean(predicted == target)),
-        "sure_and_wrong": float(np.mean((predicted != target) & (probability[:, : len(classes)].max(axis=1) >= SURE))),
+        "sure_and_wrong": float(np.mean((predicted != target) & (probability.max(axis=1) >= SURE) & ~doubt)),
+        "unknown": float("nan") if unknown is None else float(np.mean(doubt)),
         "false_alarm_rate": 1 - recalls[classes[0]],
         **{f"recall_{name}": recall for name, recall in recalls.items()},
+        **{f"unknown_{name}": share(doubt, mask) for name, mask in of_class.items() if unknown is not None},
     }

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from commandline import run
 
-from swashtwin.diagnosis import PriorClassifier, make_prior
+from swashtwin.diagnosis import FaultClassifier, PriorClassifier, make_prior
 from swashtwin.diagnosis.prior_classifier import SHIPPED
 from swashtwin.foundation import (
     ArtifactError,
@@ -254,3 +255,54 @@ def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
     assert PriorClassifier.load(out).virtual is not None
     refused = run("model", "adapt", tmp_path, "25scy14-1b", code=3)
     assert "the prior stands first" in " ".join(refused.stderr.split())
+
+
+def heard() -> list[Recording]:
+    """Recordings of a training without a worn piston."""
+    faulty = [recording(name, number) for name in ("cylinder_block", "valve_plate") for number in range(6)]
+    return [*healthy(6), *faulty]
+
+
+def informed(**settings: Any) -> FaultClassifier:
+    """A classifier that asks the prior of what it was not trained on."""
+    settings = {"prior": trained(), "validation_fraction": 0.4, "error_rate": 0.3, "epochs": 1, **settings}
+    return FaultClassifier("levels", window=4096, **settings)
+
+
+def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> None:
+    classifier = informed().fit(heard())
+    assert classifier.resemblance_ is not None
+    assert classifier.resemblance_.classes == ("swash_plate", "piston")
+    loaded = FaultClassifier.load(classifier.save(tmp_path / "model.safetensors"))
+    new = recording("piston", 20)
+    answer = loaded.diagnose(new)
+    assert answer.unknown
+    assert "resembles piston, which was never trained" in answer.sentence()
+    assert answer.to_dict() == classifier.diagnose(new).to_dict()
+    known = loaded.diagnose(recording("cylinder_block", 20))
+    assert not any("resembles" in reason for reason in known.reasons)
+
+
+def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_recordings() -> None:
+    classifier = informed().fit(heard())
+    resemblance = classifier.resemblance_
+    assert resemblance is not None
+    answer, new = classifier.diagnose(recording("piston", 20)), replace(recording("piston", 21), specimen="B")
+    assert resemblance.joined(answer, new) is answer
+    told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
+    assert "resembles piston" in told.joined(answer, new).reasons[0]
+    with pytest.raises(DataError, match="is no healthy recording"):
+        resemblance.with_healthy([new])
+
+
+def test_a_prior_without_a_use_is_refused_or_said() -> None:
+    pistons = [recording("piston", number) for number in range(12)]
+    everything = [*heard(), *pistons[:6], *(replace(item, label="swash_plate") for item in pistons[6:])]
+    few = informed(validation_fraction=0.0, error_rate=None)
+    assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
+    labels = {"normal": "A1", "cylinder_block": "A2", "valve_plate": "A3"}
+    with pytest.raises(InputError, match="none of the classes A1, A2, A3"):
+        few.fit([replace(item, label=labels[str(item.label)]) for item in heard()])
+    with pytest.raises(InputError, match="needs recordings"):
+        few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
+    assert few.fit(everything).resemblance_ is None

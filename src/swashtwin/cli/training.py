@@ -90,6 +90,13 @@ def train(
             "beside what the index states as fault_of.",
         ),
     ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            help="Pump prior, a file or a shipped design (25scy14-1b): recordings that it takes for a fault that was "
+            "never trained are unknown, and the answer names what they resemble."
+        ),
+    ] = None,
     preset: PresetName = Preset.recommended,
     seed: Seed = 0,
     force: Force = False,
@@ -125,7 +132,7 @@ def train(
         classifier_options = {
             "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
             "--set": settings, "--window": window,
-            "--budget": budget, "--preset": preset is Preset.paper, "--group": group != "recording",
+            "--budget": budget, "--prior": prior, "--preset": preset is Preset.paper, "--group": group != "recording",
         }  # fmt: skip
         for name, value in classifier_options.items():
             if value:
@@ -150,6 +157,7 @@ def train(
         group=group,
         error_rate=error_rate,
         fault_of=declared | read_pairs(fault_of, "--fault-of"),
+        prior=prior,
         seed=seed,
     )
     checkpoint = None if is_chosen else out.with_name(f"{out.stem}.checkpoint.safetensors")

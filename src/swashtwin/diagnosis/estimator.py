@@ -49,7 +49,8 @@ class Estimator:
         for name, value in self.get_params().items():
             stated = inspect.signature(type(self).__init__).parameters[name].annotation
             options = get_args(stated) if isinstance(stated, UnionType) else (stated,)
-            kinds = [_KINDS[get_origin(option) or option] for option in options]
+            types = [get_origin(option) or option for option in options]
+            kinds = [_KINDS.get(kind, (kind, f"a {getattr(kind, '__name__', kind)}")) for kind in types]
             if not any(isinstance(value, kind) and (kind is bool or value is not True) for kind, _ in kinds):
                 words = " or ".join(word for _, word in kinds)
                 raise InputError(f"{name} ({value!r}) must be {words}.", field=name)

@@ -28,8 +28,10 @@ from swashtwin.diagnosis.classifier_input import (
 from swashtwin.diagnosis.diagnosing import diagnose, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.own_reference import make_known
+from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import few_machines
-from swashtwin.diagnosis.saving import load_classifier, save_classifier
+from swashtwin.diagnosis.resemblance import Resemblance, find_resemblance
+from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError
 from swashtwin.learning import (
@@ -74,6 +76,9 @@ class FaultClassifier(Estimator):
         ``"condition"``, an attribute of the recordings, or a group by recording id.
     fault_of : fault that a class of the recordings stands for, such as ``{"Kolbenverschleiss": "piston"}``: synthetic
         windows of that fault are then of this class.
+    prior : pump prior, or the design of a shipped one, for faults that no recording of the training holds: a recording
+        that it takes for one of them is unknown, and the answer says what it resembles. Needs recordings, healthy ones
+        of each machine among them.
     error_rate : share of recordings whose prediction set may miss the true class; by default 0.1, or the least that the
         recordings allow.
     sample_rate : samples per second [Hz] of arrays; recordings and window sets state their own.
@@ -86,6 +91,7 @@ class FaultClassifier(Estimator):
     fitted_ : the `FittedClassifier`, with its manifest, history, choice and confidence.
     held_out_, validation_ : recordings that were held out to test it, and to calibrate its confidence.
     n_windows_, n_synthetic_ : windows it was trained on, and how many of them were synthetic.
+    resemblance_ : what the prior says of faults that were not trained; None without `prior`.
     notes_ : what was otherwise than asked for, or should be known.
     n_features_in_ : second dimension of the array that it was fitted on; absent after other data.
 
@@ -118,6 +124,7 @@ class FaultClassifier(Estimator):
         group: str | Mapping[str, str] = "recording",
         error_rate: float | None = None,
         fault_of: Mapping[str, str] | None = None,
+        prior: PriorClassifier | str | None = None,
         sample_rate: float = 1.0,
         device: str = "cpu",
         seed: int = 0,
@@ -139,6 +146,7 @@ class FaultClassifier(Estimator):
         self.validation_fraction = validation_fraction
         self.error_rate = error_rate
         self.fault_of = fault_of
+        self.prior = prior
         self.sample_rate = sample_rate
         self.device = device
         self.seed = seed
@@ -220,11 +228,12 @@ class FaultClassifier(Estimator):
         if validation is not None:
             fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
+        self.resemblance_, of_prior = self._resemblance(X, y, training)
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
         few = [few_machines(fitted.training_reference)] if as_recordings(X) is not None else []
-        self.notes_ = (*notes, *unlike, *copy_notes(windows), *filter(None, few))
+        self.notes_ = (*notes, *unlike, *copy_notes(windows), *of_prior, *filter(None, few))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
@@ -316,13 +325,16 @@ class FaultClassifier(Estimator):
         """
         self._require_fitted()
         used = self.with_healthy(healthy) if (healthy := list(healthy)) else self
-        return diagnose(used.fitted_, recording, error_rate=error_rate)
+        answer = diagnose(used.fitted_, recording, error_rate=error_rate)
+        return answer if used.resemblance_ is None else used.resemblance_.joined(answer, recording)
 
     def with_healthy(self, healthy: Iterable[Recording]) -> "FaultClassifier":
         """A classifier that compares recordings of machines with these healthy ones too (errors: `make_known`)."""
         self._require_fitted()
         other = copy(self)
-        other.fitted_, other.notes_ = make_known(self.fitted_, require_recordings(healthy))
+        recordings = require_recordings(healthy)
+        other.fitted_, other.notes_ = make_known(self.fitted_, recordings)
+        other.resemblance_ = self.resemblance_ and self.resemblance_.with_healthy(recordings)
         return other
 
     def save(self, path: Path | str) -> Path:
@@ -334,7 +346,7 @@ class FaultClassifier(Estimator):
             Its network is not registered.
         """
         self._require_fitted()
-        return save_classifier(self.fitted_, path)
+        return save_classifier(self.fitted_, path, self.resemblance_)
 
     @classmethod
     def load(cls, path: Path | str) -> "FaultClassifier":
@@ -347,7 +359,7 @@ class FaultClassifier(Estimator):
         ArtifactError
             It is damaged, no classifier, of another version, or its network is not registered here.
         """
-        fitted = load_classifier(path)
+        fitted, resemblance = load_both(path)
         classifier = cls(
             **({} if fitted.choice is not None else network_parameters(fitted)),
             window=fitted.length,
@@ -355,9 +367,22 @@ class FaultClassifier(Estimator):
             sample_rate=fitted.sample_rate,
             seed=fitted.seed,
         )
-        classifier.fitted_ = fitted
+        classifier.fitted_, classifier.resemblance_ = fitted, resemblance
         classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
         return classifier
+
+    def _resemblance(self, X: Any, y: Any, training: WindowSet) -> tuple[Resemblance | None, tuple[str, ...]]:
+        """(what the prior says of faults that the training does not hold, notes on it)."""
+        if self.prior is None:
+            return None, ()
+        recordings = as_recordings(X)
+        if recordings is None:
+            raise InputError("a pump prior needs recordings; windows and arrays are too short.", field="prior")
+        prior = self.prior if isinstance(self.prior, PriorClassifier) else PriorClassifier.load(self.prior)
+        trained = set(training.recording_id[~training.synthetic].tolist())
+        measured = [item for item in relabeled(recordings, y) if item.recording_id in trained]
+        found, note = find_resemblance(prior, measured, training.classes, dict(self.fault_of or {}))
+        return found, (note,)
 
     def _training_windows(
         self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None

@@ -207,6 +207,31 @@ class PriorClassifier:
         )
         return replace(self, virtual=None, head=head)
 
+    def with_healthy(self, healthy: Sequence[Recording]) -> "PriorClassifier":
+        """The adapted classifier that compares with these healthy recordings of further machines too.
+
+        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to.
+
+        Raises
+        ------
+        DataError
+            One does not fit (`fit`), or is labeled faulty.
+        """
+        for recording in healthy:
+            self._require_fit(recording, self.unit)
+            if not (recording.label is None or is_healthy(recording.label)):
+                raise DataError(f"{recording.recording_id} is labeled {recording.label} and is no healthy recording.")
+        new = np.array([order_levels(item, self.bands) for item in healthy]).reshape(-1, *self.levels.shape[1:])
+        speed, pressure = (np.array([value(item) for item in healthy]) for value in (shaft_frequency, stated_pressure))
+        return replace(
+            self,
+            levels=np.concatenate([self.levels, new]),
+            specimen=(*self.specimen, *(item.specimen or "" for item in healthy)),
+            point_speed=np.concatenate([self.point_speed, 2 * math.pi * speed]),
+            point_pressure=np.concatenate([self.point_pressure, pressure]),
+            manifest=join_manifests([self.manifest, manifest_of(healthy)]),
+        )
+
     def _class_of(self, label: str) -> str:
         """Class of the prior that a recording's label stands for."""
         try:

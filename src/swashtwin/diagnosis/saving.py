@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.diagnosis.resemblance import Resemblance
 from swashtwin.foundation import ArtifactError, InputError, load_artifact, refuse_misfits, save_artifact
 from swashtwin.learning import (
     N_FACTS,
@@ -25,8 +26,11 @@ from swashtwin.learning import (
 )
 from swashtwin.recordings import Manifest
 
-KIND, _VERSION = "classifier", 7
-_MAY_BE_NAN = ("training_reference.condition", "recordings.healthy.condition")
+KIND, _VERSION = "classifier", 8
+_MAY_BE_NAN = (
+    "training_reference.condition", "recordings.healthy.condition",
+    *(f"resemblance.prior.{name}" for name in ("levels", "point_speed", "point_pressure")),
+)  # fmt: skip
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
 
@@ -60,6 +64,7 @@ class _Card:
     confidence: Confidence | None
     recordings: RecordingModel | None
     own_confidence: Confidence | None
+    resemblance: Resemblance | None
 
     def __post_init__(self) -> None:
         n_channels, n_classes = len(self.layout.channels), len(self.classes)
@@ -81,11 +86,11 @@ class _Card:
             self.recordings.require_sizes(n_channels, n_classes)
 
 
-_SAME = tuple(item.name for item in fields(_Card) if item.name != "network")
+_SAME = tuple(item.name for item in fields(_Card) if item.name not in ("network", "resemblance"))
 
 
-def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
-    """`path`, after the classifier was written to it whole.
+def save_classifier(classifier: FittedClassifier, path: Path | str, resemblance: Resemblance | None = None) -> Path:
+    """`path`, after the classifier was written to it whole, with what a prior says of faults it was not trained on.
 
     Raises
     ------
@@ -99,7 +104,7 @@ def save_classifier(classifier: FittedClassifier, path: Path | str) -> Path:
             "first."
         )
     named = _Network(network.name, network.settings, network.weights)
-    card = _Card(named, **{name: getattr(classifier, name) for name in _SAME})
+    card = _Card(named, **{name: getattr(classifier, name) for name in _SAME}, resemblance=resemblance)
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
 
@@ -113,6 +118,11 @@ def load_classifier(path: Path | str) -> FittedClassifier:
     ArtifactError
         The file is damaged, edited, no classifier, of another version, or its network is not registered.
     """
+    return load_both(path)[0]
+
+
+def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
+    """(the classifier, what a prior says of faults that it was not trained on); errors: `load_classifier`."""
     advice = "swashtwin train, or its method save, writes a classifier"
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:60]
@@ -126,7 +136,7 @@ def load_classifier(path: Path | str) -> FittedClassifier:
             ) from cause
         _require_size(card.network, card.layout.length)
         network = rebuild_network(name, card.network.settings, card.network.weights)
-        return FittedClassifier(network, **{name: getattr(card, name) for name in _SAME})
+        return FittedClassifier(network, **{name: getattr(card, name) for name in _SAME}), card.resemblance
 
 
 def _require_size(network: _Network, length: int) -> None:

@@ -1,0 +1,129 @@
+"""Faults that a classifier's training did not hold: what a pump prior says of a recording that may be one of them."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Float64
+
+from swashtwin.diagnosis.prior_classifier import PriorClassifier
+from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.pump import canonical_label, is_healthy
+from swashtwin.recordings import Recording
+
+LEAST = 9
+"""Training recordings that a rate is taken from, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resemblance:
+    """A pump prior that is adapted to the healthy recordings of a training, for the faults that this did not hold."""
+
+    prior: PriorClassifier
+    classes: tuple[str, ...]
+    """Classes of the prior that the training did not hold."""
+    score: Float64[np.ndarray, " recording"]
+    """Probability of these together for each recording of the training, ascending."""
+
+    def __post_init__(self) -> None:
+        if self.prior.head is None or not set(self.classes) < set(self.prior.classes):
+            raise ValueError("the prior is of no machine, or does not know the classes")
+        if self.score.size < LEAST or (np.diff(self.score) < 0).any():
+            raise ValueError(f"the scores must ascend, and be {LEAST} at least")
+
+    def with_healthy(self, healthy: Sequence[Recording]) -> "Resemblance":
+        """The same that compares recordings of further machines with these healthy ones."""
+        return replace(self, prior=self.prior.with_healthy(healthy))
+
+    def joined(self, answer: Diagnosis, recording: Recording) -> Diagnosis:
+        """A classifier's answer, unknown too where the prior takes the recording for a fault that was never trained.
+
+        Either may err in half of the error rate, so that both together keep it (Bonferroni). The prior's p-value is
+        conformal: the share of the training's recordings whose probability of such a fault is as high.
+        """
+        if answer.label is None or answer.error_rate is None or answer.p_value is None:
+            return answer
+        try:
+            change, _ = self.prior.change(recording)
+        except DataError:
+            return answer
+        assert self.prior.head is not None
+        shares = dict(zip(self.prior.classes, self.prior.head.predict_proba(change[None])[0].tolist(), strict=True))
+        missing = {name: shares[name] for name in self.classes}
+        likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
+        p_value = (self.score.size - int(np.searchsorted(self.score, total)) + 1) / (self.score.size + 1)
+        is_new = p_value <= answer.error_rate / 2
+        reasons = answer.reasons
+        if is_new or (answer.unknown and shares[likeliest] > 0.5):
+            reasons = (
+                f"It resembles {likeliest.replace('_', ' ')}, which was never trained: the pump prior gives that "
+                f"{shares[likeliest]:.2f}; of {plural(self.score.size, 'recording')} of the training "
+                f"{100 * p_value:.2g} % look as much like a fault that was not trained.",
+                *reasons,
+            )
+        return replace(
+            answer,
+            unknown=is_new or answer.p_value <= answer.error_rate / 2,
+            p_value=min(1.0, 2 * min(answer.p_value, p_value)),
+            reasons=reasons,
+            notes=(*answer.notes, *(text for text in reasons if text not in answer.notes)),
+        )
+
+
+def find_resemblance(
+    prior: PriorClassifier, recordings: Iterable[Recording], classes: Sequence[str], fault_of: dict[str, str]
+) -> tuple[Resemblance | None, str]:
+    """(what the prior says of faults that recordings of a training do not hold, or None; a note that says so).
+
+    Parameters
+    ----------
+    prior : a pump prior; where it is of no machine yet, it is adapted to the healthy recordings.
+    recordings : measured ones of the training, labeled.
+    classes : of the training.
+    fault_of : fault that a class stands for.
+
+    Raises
+    ------
+    InputError
+        No class of the training is one of the prior's.
+    DataError
+        The prior cannot be adapted to the healthy recordings (`PriorClassifier.fit`).
+    """
+    recordings = list(recordings)
+    names = {name: _of_prior(fault_of.get(name, name), prior) for name in classes}
+    if not any(names.values()):
+        raise InputError(
+            f"the prior knows {', '.join(prior.classes[:-1])}, and none of the classes {', '.join(classes)}; say which "
+            "fault a class is, such as --fault-of Kolbenverschleiss=piston, or leave the prior out.",
+            field="prior",
+        )
+    missing = tuple(name for name in prior.classes[1:-1] if name not in names.values())
+    if not missing:
+        return None, "The training holds every class of the prior, which adds nothing."
+    if prior.head is None:
+        prior = prior.fit([item for item in recordings if is_healthy(str(item.label))], fault_of=fault_of)
+    assert prior.head is not None
+    changes = list[Float[np.ndarray, "channel level"]](prior.healthy_changes())
+    for recording in recordings:
+        if not is_healthy(str(recording.label)):
+            try:
+                changes.append(prior.change(recording)[0])
+            except DataError:
+                continue
+    if len(changes) < LEAST:
+        return None, (
+            f"The prior can be compared on {plural(len(changes), 'recording')} of the training only; its rate "
+            f"needs {LEAST}. Record more healthy ones of each machine at the same pressure and speed."
+        )
+    columns = [prior.classes.index(name) for name in missing]
+    score = np.sort(prior.head.predict_proba(np.stack(changes))[:, columns].sum(axis=1))
+    listed = ", ".join(name.replace("_", " ") for name in missing)
+    return Resemblance(prior, missing, score), f"Of {listed}, never trained, the pump prior tells unknown recordings."
+
+
+def _of_prior(label: str, prior: PriorClassifier) -> str | None:
+    try:
+        return canonical_label(label, prior.classes[:-1])
+    except InputError:
+        return None

@@ -162,6 +162,7 @@ class _Starved(Exception):
     """The pump leaks all that it displaces."""
 
 
+@lru_cache(maxsize=8)
 def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
     chamber, discharge = solve(_tabulated(case, steps), revolutions)

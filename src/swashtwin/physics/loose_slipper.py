@@ -18,8 +18,8 @@ and what the extra pressure does anywhere. Sense and moment follow from that; no
 """
 
 import math
-from dataclasses import dataclass
-from functools import singledispatch
+from dataclasses import dataclass, replace
+from functools import lru_cache, singledispatch
 from typing import no_type_check
 
 import numpy as np
@@ -125,16 +125,11 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
     SwashTwinError
         The motion does not repeat.
     """
-    steps = _steps(condition, fault)
-    angle = START + 2 * math.pi * np.arange(steps) / steps
-    tables = np.ascontiguousarray(_tables(pump, condition, fault, angle))
-    mass, step = pump.masses.piston_slipper, condition.period / steps
-    stop = mass * (math.pi / fault.pulse) ** 2
-    damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
-    loose, tight = (_march(pump, condition, tables, stop, damper, step, play) for play in (fault.clearance, 0.0))
+    tables, tight = _tight(pump, condition, replace(fault, clearance=0.0))
+    loose, step = _march(pump, condition, tables, fault), condition.period / len(tight[0])
     accelerations = [(np.roll(motion[1], -1) - motion[1]) / step for motion in (loose, tight)]
     return LooseMotion(
-        angle=angle,
+        angle=_angles(len(tight[0])),
         displacement=loose[0],
         velocity=loose[1],
         pressure=loose[2],
@@ -143,24 +138,29 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
     )
 
 
-def _march(
-    pump: Pump,
-    condition: OperatingCondition,
-    tables: np.ndarray,
-    stop: float,
-    damper: float,
-    step: float,
-    clearance: float,
-) -> np.ndarray:
+@lru_cache(maxsize=2)
+def _tight(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[np.ndarray, np.ndarray]:
+    """`_tables`, and the motion of a joint without play, which are those of any clearance."""
+    tables = np.ascontiguousarray(_tables(pump, condition, fault, _angles(_steps(condition, fault))))
+    return tables, _march(pump, condition, tables, fault)
+
+
+def _angles(steps: int) -> np.ndarray:
+    return START + 2 * math.pi * np.arange(steps) / steps
+
+
+def _march(pump: Pump, condition: OperatingCondition, tables: np.ndarray, fault: LooseSlipper) -> np.ndarray:
     """Displacement, velocity and pressure over the revolution that repeats."""
-    area, oil = pump.rotating_group.piston_area, pump.oil
+    area, oil, mass, clearance = pump.rotating_group.piston_area, pump.oil, pump.masses.piston_slipper, fault.clearance
+    stop, step = mass * (math.pi / fault.pulse) ** 2, condition.period / tables.shape[1]
+    damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
     motion = np.empty((3, tables.shape[1]))
     pressed = area * (condition.discharge_pressure - condition.case_pressure) / stop
     start = np.array([-pressed, 0.0, condition.discharge_pressure])
     scale = np.array([pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure])
     for _ in range(MOST_REVOLUTIONS):
         end = _rattle(
-            step, clearance, stop, damper, pump.masses.piston_slipper, area, FRICTION, oil.bulk_modulus,
+            step, clearance, stop, damper, mass, area, FRICTION, oil.bulk_modulus,
             oil.air_fraction, condition.suction_pressure, condition.case_pressure, tables, start, *motion,
         )  # fmt: skip
         change = float(np.max(np.abs(np.array(end) - start) / scale))
@@ -279,5 +279,6 @@ def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _lines(loads: np.ndarray, first: float, n_lines: int) -> np.ndarray:
-    lines = fourier_lines(loads.T).T[: n_lines + 1]
+    lines, acts = np.zeros((n_lines + 1, N_DOF), dtype=complex), loads.any(axis=0)
+    lines[:, acts] = fourier_lines(loads.T[acts]).T[: n_lines + 1]
     return lines * np.exp(-1j * np.arange(n_lines + 1) * first)[:, None]

@@ -13,10 +13,12 @@ the film damps m within C_sw / n, in less than a microsecond. Ours; docs/explana
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Complex, Float
 
+from swashtwin.foundation import compiled
 from swashtwin.physics.excitation import combined_lines, slipper_profile, stages
 from swashtwin.physics.loads import LoadCase, chamber_pressures
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
@@ -63,15 +65,21 @@ def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) ->
     first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
     step = condition.period / STEPS
     pressed = pressing_force(pump, condition, angle)
-    surface = np.roll(slipper_profile(pump, defect, angle)[0], -first).tolist()
-    falls = (np.roll(pressed, -first) * (step**2 * tilt / mass)).tolist()
-    path = [0.0, 0.0]
-    for k in range(1, STEPS - 1):
-        path.append(min(2 * path[k] - path[k - 1] + falls[k], surface[k + 1]))
-    displacement = np.roll(np.array(path), first)
+    surface = np.roll(slipper_profile(pump, defect, angle)[0], -first)
+    displacement = np.roll(_path(surface, np.roll(pressed, -first) * (step**2 * tilt / mass)), first)
     curvature = np.roll(displacement, -1) - 2 * displacement + np.roll(displacement, 1)
     force = (pressed - mass / tilt * curvature / step**2) / tilt
     return Ride(angle, displacement, np.where(force > 1e-9 * pressed.max(), force, 0.0))
+
+
+@compiled
+@no_type_check
+def _path(surface, falls):
+    """Displacement [m] over a `surface` [m], where it is free to fall by `falls` [m] more in each step."""
+    path = np.zeros(surface.size)
+    for k in range(1, surface.size - 1):
+        path[k + 1] = min(2 * path[k] - path[k - 1] + falls[k], surface[k + 1])
+    return path
 
 
 def riding_lines(

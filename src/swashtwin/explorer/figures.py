@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import Query
 from jaxtyping import Float
+from starlette.responses import Response
 
-from swashtwin.explorer.workspace import Name, Workspace, level_track
+from swashtwin.explorer.workspace import BIN, Name, Workspace, level_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import (
@@ -32,6 +33,8 @@ FRAMES, BANDS = 360, 400
 """Moments and lines of a waterfall, at most."""
 RANGE = 80.0
 """Levels of a waterfall [dB] below its greatest that differ in color."""
+MOST_VALUES = 1 << 22
+"""Samples that one answer holds, at most."""
 MOST_HEALTHY = 8
 """Healthy recordings that a spectrum is compared with."""
 LEAST_CHANGE = 1.0
@@ -156,6 +159,28 @@ class Figures:
         level = level_track(recording, 120)
         step = recording.duration / level.shape[1]
         return {"step": step, "lines": level.shape[1], "amplitude": packed(level), "unit": recording.unit}
+
+    def samples(
+        self,
+        name: Name,
+        start: Annotated[int, Query(ge=0)],
+        count: Annotated[int, Query(ge=1)],
+        width: Annotated[int, Query(ge=1)] = 1,
+        channel: Annotated[int | None, Query(ge=0)] = None,
+    ) -> Response:
+        """Float32: channel by channel the least and greatest of each bin, or the samples of one channel."""
+        recording = self._workspace.recording(name)
+        if width >= BIN and width % BIN:
+            raise InputError(f"bins have less than {BIN} samples, or a multiple of them; {width} is none.")
+        if count * min(width, BIN) * (recording.n_channels if channel is None else 1) > MOST_VALUES:
+            raise InputError(f"at most {MOST_VALUES} values are sent at once.")
+        if channel is None:
+            values = self._workspace.extremes(name, width, start, count)
+        elif channel >= recording.n_channels or start >= recording.n_samples:
+            raise InputError(f"{name} has {recording.n_channels} channels of {recording.n_samples} samples.")
+        else:
+            values = recording.slice(start, min(start + count, recording.n_samples)).signal[channel]
+        return Response(np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream")
 
     def _channel(self, name: str, channel: int) -> Recording:
         recording = self._workspace.recording(name)

@@ -63,7 +63,7 @@ class Cutaway:
     @property
     def parts(self) -> tuple[str, ...]:
         """Parts that are marked."""
-        return _MARKS[self.label][0]
+        return _MARKS[self.label][0] if self.label else ()
 
     @property
     def family(self) -> Family:
@@ -78,7 +78,8 @@ class Cutaway:
     @property
     def description(self) -> str:
         """The drawing in words."""
-        return f"Section through an axial piston pump; marked: {' and '.join(self.parts)}. {self.sentence}"
+        marked = f"; marked: {' and '.join(self.parts)}. {self.sentence}" if self.parts else "."
+        return f"Section through an axial piston pump{marked}"
 
     @property
     def bars(self) -> list[tuple[int, bool, str]]:
@@ -108,10 +109,10 @@ class Cutaway:
 
 
 def cutaway_html(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
-    """The drawing for a class as HTML, to be colored by the page's style; empty where `cutaway_of` has none."""
+    """The drawing for a class as HTML, to be colored by the page's style; where `cutaway_of` has none, of no part."""
     environment = Environment(loader=PackageLoader("swashtwin.report", ""), autoescape=True)
     macro = environment.get_template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
-    return "".join(macro(drawing) for drawing in cutaway_of(label, pistons, shaft))
+    return "".join(macro(drawing) for drawing in cutaway_of(label, pistons, shaft) or (Cutaway("", pistons),))
 
 
 def cutaway_of(label: str, pistons: int | None = None, shaft: float | None = None) -> tuple[Cutaway, ...]:

@@ -13,6 +13,9 @@ export function h(tag, attributes = {}, ...children) {
   return element;
 }
 
+export const choose = (label, options, value, onchange) =>
+  h("label", {}, label, " ", h("select", { onchange: (event) => onchange(event.target.value) }, options.map(([key, text]) => h("option", { value: key, selected: String(key) === String(value) }, text))));
+
 export const say = (text) => {
   const place = document.getElementById("message");
   place.textContent = text;
@@ -131,6 +134,12 @@ export class Lines {
     return points;
   }
 }
+
+export const channelLines = (channels, text, step) => {
+  // of each channel, of values that were packed together
+  const all = unpack(text), length = all.length / channels.length;
+  return channels.map((name, n) => new Lines(step, all.subarray(n * length, (n + 1) * length), { name, color: n }));
+};
 
 export class Stems {
   // values at some places, as upright lines
@@ -339,7 +348,7 @@ export class Chart {
         pen.line(edge, "", { fill: `${color(`line-${this.areas[number].low.color % 6}`)}38` });
       });
       drawn.forEach((points, number) => {
-        const path = [], line = this.series[number], ink = color(`line-${line.color % 6}`);
+        const path = [], line = this.series[number], ink = color(`line-${line.color % 6}`) + (line.faint ?? "");
         for (let n = 0; n < points.length; n += 3) path.push(across(points[n]), up(scale(points[n + 2])));
         if (line.stems) {
           const stems = [];
@@ -351,17 +360,22 @@ export class Chart {
           pen.line(path, ink, { width: line.width ?? 1.2, dash: line.dash ?? [] });
           return;
         }
-        for (let n = points.length - 3; n >= 0; n -= 3) path.push(across(points[n]), Math.max(up(points[n + 1]), up(points[n + 2]) + 1));
-        pen.line(path, "", { fill: ink }); // an area is drawn much faster than a dense line
+        const edge = [], half = points.length > 3 ? (across(points[3]) - across(points[0])) / 2 : 1; // steps: each column as wide as it is
+        for (let n = 0; n < path.length; n += 2) edge.push(path[n] - half, path[n + 1], path[n] + half, path[n + 1]);
+        for (let n = points.length - 3; n >= 0; n -= 3) {
+          const x = across(points[n]), y = Math.max(up(points[n + 1]), up(points[n + 2]) + 1);
+          edge.push(x + half, y, x - half, y);
+        }
+        pen.line(edge, "", { fill: ink }); // an area is drawn much faster than a dense line
       });
       this.over?.(pen, { across, up: (value) => up(scale(value)), color, bottom });
       for (const [x, , isStrong] of this.marks) pen.line([across(x), TOP, across(x), bottom], color(isStrong ? "amber" : "mark"), { dash: [3, 3] });
     });
-    let last = -Infinity;
-    for (const [x, name] of [...this.marks].sort((a, b) => a[0] - b[0])) {
-      if (x < low || x > high || across(x) - last < 8 * name.length + 8) continue;
+    const named = [];
+    for (const [x, name] of [...this.marks].sort((a, b) => b[2] - a[2] || a[0] - b[0])) {
+      if (x < low || x > high || named.some((at) => Math.abs(across(x) - at) < 8 * name.length + 8)) continue;
       pen.text(name, across(x), TOP - 4, color("soft"), "middle");
-      last = across(x);
+      named.push(across(x));
     }
   }
   svg() {

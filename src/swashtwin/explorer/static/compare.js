@@ -1,5 +1,5 @@
 // Recordings or classes over one another, and what differs most.
-import { Chart, Lines, h, unpack } from "./chart.js";
+import { Chart, channelLines, choose, h } from "./chart.js";
 import { address, ask, attempt, remember, state } from "./explorer.js";
 
 const MOST = 12;
@@ -15,16 +15,12 @@ export async function compareRoom(place, values) {
   let channel = Number(values.channel ?? 0), kind = values.kind ?? "amplitude";
   const figures = h("div"), table = h("div");
   const members = (side) => (side.startsWith("class:") ? rows.filter((row) => row.label === side.slice(6)).slice(0, MOST).map((row) => row.name) : side.split("|").filter((name) => state.rows.has(name)));
-  const menu = (key, words) => {
-    const several = sides[key].includes("|") ? [[sides[key], `${members(sides[key]).length} selected recordings`]] : [];
-    return h("label", {}, words, " ", h("select", { onchange: (event) => { sides[key] = event.target.value; show(); } },
-      [...several, ...(state.classes ?? []).map((label) => [`class:${label}`, `class ${label.replace(/_/g, " ")}`]), ...rows.map((row) => [row.name, row.id])].map(([value, text]) => h("option", { value, selected: value === sides[key] }, text))));
-  };
-  const choose = (words, options, chosen, onchange) => h("label", {}, words, " ", h("select", { onchange: (event) => { onchange(event.target.value); show(); } }, options.map(([value, text]) => h("option", { value, selected: String(value) === String(chosen) }, text))));
+  const words = (side) => (side.startsWith("class:") ? `class ${side.slice(6).replace(/_/g, " ")}` : side.includes("|") ? `${members(side).length} selected recordings` : state.rows.get(side)?.id ?? side);
+  const menu = (key, text) => choose(text, [...(sides[key].includes("|") ? [sides[key]] : []), ...(state.classes ?? []).map((label) => `class:${label}`), ...rows.map((row) => row.name)].map((side) => [side, words(side)]), sides[key], (side) => { sides[key] = side; show(); });
   const first = rows.find((row) => row.name === members(sides.b)[0]) ?? rows[0];
   place.append(h("h1", {}, "Compare"), h("p", { class: "soft" }, `Select recordings in the table, or choose two classes; of a class the first ${MOST} are shown.`),
-    h("div", { class: "row tight" }, menu("a", "This"), menu("b", "against"), choose("Channel", first.channels.map((name, n) => [n, name]), channel, (value) => { channel = Number(value); }),
-      choose("Spectrum over", [["amplitude", "frequency"], ["order", "orders of the shaft"]], kind, (value) => { kind = value; })), figures, table);
+    h("div", { class: "row tight" }, menu("a", "This"), menu("b", "against"), choose("Channel", first.channels.map((name, n) => [n, name]), channel, (value) => { channel = Number(value); show(); }),
+      choose("Spectrum over", [["amplitude", "frequency"], ["order", "orders of the shaft"]], kind, (value) => { kind = value; show(); })), figures, table);
 
   async function show() {
     remember("compare", { a: sides.a, b: sides.b, channel, kind });
@@ -37,13 +33,13 @@ export async function compareRoom(place, values) {
     let shown = null;
     for (const [n, name] of names.entries()) {
       const spectrum = await ask("spectrum", { name, kind });
-      const all = unpack(spectrum.amplitude), length = all.length / spectrum.channels.length;
       shown ??= spectrum;
-      if (channel < spectrum.channels.length) series.push(new Lines(spectrum.step, all.subarray(channel * length, (channel + 1) * length), { name: state.rows.get(name).id, color: n < a.length ? 0 : 1 }));
+      const line = channelLines(spectrum.channels, spectrum.amplitude, spectrum.step)[channel];
+      if (line) series.push(Object.assign(line, { name: state.rows.get(name).id, color: n < a.length ? 0 : 1, faint: names.length > 2 ? "73" : "" }));
     }
     const end = Math.max(...series.map((line) => line.step * line.values.length)), isOrder = kind === "order";
     const make = (title, lines, height) => new Chart({ title, x: isOrder ? "order" : "Hz", y: shown.unit, unit: shown.unit, log: true, height, shaft: isOrder ? null : shown.shaft, limits: [0, end], view: [0, Math.min(end, isOrder ? 80 : 3000)], marks: shown.marks, series: lines });
-    const charts = [make("Laid over one another: this blue, the other red", series, 300), make("This", series.slice(0, a.length), 180), make("The other", series.slice(a.length), 180)];
+    const charts = [make(`${words(sides.a)} (blue) and ${words(sides.b)} (red)`, series, 300), make(words(sides.a), series.slice(0, a.length), 180), make(words(sides.b), series.slice(a.length), 180)];
     for (const chart of charts) chart.onmove = (view) => { for (const next of charts) if (next !== chart) next.set({ view: [...view] }); };
     figures.replaceChildren(charts[0].element, h("div", { class: "columns" }, charts[1].element, charts[2].element));
   }
@@ -51,8 +47,8 @@ export async function compareRoom(place, values) {
     const query = new URLSearchParams([...a.map((name) => ["first", name]), ...b.map((name) => ["second", name])]);
     const found = await ask(`comparison?${query}`);
     table.replaceChildren(h("section", {}, h("h2", {}, "What differs most"),
-      h("p", {}, found.freedom ? "The other less this, ranked by spreads within both groups, 1 dB at least." : "The other less this; with one recording on either side no spread is known, so 1 dB counts as one."),
-      h("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "What differs most" }, h("table", {}, h("thead", {}, h("tr", {}, ["Level", "Channel", "Change", "Spreads"].map((text, n) => h("th", { class: n > 1 ? "number" : "" }, text)))),
+      h("p", {}, `Change is ${words(sides.b)} less ${words(sides.a)}${found.freedom ? ", ranked by spreads within both, 1 dB at least." : "; with one recording on either side no spread is known, so 1 dB counts as one."}`),
+      h("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "What differs most" }, h("table", { class: "moved" }, h("thead", {}, h("tr", {}, ["Level", "Channel", "Change", "Spreads"].map((text, n) => h("th", { class: n > 1 ? "number" : "" }, text)))),
         h("tbody", {}, found.rows.map((row) => h("tr", {}, h("td", {}, row.level), h("td", {}, row.channel), h("td", { class: "number" }, `${row.change > 0 ? "+" : ""}${row.change.toFixed(1)} dB`), h("td", { class: "number" }, row.spreads.toFixed(1))))))),
       ...found.notes.map((text) => h("p", { class: "soft" }, text)), h("p", {}, "Open: ", [...a, ...b].slice(0, 8).flatMap((name) => [h("a", { href: address("recording", { name }) }, state.rows.get(name).id), " "]))));
   }

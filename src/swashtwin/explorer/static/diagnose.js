@@ -1,5 +1,5 @@
 // A model's verdict on a recording, how sure it is, and what it rests on.
-import { Chart, Lines, h, short, unpack } from "./chart.js";
+import { Chart, channelLines, h, short } from "./chart.js";
 import { address, ask, attempt, remember, send, state, step } from "./explorer.js";
 
 export async function diagnoseRoom(place, values) {
@@ -38,7 +38,7 @@ export async function diagnoseRoom(place, values) {
     const figure = h("div");
     const row = state.rows.get(name);
     answer.replaceChildren(
-      h("p", { class: "verdict" }, words(found.verdict), row.label ? h("small", {}, ` its facts say ${words(row.label)}`) : ""), h("p", {}, found.sentence), found.spectrum ? h("p", {}, found.spectrum) : "",
+      h("p", { class: "verdict" }, words(found.verdict), row.label ? h("small", {}, ` · its facts say ${words(row.label)}`) : ""), h("p", {}, found.sentence), found.spectrum ? h("p", {}, found.spectrum) : "",
       h("div", { class: "columns" },
         shares.length ? h("section", {}, h("h2", {}, "How sure"), h("table", { class: "shares" }, h("tbody", {}, shares.map(([label, share]) => h("tr", {}, h("th", { scope: "row" }, words(label)), h("td", {}, h("meter", { min: 0, max: 1, value: share, "aria-label": words(label) })), h("td", { class: "number" }, `${Math.round(100 * share)} %`))))),
           found.p_value === null ? "" : h("p", { class: "soft" }, `Resembles the training with p = ${short(found.p_value, 2)} (${found.n_basis} recordings).`)) : found.p_value === null ? "" : h("section", {}, h("h2", {}, "How sure"), h("p", {}, `Chance from the healthy machine p = ${short(found.p_value, 2)}, of ${found.n_basis} healthy recordings.`)),
@@ -47,10 +47,10 @@ export async function diagnoseRoom(place, values) {
       figure, list("Evidence", found.evidence) ?? "", list("Before trusting it", found.notes) ?? "");
     attempt(async () => {
       const spectrum = await ask("spectrum", { name, healthy: "true" });
-      const split = (text) => { const all = unpack(text), length = all.length / spectrum.channels.length; return spectrum.channels.map((channel, n) => new Lines(spectrum.step, all.subarray(n * length, (n + 1) * length), { name: channel, color: n })); };
+      const split = (text) => channelLines(spectrum.channels, text, spectrum.step);
       const areas = spectrum.healthy?.length ? split(spectrum.low).map((low, n) => ({ low, high: split(spectrum.high)[n] })) : [];
       const end = Math.min(spectrum.step * spectrum.lines, Math.max(3000, 1.2 * Math.max(0, ...found.bands.map((band) => (band.high < 20000 ? band.high : 0)))));
-      const chart = new Chart({ title: `Spectrum with the evidence marked${areas.length ? ", over healthy ones" : ""}`, x: "Hz", y: spectrum.unit, unit: spectrum.unit, log: true, shaft: spectrum.shaft, limits: [0, spectrum.step * spectrum.lines], view: [0, end], areas, series: split(spectrum.amplitude),
+      const chart = new Chart({ title: `Spectrum${found.bands.length ? " with the evidence marked" : ""}${areas.length ? ", over healthy ones" : ""}`, x: "Hz", y: spectrum.unit, unit: spectrum.unit, log: true, shaft: spectrum.shaft, limits: [0, spectrum.step * spectrum.lines], view: [0, end], areas, series: split(spectrum.amplitude),
         marks: found.bands.map((band) => [(band.low + band.high) / 2, `${band.words.split(" (")[0]}, ${band.channel}`, true]),
         over: (pen, { across, color, bottom }) => { for (const band of found.bands) pen.line([across(band.low), 30, across(band.high), 30, across(band.high), bottom, across(band.low), bottom], "", { fill: `${color("amber")}22` }); } });
       figure.replaceChildren(chart.element);

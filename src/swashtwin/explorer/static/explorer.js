@@ -76,7 +76,7 @@ async function write(changes, isUndo) {
   const table = await attempt(() => send("facts", { changes, undo: isUndo }));
   if (!table) return attempt(async () => { take(await ask("rows")); room?.update?.(); });
   take(table);
-  if (!isUndo) state.undo.push(changes);
+  if (!isUndo && changes.length) state.undo.push(changes);
   document.getElementById("undo").hidden = !state.undo.length;
   room?.update?.();
 }
@@ -124,9 +124,11 @@ export function factCell(row, fact) {
 const worst = (row) => (row.state === "broken" || row.findings.some((finding) => finding.severity === "error") ? 0 : row.findings.some((finding) => finding.severity === "warning") ? 1 : 2);
 
 export function badge(row) {
-  if (row.state === "waiting") return h("span", { class: "badge learning" }, "… reading");
-  return [h("span", { class: "badge alarm" }, "▲ broken"), h("span", { class: "badge unusual" }, "● look"), h("span", { class: "badge normal" }, "✓ sound")][worst(row)];
+  const [kind, sign, words] = row.state === "waiting" ? ["learning", "…", "reading"] : [["alarm", "▲", "broken"], ["unusual", "●", "look"], ["normal", "✓", "no finding"]][worst(row)];
+  return h("span", { class: `badge ${kind}` }, sign, h("span", { class: "words" }, ` ${words}`));
 }
+
+export const breakable = (text) => text.split(/(?<=[_/.-])/).flatMap((part) => [part, h("wbr")]);
 
 export function step(name, by) {
   const order = state.order.length ? state.order : state.names;
@@ -156,7 +158,7 @@ const reasons = (row) => h("small", { class: "reasons" }, row.findings.map((find
 
 const COLUMNS = [
   ["state", "State", (row) => worst(row), (row) => badge(row)],
-  ["name", "Recording", (row) => row.id ?? row.name, (row) => [h("a", { href: address("recording", { name: row.name }) }, row.id ?? row.name), reasons(row)]],
+  ["name", "Recording", (row) => row.id ?? row.name, (row) => [h("a", { href: address("recording", { name: row.name }), "aria-label": row.id ?? row.name }, breakable(row.id ?? row.name)), reasons(row)]],
   ["label", "Class", (row) => row.label ?? "", (row) => factCell(row, "label")],
   ["specimen", "Machine", (row) => row.specimen ?? "", (row) => factCell(row, "specimen")],
   ["rpm", "Speed", (row) => row.rpm ?? -1, (row) => factCell(row, "speed")],
@@ -166,10 +168,11 @@ const COLUMNS = [
 ];
 const MORE = ["sensitivity", "unit", "sample_rate"].map((fact) => [fact, FACTS[fact], (row) => String(row.stated[fact] ?? ""), (row) => factCell(row, fact)]);
 
-function recordingsRoom(place) {
+function recordingsRoom(place, values) {
+  state.filter = values.filter ?? state.filter;
   let current = state.current ?? null, columns = COLUMNS;
   const body = h("tbody"), head = h("tr"), summary = h("div"), count = h("span", { class: "soft", role: "status" });
-  const filter = h("input", { type: "search", class: "wide", value: state.filter, placeholder: "Filter: words of any column", "aria-label": "Filter", oninput: () => { state.filter = filter.value; update(); } });
+  const filter = h("input", { type: "search", class: "wide", value: state.filter, placeholder: "Filter: words of any column", "aria-label": "Filter", oninput: () => { state.filter = filter.value; remember("recordings", state.filter ? { filter: state.filter } : {}); update(); } });
   const facts = h("button", { "aria-pressed": false, onclick: () => { columns = columns === COLUMNS ? [...COLUMNS, ...MORE] : COLUMNS; facts.setAttribute("aria-pressed", columns !== COLUMNS); update(true); } }, "All facts");
   const compare = h("button", { onclick: () => { location.hash = address("compare", { a: [...state.selected].join("|") }); } }, "Compare selected");
   place.append(h("h1", {}, "Recordings"), summary, h("div", { class: "row" }, filter, facts, compare, count),
@@ -182,12 +185,14 @@ function recordingsRoom(place) {
     const [key, sign] = state.sort, of = columns.find(([name]) => name === key)?.[2] ?? COLUMNS[0][2];
     const compareRows = (a, b) => { const [x, y] = [of(a), of(b)]; return sign * (typeof x === "number" ? x - y : x.localeCompare(y, undefined, { numeric: true })); };
     const rows = state.names.map((name) => state.rows.get(name)).filter((row) => {
-      const text = `${row.name} ${row.label} ${row.specimen} ${row.rpm && Math.round(row.rpm)} ${row.mpa} ${["broken", "look", "sound"][worst(row)]} ${row.findings.map((finding) => finding.message).join(" ")}`.toLowerCase();
+      const text = `${row.name} ${row.label} ${row.specimen} ${row.rpm && Math.round(row.rpm)} ${row.mpa} ${["broken", "look", "no finding"][worst(row)]} ${row.findings.map((finding) => finding.message).join(" ")}`.toLowerCase();
       return words.every((word) => text.includes(word));
     }).sort(compareRows);
     state.order = rows.map((row) => row.name);
     if (body.contains(document.activeElement) && document.activeElement.matches("input:not([type=checkbox])")) return; // somebody types there
-    head.replaceChildren(h("th", {}, h("span", { class: "visually-hidden" }, "Select")), ...columns.map(([name, text]) =>
+    const isAll = rows.length > 0 && rows.every((row) => state.selected.has(row.name));
+    const all = h("input", { type: "checkbox", checked: isAll, "aria-label": "Select all shown", onchange: () => { for (const row of rows) state.selected[isAll ? "delete" : "add"](row.name); update(); } });
+    head.replaceChildren(h("th", {}, all), ...columns.map(([name, text]) =>
       h("th", { class: `column-${name}`, "aria-sort": name === key ? (sign > 0 ? "ascending" : "descending") : null }, h("button", { class: "cell", onclick: () => { state.sort = [name, name === key ? -sign : 1]; update(); } }, `${text}${name === key ? (sign > 0 ? " ▲" : " ▼") : ""}`))));
     if (isWhole) cells.clear();
     body.replaceChildren(...rows.map((row) => {
@@ -207,14 +212,14 @@ function recordingsRoom(place) {
   const toggle = (name) => { if (!state.selected.delete(name)) state.selected.add(name); update(); };
 
   function about() {
-    const parts = [h("p", { class: "soft" }, state.source, state.unwritten ? " has no index yet; the first change of a fact writes recordings.toml." : "")];
+    const parts = [h("p", { class: "soft" }, state.source, ...(state.unwritten ? [" has no index yet; the first change of a fact writes recordings.toml. ", h("button", { class: "small", onclick: () => write([], false) }, "Write it now")] : []))];
     if (Object.keys(state.questions ?? {}).length) parts.push(questions());
     const list = [...(state.findings ?? []).map((finding) => finding.message), ...(state.skipped ?? []).map((text) => `Left out: ${text}`)];
     if (list.length) parts.push(h("details", {}, h("summary", {}, `${list.length} remark${list.length > 1 ? "s" : ""} on the whole`), h("ul", {}, list.map((text) => h("li", {}, text)))));
     return parts;
   }
   function questions() {
-    const fields = Object.entries(state.questions).map(([key, text]) => h("label", {}, text.replace(/ \[.*\]$/, ""), h("input", { name: key, required: key !== "label_pattern" })));
+    const fields = Object.entries(state.questions).map(([key, text]) => h("label", { class: "question" }, text.replace(/ \[.*\]$/, ""), h("input", { name: key, required: key !== "label_pattern" })));
     return h("form", { class: "stack card", onsubmit: async (event) => {
       event.preventDefault();
       const table = await attempt(() => send("answers", Object.fromEntries(new FormData(event.target))));

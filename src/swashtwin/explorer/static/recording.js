@@ -1,6 +1,6 @@
 // One recording: waveform, spectra, envelope, waterfall, level, and its sound.
-import { Chart, Lines, decibel, h, inUnits, say, short, unpack } from "./chart.js";
-import { FACTS, address, ask, attempt, badge, factCell, listen, remember, state, step } from "./explorer.js";
+import { Chart, Lines, channelLines, choose, decibel, h, inUnits, say, short } from "./chart.js";
+import { FACTS, address, ask, attempt, badge, breakable, factCell, listen, remember, state, step } from "./explorer.js";
 
 const TILE = 4096, WIDEST = 4 ** 12;
 
@@ -79,9 +79,6 @@ class Sound {
   stop() { this.source?.stop(); }
 }
 
-const choose = (label, options, value, onchange) =>
-  h("label", {}, label, " ", h("select", { onchange: (event) => onchange(event.target.value) }, options.map(([key, text]) => h("option", { value: key, selected: String(key) === String(value) }, text))));
-
 const SHADES = [[18, 12, 60], [90, 20, 110], [180, 50, 90], [235, 110, 50], [252, 200, 60], [252, 255, 180]]; // even in lightness
 const shade = (share) => {
   const place = Math.min(share, 0.9999) * (SHADES.length - 1), n = Math.floor(place);
@@ -92,11 +89,11 @@ export async function recordingRoom(place, values) {
   const name = values.name;
   let row = state.rows.get(name);
   if (!row) throw new Error(`There is no recording ${name}; choose one in the table.`);
-  const chosen = { kind: "amplitude", healthy: "band", map: "time", channels: "", speed: "1", ...JSON.parse(localStorage.getItem("view") ?? "{}"), ...values };
+  const chosen = { kind: "amplitude", healthy: "band", map: "time", pistons: "7", channels: "", speed: "1", ...JSON.parse(localStorage.getItem("view") ?? "{}"), ...values };
   const keep = () => {
     const { kind, healthy, map, pistons, bodies, ratio, channels } = chosen;
     localStorage.setItem("view", JSON.stringify({ kind, healthy, map, pistons, bodies, ratio, channels }));
-    remember("recording", Object.fromEntries(Object.entries({ name, kind, pistons, bodies, ratio, channels, from: chosen.from, to: chosen.to, low: chosen.low, high: chosen.high }).filter(([, value]) => value)));
+    remember("recording", Object.fromEntries(Object.entries({ name, kind, healthy, map, pistons, bodies, ratio, channels, from: chosen.from, to: chosen.to, low: chosen.low, high: chosen.high }).filter(([key, value]) => value || key === "healthy")));
   };
   const title = h("h1"), facts = h("dl", { class: "facts" }), remarks = h("div");
   const holders = Object.fromEntries(["wave", "level", "spectrum", "envelope", "map"].map((key) => [key, h("section", { "aria-label": key })]));
@@ -108,7 +105,7 @@ export async function recordingRoom(place, values) {
     const [before, after] = [step(name, -1), step(name, 1)];
     title.replaceChildren(row.id ?? name, " ", badge(row));
     facts.replaceChildren(...Object.entries(FACTS).map(([fact, words]) => h("div", {}, h("dt", {}, words), h("dd", {}, factCell(row, fact)))),
-      ...(row.samples ? [["Length", `${short(row.duration, 4)} s`], ["Rate", `${short(row.rate, 6)} Hz`], ["File", row.file ?? "—"]] : []).map(([words, text]) => h("div", {}, h("dt", {}, words), h("dd", {}, text))));
+      ...(row.samples ? [["Length", `${short(row.duration, 4)} s`], ["Rate", `${short(row.rate, 6)} Hz`], ["File", breakable(row.file ?? "—")]] : []).map(([words, text]) => h("div", {}, h("dt", {}, words), h("dd", {}, text))));
     remarks.replaceChildren(...(row.findings.length ? [h("ul", {}, row.findings.map((finding) => h("li", {}, `${finding.channel ? `${finding.channel}: ` : ""}${finding.message}`)))] : []));
     crumbs.replaceChildren(h("a", { href: "#recordings" }, "Recordings"), " › ", h("a", { href: address("recording", { name: before }), rel: "prev" }, "← previous"), " ", h("a", { href: address("recording", { name: after }), rel: "next" }, "next →"),
       ` · class keys: ${(state.classes ?? []).slice(0, 9).map((label, n) => `${n + 1} ${label}`).join(", ")}`);
@@ -143,7 +140,7 @@ export async function recordingRoom(place, values) {
   holders.spectrum, holders.envelope,
   h("div", { class: "row tight" }, choose("Map over", [["time", "frequency"], ["orders", "orders of the shaft"]], chosen.map, (value) => { chosen.map = value; keep(); drawMap(); })), holders.map);
 
-  const colored = (channels, arrays, stepLength) => shownChannels().map((n) => new Lines(stepLength, arrays.subarray(n * (arrays.length / channels.length), (n + 1) * (arrays.length / channels.length)), { name: channels[n], color: n }));
+  const colored = (channels, text, step) => channelLines(channels, text, step).filter((line) => isShown(line.color));
   const show = (holder, chart) => { holder.replaceChildren(chart.element); return chart; };
   let wave = null;
   const tiles = new Tiles(row, () => wave?.request());
@@ -160,22 +157,22 @@ export async function recordingRoom(place, values) {
   }
   async function drawLevel() {
     const level = await ask("levels", { name });
-    show(holders.level, new Chart({ title: "Level against time (RMS)", x: "s", y: level.unit, unit: level.unit, height: 150, limits: [0, row.duration], series: colored(row.channels, unpack(level.amplitude), level.step) }));
+    show(holders.level, new Chart({ title: "Level against time (RMS)", x: "s", y: level.unit, unit: level.unit, height: 150, limits: [0, row.duration], series: colored(row.channels, level.amplitude, level.step) }));
   }
   const details = () => ({ name, pistons: chosen.pistons, bodies: chosen.bodies, ratio: chosen.ratio, healthy: chosen.healthy ? "true" : "" });
   async function drawSpectrum() {
     const spectrum = await ask("spectrum", { ...details(), kind: chosen.kind });
     const isOrder = chosen.kind === "order", end = spectrum.step * spectrum.lines;
     const options = { x: isOrder ? "order" : "Hz", shaft: isOrder ? null : spectrum.shaft, limits: [0, end], marks: spectrum.marks, unit: spectrum.unit, log: true, y: spectrum.unit };
-    let series = colored(spectrum.channels, unpack(spectrum.amplitude), spectrum.step), note = "Drag to move, Shift and drag to zoom.";
+    let series = colored(spectrum.channels, spectrum.amplitude, spectrum.step), note = "Drag to move, Shift and drag to zoom.";
     if (chosen.healthy && spectrum.healthy?.length) {
       note = `Bands and differences are of ${spectrum.healthy.length} healthy recording${spectrum.healthy.length > 1 ? "s" : ""} of the same machine and point.`;
-      const middle = colored(spectrum.channels, unpack(spectrum.middle), spectrum.step);
+      const middle = colored(spectrum.channels, spectrum.middle, spectrum.step);
       if (chosen.healthy === "difference") {
         series = series.map((line, n) => new Lines(line.step, line.values.map((value, k) => 20 * Math.log10(value / middle[n].values[k])), line));
         Object.assign(options, { log: false, unit: "dB", y: "dB over healthy" });
       } else {
-        const [low, high] = ["low", "high"].map((key) => colored(spectrum.channels, unpack(spectrum[key]), spectrum.step));
+        const [low, high] = ["low", "high"].map((key) => colored(spectrum.channels, spectrum[key], spectrum.step));
         options.areas = low.map((line, n) => ({ low: line, high: high[n] }));
       }
     } else if (chosen.healthy) note = "No healthy recording of the same machine and point to compare with.";
@@ -188,7 +185,7 @@ export async function recordingRoom(place, values) {
     const bands = shownChannels().map((n) => spectrum.bands[n].map((edge) => short(edge, 4)).join("–"));
     const end = spectrum.step * spectrum.lines;
     const words = `Envelope spectrum of ${[...new Set(bands)].join(", ")} Hz`;
-    const chart = show(holders.envelope, new Chart({ title: words, x: "Hz", y: spectrum.unit, unit: spectrum.unit, log: true, shaft: spectrum.shaft, limits: [0, end], marks: spectrum.marks, series: colored(spectrum.channels, unpack(spectrum.amplitude), spectrum.step) }));
+    const chart = show(holders.envelope, new Chart({ title: words, x: "Hz", y: spectrum.unit, unit: spectrum.unit, log: true, shaft: spectrum.shaft, limits: [0, end], marks: spectrum.marks, series: colored(spectrum.channels, spectrum.amplitude, spectrum.step) }));
     chart.show([0, Math.min(end, Math.max(500, 30 * (spectrum.shaft ?? 0)))]);
     holders.envelope.append(h("p", { class: "soft" }, chosen.low ? "" : "The kurtogram chose the band. ", "“Band” on the spectrum above lets you drag another. ",
       chosen.low ? h("button", { class: "small", onclick: () => { Object.assign(chosen, { low: "", high: "" }); keep(); draw("envelope", drawEnvelope); } }, "The kurtogram's band") : ""));

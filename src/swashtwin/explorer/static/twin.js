@@ -1,5 +1,5 @@
 // A pump's twin: sliders, its lines over the measured ones, its calibration, and windows made with it.
-import { Chart, Stems, h, say, short } from "./chart.js";
+import { Chart, Stems, choose, h, say, short } from "./chart.js";
 import { ask, attempt, remember, send, state } from "./explorer.js";
 
 const UNITS = ["N s/m", "N/m"];
@@ -12,17 +12,15 @@ export async function twinRoom(place, values) {
   const setting = { start: known.starts[0], values: null, scales: {}, rpm: null, mpa: null, fault: "start", dimensions: {}, recording: values.recording ?? state.current ?? (rows.find((row) => row.label === "normal") ?? rows[0])?.name ?? "", ...JSON.parse(values.setting ?? "{}") };
   if (setting.recording && !state.rows.has(setting.recording)) setting.recording = "";
   let origin = null, charts = [], isAsking = false, isWaiting = false, isGone = false, moved = null;
-  const sliders = h("div", { class: "sliders" }), figures = h("div"), misfit = h("div"), cutaway = h("div"), facts = h("p", { class: "soft" }), notes = h("div"), job = h("div", { role: "status" });
+  const sliders = h("div", { class: "sliders" }), figures = h("div"), misfit = h("div"), cutaway = h("div"), facts = h("p", { class: "soft" }), notes = h("div"), fit = h("p", { class: "fit" }), job = h("div", { role: "status" });
 
-  const option = (value, text, chosen) => h("option", { value, selected: value === chosen }, text);
-  const select = (label, options, chosen, onchange) => h("label", {}, label, " ", h("select", { onchange: (event) => onchange(event.target.value) }, options.map(([value, text]) => option(value, text, chosen))));
-  const start = h("span"), menu = () => start.replaceChildren(select("Start from", known.starts.map((name) => [name, name === "result" ? "what was calibrated here" : name]), setting.start, (name) => { Object.assign(setting, { start: name, values: null, scales: {}, fault: "start", dimensions: {} }); renew(); }));
-  const faults = select("Fault", [["start", "as the start has it"], ["", "none, healthy"], ...known.faults.map(({ kind }) => [kind, kind.replace(/_/g, " ")])], setting.fault, (kind) => {
+  const start = h("span"), menu = () => start.replaceChildren(choose("Start from", known.starts.map((name) => [name, name === "result" ? "what was calibrated here" : name]), setting.start, (name) => { Object.assign(setting, { start: name, values: null, scales: {}, fault: "start", dimensions: {} }); renew(); }));
+  const faults = choose("Fault", [["start", "as the start has it"], ["", "none, healthy"], ...known.faults.map(({ kind }) => [kind, kind.replace(/_/g, " ")])], setting.fault, (kind) => {
     const dimensions = known.faults.find((fault) => fault.kind === kind)?.dimensions ?? [];
     Object.assign(setting, { fault: kind, dimensions: Object.fromEntries(dimensions.map((item) => [item.name, item.typical])) });
     renew();
   });
-  const recordings = select("Measured", [["", "the start's own, or nothing"], ...rows.map((row) => [row.name, `${row.id} (${row.label ?? "no class"})`])], setting.recording, (name) => { Object.assign(setting, { recording: name, rpm: null, mpa: null }); renew(); });
+  const recordings = choose("Measured", [["", "the start's own, or nothing"], ...rows.map((row) => [row.name, `${row.id} (${row.label ?? "no class"})`])], setting.recording, (name) => { Object.assign(setting, { recording: name, rpm: null, mpa: null }); renew(); });
 
   function slider(words, value, [low, high], { log = false, unit = "", estimate = null, onvalue }) {
     const forth = log ? Math.log10 : (x) => x, back = log ? (x) => 10 ** x : (x) => x;
@@ -55,7 +53,7 @@ export async function twinRoom(place, values) {
       parts.push(slider(`Fault: ${item.name.replace(/_/g, " ")}`, setting.dimensions[item.name] / item.per_unit, [least, most], { unit: item.unit, onvalue: (value) => { setting.dimensions[item.name] = value * item.per_unit; } }));
     }
     sliders.replaceChildren(...parts);
-    notes.replaceChildren(...(lines.notes.length ? [h("details", {}, h("summary", {}, `${lines.notes.length} remarks of the calibration`), h("ul", {}, lines.notes.map((text) => h("li", {}, text))))] : []));
+    notes.replaceChildren(...(lines.notes.length ? [h("details", {}, h("summary", {}, `Remarks of the calibration: ${lines.notes.length}`), h("ul", {}, lines.notes.map((text) => h("li", {}, text))))] : []));
     facts.textContent = `${lines.pump}: ${lines.pistons} pistons, ${short(lines.displacement * 1e6)} cm³ per turn, at ${short(lines.rpm, 4)} rpm and ${short(lines.mpa, 3)} MPa; ${lines.label === "normal" ? "healthy" : lines.label.replace(/_/g, " ")}.`;
     attempt(async () => { // drawn by our own server, of a class that it knows
       cutaway.innerHTML = (await ask("twin_cutaway", { label: lines.label, pistons: lines.pistons, shaft: lines.shaft })).html;
@@ -65,8 +63,9 @@ export async function twinRoom(place, values) {
     const measured = lines.measured, names = measured?.channels ?? lines.channels;
     if (charts.length !== names.length) {
       charts = names.map((name) => new Chart({ title: `Lines of ${name}`, x: "order", y: "m/s^2", unit: "m/s^2", log: true, height: 200, limits: [0, 10], series: [] }));
-      figures.replaceChildren(...charts.map((chart) => chart.element));
+      figures.replaceChildren(fit, ...charts.map((chart) => chart.element));
     }
+    fit.textContent = measured ? `Correlation of levels ${measured.correlation.toFixed(3)}, spectrum value error ${measured.error.toFixed(2)}` : "";
     names.forEach((name, n) => {
       const twin = lines.amplitude[lines.channels.indexOf(name)], series = [];
       if (measured) series.push(new Stems(measured.orders, measured.amplitude[n], { name: "measured", ink: "mark", width: 7 }));
@@ -77,10 +76,10 @@ export async function twinRoom(place, values) {
     });
     misfit.replaceChildren(...(lines.reason ? [h("p", { class: "notice" }, lines.reason)] : []), ...(measured ? [table(measured)] : lines.reason ? [] : [h("p", { class: "soft" }, "Choose a recording to lay the twin's lines over.")]));
   }
-  function table({ channels, orders, misfit: off, correlation, error }) {
+  function table({ channels, orders, misfit: off }) {
     const least = Math.max(0, orders.length - 12) && orders.length > 40 ? orders.map((_, n) => n).sort((a, b) => Math.max(...off.map((row) => Math.abs(row[b]))) - Math.max(...off.map((row) => Math.abs(row[a])))).slice(0, 12).sort((a, b) => a - b) : orders.map((_, n) => n);
     const cell = (value) => h("td", { class: `number ${value === null ? "soft" : Math.abs(value) > 6 ? "far" : Math.abs(value) < 2 ? "near" : ""}` }, value === null ? "noise" : value < -99 ? "none" : value.toFixed(1));
-    return h("section", {}, h("h2", {}, "Misfit by line"), h("p", {}, `The twin over the measured lines in dB${least.length < orders.length ? ", the 12 furthest off" : ""}. Correlation of levels ${correlation.toFixed(3)}, spectrum value error ${error.toFixed(2)}.`),
+    return h("section", {}, h("h2", {}, "Misfit by line"), h("p", {}, `The twin over the measured lines in dB${least.length < orders.length ? ", the 12 furthest off" : ""}.`),
       h("div", { class: "scroll", tabIndex: 0, role: "region", "aria-label": "Misfit by line" }, h("table", {}, h("thead", {}, h("tr", {}, h("th", {}, "Order"), least.map((n) => h("th", { class: "number" }, `${orders[n]}×`)))),
         h("tbody", {}, channels.map((name, row) => h("tr", {}, h("th", { scope: "row" }, name), least.map((n) => cell(off[row][n]))))))));
   }
@@ -128,7 +127,7 @@ export async function twinRoom(place, values) {
   }
   const others = h("input", { type: "checkbox", checked: true });
   const calibrate = h("button", { class: "primary", onclick: () => attempt(async () => { await send("twin_calibrate", { setting, others: others.checked }); follow.isMine = true; follow(); }) }, "Calibrate from here");
-  const form = (title, fields, button, work) => h("details", { class: "card" }, h("summary", {}, title), h("form", { class: "stack", onsubmit: (event) => { event.preventDefault(); attempt(() => work(Object.fromEntries(new FormData(event.target)))); } },
+  const form = (title, fields, button, work) => h("details", { class: "card" }, h("summary", {}, title), h("form", { class: "stack", onsubmit: (event) => { event.preventDefault(); say("Working …"); attempt(() => work(Object.fromEntries(new FormData(event.target)))); } },
     fields.map(([name, words, hint, value = ""]) => h("label", {}, words, " ", h("input", { name, placeholder: hint, value, required: name !== "mass" }))), h("button", {}, button)));
   const saving = form("Save the calibration", [["name", "Name", "calibration", "calibration"]], "Save", async ({ name }) => { const { file } = await send("twin_save", { name }); say(`${file} is written beside the recordings.`); Object.assign(known, await ask("twin_starts")); menu(); });
   saving.hidden = true;
@@ -145,7 +144,7 @@ export async function twinRoom(place, values) {
         origin = null;
         await renew();
         say(`${made.start} is written; replace its guesses by what you know.`);
-      }), notes), h("div", {}, figures, cutaway)), misfit);
+      }), notes), h("div", {}, figures)), cutaway, misfit);
   figures.id = "twin-lines";
   await renew();
   place.querySelector("#twin-wait").remove();

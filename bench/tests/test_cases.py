@@ -15,7 +15,7 @@ from tiny_case import TINY, tiny
 from swashtwin.foundation import ArtifactError, InputError
 from swashtwin.pump import PistonWear
 from swashtwin.recordings import Recording
-from swashtwin_bench import FILLERS, StudyResult, Work, plan_of, run_plan, write_study_report
+from swashtwin_bench import StudyResult, Work, plan_of, run_plan, write_study_report
 from swashtwin_bench.fillers.interpolation import SMOTE
 from swashtwin_bench.results.page import differences_table, scores_table
 from swashtwin_bench.results.runs import load_run
@@ -102,7 +102,7 @@ def test_another_setting_is_another_task(recordings: list[Recording], monkeypatc
     assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}
     filled = replace(plan, training_sets={"smote": TrainingSet("smote")})
     before = {task.key for task in filled.tasks(0, "data")}
-    monkeypatch.setitem(FILLERS, "smote", SMOTE(neighbors=2))
+    monkeypatch.setattr("swashtwin_bench.studies.training_sets.FILLERS", {"smote": SMOTE(neighbors=2)})
     assert not before & {task.key for task in filled.tasks(0, "data")}
 
 

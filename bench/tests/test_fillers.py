@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
 from swashtwin.learning import WindowSet
-from swashtwin_bench import FILLERS, fill_cell, register_filler
+from swashtwin_bench import FILLERS
 from swashtwin_bench.fillers.cvae import CVAE
 from swashtwin_bench.fillers.duplicates import Duplicate
 from swashtwin_bench.fillers.filler import Filler, in_cell, sources_of
@@ -242,17 +242,3 @@ def test_two_windows_have_something_between_them_and_one_has_not(filler: Filler)
         filler(measured(1), **arguments)
     if not isinstance(filler, ADASYN):
         assert len(filler(measured(2), **arguments)) == 5
-
-
-def test_a_filler_of_ones_own_is_registered_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("swashtwin_bench.fillers.filler.FILLERS", names := dict(FILLERS))
-
-    def fill_with_silence(train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
-        sources = sources_of(train, label, pressure)[:count]
-        silence = 0 * train.signal[sources]
-        return fill_cell(silence, sources, train=train, name="silence", label=label, pressure=pressure, seed=seed)
-
-    register_filler("silence", fill_with_silence)
-    assert names["silence"](measured(), label="normal", pressure=MPa(15), count=3, seed=0).synthetic.all()
-    with pytest.raises(InputError, match="registered already"):
-        register_filler("silence", fill_with_silence)

@@ -228,7 +228,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(recordings: list[Re
         ("case1", "tcn", "the paper's BiTCN: accuracy 0.812"),
         ("algorithms", "bitcn", "the paper's BiTCN: accuracy 0.98"),
         ("algorithms", "tcn", "more than 8 points below BiTCN"),
-        ("ablation", "spectral_forward", "the paper's BiTCN: below the full model"),
+        ("ablation", "paper_forward", "below the full model"),
         ("case9", "paper_bitcn", ""),
     ],
 )

@@ -20,7 +20,7 @@ from swashtwin_bench.studies import plans
 from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, prepare
 from swashtwin_bench.studies.perturbations import Perturbation
 from swashtwin_bench.studies.plan import PlanSettings
-from swashtwin_bench.studies.plans import OF_BOTH_RECIPES, PLANS, SIZES
+from swashtwin_bench.studies.plans import PLANS, SIZES
 from swashtwin_bench.studies.training_sets import (
     TWIN_TRAINING_SETS,
     TrainingSet,
@@ -108,7 +108,7 @@ def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(re
 
 def test_every_network_stands_in_the_algorithms_table() -> None:
     names = plan_of("algorithms").models
-    assert {name for name in NETWORKS if not name.startswith("bitcn_")} <= set(names)
+    assert set(NETWORKS) <= set(names)
 
 
 @pytest.mark.parametrize("study", PLANS)
@@ -121,15 +121,15 @@ def test_every_plan_has_tasks_whose_keys_differ(study: str) -> None:
 
 def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> None:
     for study, in_cell in (("case1", 50), ("case2", 0)):
-        plan = plan_of(study, "paper", "paper")
+        plan = plan_of(f"paper-{study}", "paper")
         assert plan.scenario.class_windows == 650
         assert (plan.scenario.scarce_windows, plan.scenario.scarce_windows + plan.scenario.synthetic) == (in_cell, 200)
         assert {name: plan.scenario_of(name).levels[0] for name in plan.variants} == {
             "by recording": "L2",
             "at random": "L0",
         }
-    for study in OF_BOTH_RECIPES:
-        medium, whole = (plan_of(study, size, "paper") for size in ("medium", "paper"))
+    for study in (name for name in PLANS if name.startswith("paper-")):
+        medium, whole = (plan_of(study, size) for size in ("medium", "paper"))
         assert (medium.scenario, medium.draws) == (whole.scenario, whole.draws)
         for name, model in whole.models.items():
             if model.is_network:
@@ -198,5 +198,5 @@ def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -
     (recess,) = deep.scenario.faults["swash_plate"]
     assert recess == replace(draw_fault("swash_plate", "A", 0, "any", is_deep=True), angle=recess.angle)
     assert one.tasks(0, "data")[0].key != deep.tasks(0, "data")[0].key
-    (paper,) = plan_of("recess", "quick", "paper").scenario.faults["swash_plate"]
+    (paper,) = plan_of("paper-recess").scenario.faults["swash_plate"]
     assert (paper.depth, paper.length, paper.width, paper.contact) == pytest.approx((0.6e-3, 30e-3, 24e-3, "shared"))

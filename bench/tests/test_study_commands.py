@@ -79,7 +79,7 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "cas1"), 2, "did you mean case1"),
         (("study", "case1"), 3, "needs a folder"),
         (("study", "case1", "x", "--size", "medium"), 3, "no size 'medium'"),
-        (("study", "augmentation", "--recipe", "paper"), 3, "by the recipe 'paper'"),
+        (("study", "ablation"), 2, "no study is called 'ablation'"),
         (("study", "noise", "x", "--set", "classifiers=guess"), 3, "no model is called 'guess'"),
         (("study", "augmentation", "x", "--set", "values=guess"), 3, "no value of synthetic 'guess'; there are 0, 72,"),
         (("study", "alarms", "--seeds", "x"), 2, "whole numbers"),

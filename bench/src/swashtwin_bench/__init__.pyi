@@ -5,7 +5,6 @@ from .demo import Demo as Demo
 from .demo import answer_of_demo as answer_of_demo
 from .demo import run_demo as run_demo
 from .fillers.filler import fill_cell as fill_cell
-from .fillers.filler import register_filler as register_filler
 from .fillers.registry import FILLERS as FILLERS
 from .paper.experiments import EXPERIMENTS as EXPERIMENTS
 from .paper.experiments import paper_answer as paper_answer

@@ -33,11 +33,8 @@ STUDIES = {
     "experiments=case1,noise takes some",
     "case1": "few samples: what a twin adds where one class has few measured windows",
     "case2": "missing condition: a cell without any measured window, which twins fill",
-    "recess": "Case I with the paper's recess of 0.6 mm",
     "algorithms": "every network and baseline on Case I's calibrated training set",
-    "ablation": "BiTCN without one of its parts",
     "noise": "noise, gains and speeds in the tests, trained clean and with noise",
-    "related": "networks that the paper names as related work",
     "augmentation": "every filler of the scarce cell, by the number of synthetic windows",
     "unseen-pressure": "no fault was ever measured at the test's pressure: filled by twins, and not",
     "fair-test": "calibrated twins with the law of the recess against nominal ones (docs/bench/fair-test.md)",
@@ -69,13 +66,6 @@ class Size(StrEnum):
     paper = "paper"
 
 
-class Recipe(StrEnum):
-    """Whose network and counts."""
-
-    ours = "ours"
-    paper = "paper"
-
-
 class Device(StrEnum):
     """Where networks are trained."""
 
@@ -103,9 +93,6 @@ def study(
             "hours; paper: 200 epochs, every sample a step, weeks of a CPU."
         ),
     ] = Size.quick,
-    recipe: Annotated[
-        Recipe, typer.Option(help="Our network and settings, or the paper's, in the paper's seven studies.")
-    ] = Recipe.ours,
     seeds: Annotated[str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')] = "0",
     settings: Annotated[
         list[str] | None,
@@ -142,7 +129,7 @@ def study(
         if name == "paper":
             answer = _run_paper(work, size.value, pairs)
         else:
-            result = run_study(name, source, work=work, size=size.value, recipe=recipe.value, settings=pairs)
+            result = run_study(name, source, work=work, size=size.value, settings=pairs)
     if name == "paper":
         tell(answer, as_json, lambda: say("\n".join([*answer["answer"], f"Report: {answer['report']}"])))
         return

@@ -1,7 +1,6 @@
-"""Fillers of scarce cells: the protocol, their names, the measured windows a filler draws from and its result."""
+"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its result."""
 
 import math
-from importlib.metadata import entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -40,37 +39,6 @@ class Filler(Protocol):
             There are no measured windows to make them from.
         """
         ...
-
-
-FILLERS: dict[str, Filler] = {}
-"""Fillers by name, those of installed packages once they were asked for; `register_filler` adds one."""
-_ENTRY_POINTS = "swashtwin.fillers"
-
-
-def register_filler(name: str, filler: Filler) -> None:
-    """Add a filler under a name by which the studies find it.
-
-    A package can have it added automatically, by an entry point `name` of the group ``swashtwin.fillers`` that points
-    at `filler`.
-
-    Raises
-    ------
-    InputError
-        The name is taken, or the filler cannot be called.
-    """
-    if not isinstance(filler, Filler):
-        raise InputError(f"filler {name!r} is {filler!r}, which cannot be called; see Filler.")
-    if name in FILLERS:
-        raise InputError(f"a filler named {name!r} is registered already; choose another name.")
-    FILLERS[name] = filler
-
-
-def has_filler(name: str) -> bool:
-    """Whether a filler has this name, be it registered or offered by the entry point of a package."""
-    if name not in FILLERS:
-        for entry in entry_points(group=_ENTRY_POINTS, name=name):
-            register_filler(name, entry.load())
-    return name in FILLERS
 
 
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:

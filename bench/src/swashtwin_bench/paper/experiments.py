@@ -130,7 +130,7 @@ def run_paper(
         if name == "identification":
             results[IDENTIFICATION] = run_identification(work, size, fleets(work.out, rig, RIG_VERSION, work))
             continue
-        plan = plan_of(name, size, PAPER)
+        plan = plan_of(f"{PAPER_STUDY}{name}", size)
         sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
         if not sets and chosen.training_sets and len(plan.training_sets) > 1:
             raise InputError(f"no training set {chosen.training_sets[0]!r}; there are {', '.join(plan.training_sets)}.")

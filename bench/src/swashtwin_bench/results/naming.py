@@ -13,9 +13,6 @@ TRAINING_SETS = {
 
 CLASSIFIERS = {
     "spectral_bitcn": "BiTCN on levels (ours)",
-    "spectral_ordinary": "A: ordinary convolution (ours)",
-    "spectral_no_attention": "B: no squeeze-and-excitation (ours)",
-    "spectral_forward": "C: forward branch only (ours)",
     "spectral_noise": "BiTCN on levels (ours), new noise in every epoch",
     "chosen": "chosen in training (ours)",
     "levels": "level network (ours)",
@@ -24,9 +21,6 @@ CLASSIFIERS = {
     "paper_ordinary": "A: ordinary convolution (the paper's)",
     "paper_no_attention": "B: no squeeze-and-excitation (the paper's)",
     "paper_forward": "C: forward branch only (the paper's)",
-    "bitcn_ordinary": "A: ordinary convolution, stride 16",
-    "bitcn_no_attention": "B: no squeeze-and-excitation, stride 16",
-    "bitcn_forward": "C: forward branch only, stride 16",
     "tcn": "TCN",
     "lstm": "LSTM",
     "bilstm": "BiLSTM",

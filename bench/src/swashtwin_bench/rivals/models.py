@@ -23,7 +23,6 @@ from swashtwin.learning import (
     fit,
     fit_chosen,
 )
-from swashtwin_bench.rivals.ablations import ABLATIONS
 from swashtwin_bench.rivals.baselines import ON_FEATURES, UNSCALED
 
 
@@ -74,23 +73,15 @@ TRAINING: Mapping[str, TrainingSettings] = {
 """How every network is trained, by size. Both scale by the training set's deviation, so that the level, which a
 condition changes, is kept."""
 
-ABLATED: Mapping[str, Mapping[str, Any]] = {
-    "spectral_ordinary": {"causal": False},
-    "spectral_no_attention": {"attention": False},
-    "spectral_forward": {"bidirectional": False},
-}
-"""Our network without one of its parts: the paper's three ablations."""
 
 NOISY = "spectral_noise"
 """Our network trained in twice the epochs with noise down to 0 dB, new in each epoch, on half the windows."""
 
 
 def _models(size: str) -> dict[str, Model]:
-    every = dict.fromkeys([*NETWORKS, *(ablation.name for ablation in ABLATIONS)])
-    names = [name for name in every if name not in ON_FEATURES]
+    names = [name for name in NETWORKS if name not in ON_FEATURES]
     return {
-        **{name: Model(name, BITCN if name.startswith("bitcn") else {}, TRAINING[size]) for name in names},
-        **{name: Model(DEFAULT, settings, TRAINING[size]) for name, settings in ABLATED.items()},
+        **{name: Model(name, BITCN if name == "bitcn" else {}, TRAINING[size]) for name in names},
         NOISY: Model(DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)),
         CHOSEN: Model(CHOSEN),
         **{name: Model(name, {}, UNSCALED) for name in ON_FEATURES},
@@ -98,8 +89,7 @@ def _models(size: str) -> dict[str, Model]:
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network, our network without one of its parts or trained with
-noise, and ``chosen``, what a user gets who sets nothing."""
+"""Models by size and name: every network, ours with noise, and ``chosen``, what a user gets who sets nothing."""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:

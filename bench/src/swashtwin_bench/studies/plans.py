@@ -29,7 +29,7 @@ from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.rigs.fleet import PAPER_RECESS
 from swashtwin_bench.rigs.writing import DEEP_VERSION
-from swashtwin_bench.rivals.models import ABLATED, CHOSEN, DEFAULT, MODELS, NOISY, Model, models_of
+from swashtwin_bench.rivals.models import CHOSEN, DEFAULT, MODELS, NOISY, Model, models_of
 from swashtwin_bench.studies.perturbations import Perturbation, noises
 from swashtwin_bench.studies.plan import Plan
 from swashtwin_bench.studies.scenario import RANDOM_WINDOWS, Scenario
@@ -84,9 +84,9 @@ PATCH = 16
 
 NETWORKS: dict[str, tuple[str, Mapping[str, Any]]] = {
     MAIN: ("bitcn", {}),
-    "paper_ordinary": ("bitcn_ordinary", {}),
-    "paper_no_attention": ("bitcn_no_attention", {}),
-    "paper_forward": ("bitcn_forward", {}),
+    "paper_ordinary": ("bitcn", {"causal": False}),
+    "paper_no_attention": ("bitcn", {"attention": False}),
+    "paper_forward": ("bitcn", {"bidirectional": False}),
     **{name: (name, {}) for name in ("tcn", "lstm", "bilstm", "bigru", "autoencoder", "sensor_graph")},
 }
 """Kind and settings of each network that the paper trains or cites; all defaults are our reading."""
@@ -151,12 +151,12 @@ def case_two(size: str, recipe: str) -> Plan:
     return plan if recipe == OURS else _with_random_windows(plan)
 
 
-def recess(size: str, recipe: str) -> Plan:
-    """Case I with the paper's recess of 0.6 mm, which the twins simulate too.
+def recess(size: str) -> Plan:
+    """Case I with the paper's recess of 0.6 mm, which the twins simulate too, by the paper's recipe.
 
     Trees on features, which keep the level, stand beside the network, whose windows are scaled one by one.
     """
-    plan = _like_case_one(size, recipe, "recess", "Case I with the paper's recess of 0.6 mm")
+    plan = _like_case_one(size, PAPER, "recess", "Case I with the paper's recess of 0.6 mm")
     return replace(
         plan,
         rig=DEEP_VERSION,
@@ -168,22 +168,20 @@ def recess(size: str, recipe: str) -> Plan:
 def algorithms(size: str, recipe: str) -> Plan:
     """The networks that the paper compares, trained repeatedly on the same data; by our recipe every classifier there
     is, on fleets."""
-    others = (name for name in MODELS["quick"] if name not in (*ABLATED, NOISY) and not name.startswith("bitcn_"))
+    others = (name for name in MODELS["quick"] if name != NOISY)
     names = dict.fromkeys((DEFAULT, *others))  # the first is the one that others are compared with
     plan = _calibrated(size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names)
     return plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
 
 
-def ablation(size: str, recipe: str) -> Plan:
-    """The network without one of its parts on Case I's calibrated training set."""
-    title = "Ablation: BiTCN without one of its parts"
-    return _calibrated(size, recipe, "ablation", title, (DEFAULT, *ABLATED))
+def ablation(size: str) -> Plan:
+    """The paper's network without one of its parts on Case I's calibrated training set."""
+    return _calibrated(size, PAPER, "ablation", "Ablation: BiTCN without one of its parts")
 
 
-def related(size: str, recipe: str) -> Plan:
+def related(size: str) -> Plan:
     """Networks that the paper names as related work, on Case I's calibrated training set."""
-    names = (DEFAULT, "autoencoder", "sensor_graph", "cnn_lstm")
-    return _calibrated(size, recipe, "related", "Networks that the paper names as related work", names)
+    return _calibrated(size, PAPER, "related", "Networks that the paper names as related work")
 
 
 def noise(size: str, recipe: str) -> Plan:
@@ -298,7 +296,7 @@ def _like_case_one(size: str, recipe: str, study: str, title: str, **changes: An
     return replace(plan, **changes)
 
 
-def _calibrated(size: str, recipe: str, study: str, title: str, ours: Iterable[str]) -> Plan:
+def _calibrated(size: str, recipe: str, study: str, title: str, ours: Iterable[str] = ()) -> Plan:
     """Case I's calibrated training set, learned by several classifiers: `ours`, or those of the paper."""
     models = models_of(size, ours) if recipe == OURS else _networks(size, CLASSIFIERS[study])
     sets = {"calibrated": PAPER_TRAINING_SETS["calibrated"]}
@@ -317,49 +315,38 @@ def _networks(size: str, names: Iterable[str]) -> dict[str, Model]:
     return models
 
 
-OF_BOTH_RECIPES: Mapping[str, Callable[[str, str], Plan]] = MappingProxyType(
-    {
-        "case1": case_one,
-        "case2": case_two,
-        "recess": recess,
-        "algorithms": algorithms,
-        "ablation": ablation,
-        "noise": noise,
-        "related": related,
-    }
-)
-"""The paper's studies, which can be run by its recipe or by ours."""
-
-
 def _by(plan: Callable[[str, str], Plan], recipe: str) -> Callable[[str], Plan]:
     return lambda size: plan(size, recipe)
 
 
+_OF_BOTH = {"case1": case_one, "case2": case_two, "algorithms": algorithms, "noise": noise}
+
 PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {
-        **{name: _by(plan, OURS) for name, plan in OF_BOTH_RECIPES.items()},
+        **{name: _by(plan, OURS) for name, plan in _OF_BOTH.items()},
         "augmentation": augmentation,
         "unseen-pressure": unseen_pressure,
         "fair-test": fair_test,
-        **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in OF_BOTH_RECIPES.items()},
+        **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in _OF_BOTH.items()},
+        f"{PAPER_STUDY}recess": recess,
+        f"{PAPER_STUDY}ablation": ablation,
+        f"{PAPER_STUDY}related": related,
     }
 )
-"""Plan of each study, by its name and the name of a size."""
+"""Plan of each study, by its name and the name of a size; those by the paper's recipe begin with `PAPER_STUDY`."""
 
 
-def plan_of(study: str, size: str = "quick", recipe: str = OURS) -> Plan:
-    """Plan of a study by its name, a size and a recipe.
+def plan_of(study: str, size: str = "quick") -> Plan:
+    """Plan of a study by its name and a size.
 
     Raises
     ------
     InputError
-        There is none of that name, size or recipe.
+        There is none of that name or size.
     """
-    name = study if recipe == OURS else f"{PAPER_STUDY}{study}"
-    sizes = SIZES[PAPER if name.startswith(PAPER_STUDY) else OURS]
-    if name not in PLANS:
-        names = PLANS if recipe == OURS else OF_BOTH_RECIPES
-        raise InputError(f"no study {study!r} by the recipe {recipe!r}; studies are {', '.join(names)}.")
+    if study not in PLANS:
+        raise InputError(f"no study {study!r}; there are {', '.join(PLANS)}.")
+    sizes = SIZES[PAPER if study.startswith(PAPER_STUDY) else OURS]
     if size not in sizes:
         raise InputError(f"{study} has no size {size!r}; its sizes are {', '.join(sizes)}.")
-    return PLANS[name](size)
+    return PLANS[study](size)

@@ -22,7 +22,7 @@ from swashtwin_bench.questions.zero_shot import ZeroShotSettings, zero_shot
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable
 from swashtwin_bench.studies.plan import Plan, PlanSettings
-from swashtwin_bench.studies.plans import OURS, PLANS, plan_of
+from swashtwin_bench.studies.plans import PLANS, plan_of
 from swashtwin_bench.studies.runner import fleets, run_plan
 
 
@@ -65,7 +65,6 @@ def run_study(
     *,
     work: Work | None = None,
     size: str = "quick",
-    recipe: str = OURS,
     settings: Mapping[str, Any] | None = None,
 ) -> StudyTable:
     """What came out of a study.
@@ -77,13 +76,12 @@ def run_study(
         None takes the virtual rig, a fleet for each seed, which a plan keeps in the folder of `work`.
     work : seeds, processes, and the folder of what is finished.
     size : of a plan.
-    recipe : ``"ours"`` or ``"paper"``, of a plan that the paper has.
     settings : what is set of it, by name: values, or texts as on a command line.
 
     Raises
     ------
     InputError
-        There is no such study, size, recipe or setting, or what it reads is not given.
+        There is no such study, size or setting, or what it reads is not given.
     """
     started, work = time.perf_counter(), work or Work()
     if name in QUESTIONS:
@@ -99,7 +97,7 @@ def run_study(
             given = (source,) if question.reads == "folder" else (list(load_recordings(source)),)
         study = question.run(work, chosen, *given)
     else:
-        plan = _plan(name, size, recipe).with_settings(read_settings(PlanSettings, settings or {}, name))
+        plan = _plan(name, size).with_settings(read_settings(PlanSettings, settings or {}, name))
         if source is not None:
             study = run_plan(plan, list(load_recordings(source)), work)
         elif work.out is None:
@@ -109,10 +107,10 @@ def run_study(
     return replace(study, wall_s=time.perf_counter() - started, command=work.command or study.command)
 
 
-def _plan(name: str, size: str, recipe: str) -> Plan:
+def _plan(name: str, size: str) -> Plan:
     if name not in PLANS:
         raise InputError(f"no study {name!r}; there are {', '.join((*PLANS, *QUESTIONS))}.")
-    return plan_of(name, size, recipe)
+    return plan_of(name, size)
 
 
 def read_settings(kind: Callable[..., Any], given: Mapping[str, Any], study: str) -> Any:

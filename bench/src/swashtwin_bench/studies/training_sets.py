@@ -15,7 +15,7 @@ from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
 from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score
-from swashtwin_bench.fillers.filler import Filler, has_filler
+from swashtwin_bench.fillers.filler import Filler
 from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.studies.dataset import StudyDataset
@@ -37,7 +37,7 @@ class TrainingSet:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
-    """A name in `TWINS` or in `fillers.filler.FILLERS`, or None for nothing."""
+    """A name in `TWINS` or in `FILLERS`, or None for nothing."""
     every_class: bool = False
     """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
     trap, for then "synthetic" tells no class."""
@@ -60,7 +60,7 @@ class TrainingSet:
         """
         filler = None
         if self.by is not None:
-            filler = repr(FILLERS[self.by] if has_filler(self.by) else self.variation)
+            filler = repr(FILLERS.get(self.by, self.variation))
         table = {**asdict(self), "filler": filler}
         del table["stated_prior"]  # the filler's spreads tell it
         if self.every_class:
@@ -127,7 +127,7 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
 
 
 def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Filler:
-    if training_set.by is not None and has_filler(training_set.by):
+    if training_set.by is not None and training_set.by in FILLERS:
         return FILLERS[training_set.by]
     if training_set.by not in TWINS:
         raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")

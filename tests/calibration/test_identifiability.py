@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from twin_recordings import SIX_VALUES
+from twin_recordings import SIX_VALUES, with_amplitudes
 
 from swashtwin.calibration import (
     GaussNewton,
@@ -67,7 +67,7 @@ def point(objective: Objective) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def posterior(objective: Objective, point: np.ndarray) -> Posterior:
-    return Posterior(objective.unknowns, objective.channels, point, posterior_covariance(objective, point))
+    return Posterior(objective.unknowns, point, posterior_covariance(objective, point))
 
 
 @pytest.mark.parametrize("film", ["paper", "thick"])
@@ -75,11 +75,11 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
     base = replace(twin if film == "paper" else thick, bandwidth=1100)
     objective = objective_for(base, base, band=1000)
     truth = objective.unknowns.start
-    clean = objective.with_observables(objective.observables(objective.start).detach().numpy())
+    clean = with_amplitudes(objective, objective.observables(objective.start).detach().numpy())
     is_held, is_far = [], []
     for index in range(20):
         noise = clean.sigma.numpy() * stream(0, "coverage", index).standard_normal(len(clean.sigma))
-        noisy = objective.with_observables(np.abs(clean.measured.numpy() + noise))
+        noisy = with_amplitudes(objective, np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
         for estimate, true in zip(estimates_of(noisy, point, posterior_covariance(noisy, point)), truth, strict=False):
             if estimate.verdict == "identified":

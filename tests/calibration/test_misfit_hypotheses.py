@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from twin_recordings import SIX_VALUES, recording_of, worn_twin
+from twin_recordings import SIX_VALUES, recording_of, with_amplitudes, worn_twin
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
@@ -125,7 +125,7 @@ def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin
     covariance = posterior_covariance(objective, start)
     assert "identified" in [estimate.verdict for estimate in estimates_of(objective, start, covariance)]
     factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
-    scattered = objective.with_observables(objective.measured.numpy() * factor)
+    scattered = with_amplitudes(objective, objective.measured.numpy() * factor)
     assert misfit_of(scattered, start) > MISFIT
     assert "identified" not in [estimate.verdict for estimate in estimates_of(scattered, start, covariance)]
     point = QUICK.search(scattered, seed=0).point

@@ -70,7 +70,7 @@ def test_the_sensitivities_are_those_of_central_differences(twin: Twin, nuisance
     step = 1e-5
     for i in range(len(point)):
         shift = step * torch.eye(len(point), dtype=torch.float64)[i]
-        difference = objective.amplitude(point + shift) - objective.amplitude(point - shift)
+        difference = objective.observables(point + shift) - objective.observables(point - shift)
         torch.testing.assert_close(slope[:, i], difference / (2 * step), rtol=1e-6, atol=1e-7)
 
 

@@ -243,8 +243,7 @@ def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
     space = fault_space(GrooveErosion(deg(5)))
     problem = _TwoMinima(2.0)
     verdicts = [
-        _severity(space, np.array([0.8]), (None, 1.5), problem, 0.15, is_there=is_there).verdict
-        for is_there in (True, False)
+        _severity(space, np.array([0.8]), (None, 1.5), problem, is_there=is_there).verdict for is_there in (True, False)
     ]
     assert verdicts == ["not identified", "not detected"]
 

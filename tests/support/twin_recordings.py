@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration import Nuisances
+from swashtwin.calibration import Nuisances, Objective
 from swashtwin.foundation import mm
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
@@ -28,3 +28,10 @@ def recording_of(twin: Twin, factors: np.ndarray = DAMPER, *, seed: int = 0, snr
     true = twin.with_interfaces(Interfaces.from_values(twin.values.numpy() * factors))
     recording = true.simulate(1.3, 6400.0, phase=1.0 + seed, recording_id=f"rec-{seed}")
     return replace(recording, signal=add_noise(recording.signal, snr_db, seed))
+
+
+def with_amplitudes(objective: Objective, amplitudes: np.ndarray) -> Objective:
+    """The objective of one comparison without phases, with `amplitudes` as the measured ones."""
+    (comparison,) = objective.comparisons
+    measurement = replace(comparison.measurement, amplitude=amplitudes.reshape(comparison.measured.shape))
+    return replace(objective, comparisons=(replace(comparison, measurement=measurement),))

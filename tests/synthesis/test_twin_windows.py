@@ -149,7 +149,7 @@ def posterior(twin: Twin) -> Posterior:
     """All six values within 20 %, the mounting and the sensors within their priors."""
     unknowns = unknowns_of(twin, twin.pump.channels, search_space(twin), Nuisances.usual(gains=0.1))
     deviation = np.where(np.arange(len(unknowns)) < 6, 0.2, unknowns.deviation)
-    return Posterior(unknowns, twin.pump.channels, unknowns.start, np.diag(deviation**2))
+    return Posterior(unknowns, unknowns.start, np.diag(deviation**2))
 
 
 def test_windows_of_a_posterior_are_those_of_its_draws(twin: Twin, measured: WindowSet, posterior: Posterior) -> None:
@@ -196,7 +196,12 @@ def test_a_calibration_and_a_fault_are_enough(calibration: Calibration, measured
     elsewhere = synthesize(calibration, None, count=2, like=measured, pressure=MPa(5))
     np.testing.assert_array_equal(elsewhere.discharge_pressure, MPa(5))
     assert not any("the calibration read" in note for note in windows.notes)
-    of_one = replace(calibration, posterior=replace(calibration.posterior, channels=("cover_z",)))
+    of_one = replace(
+        calibration,
+        posterior=replace(
+            calibration.posterior, unknowns=replace(calibration.posterior.unknowns, channels=("cover_z",))
+        ),
+    )
     noted = synthesize(of_one, fault, count=1, like=measured, values="nominal").notes[-1]
     assert noted.startswith(
         "the calibration read cover_z, and not body_y, body_x, whose gains are those of the pump file"

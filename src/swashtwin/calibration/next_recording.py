@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
 from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, with_channel
+from swashtwin.calibration.objective.unknowns import VALUES
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.uncertainty.discrepancy import (
     Linearization,
@@ -203,10 +203,11 @@ class _Forecast:
         measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]
         around = linearize(Objective(tuple(measured), self.space, self.unknowns), self.point)
         self._discrepancy = estimate_discrepancy(around)
-        for name in dict.fromkeys(name for names in sets for name in names):
-            if name not in self.channels:
-                self.unknowns, self.point = with_channel(self.unknowns, self.point, name)
-                self.channels = (*self.channels, name)
+        further = [name for names in sets for name in names if name not in self.channels]
+        self.channels = (*self.channels, *dict.fromkeys(further))
+        self.unknowns = posterior.unknowns.changed(self.channels)
+        self.point = self.unknowns.center.copy()
+        self.point[[self.unknowns.names.index(name) for name in posterior.unknowns.names]] = posterior.point
 
     def around(self, name: str) -> list[float]:
         """`FACTORS` on the mean speed or discharge pressure, none above the pump's rating and all that was run."""

@@ -126,7 +126,7 @@ def calibrate(
     misfit = misfit_of(objective, search.point)
     covariance = posterior_covariance(objective, search.point)
     estimates = estimates_of(objective, search.point, covariance)
-    posterior = Posterior(objective.unknowns, objective.channels, search.point, covariance)
+    posterior = Posterior(objective.unknowns, search.point, covariance)
     calibrated = posterior.twin_at(twins[0], search.point)
     measurements = [comparison.measurement for comparison in objective.comparisons]
     used = [recording for measurement in measurements for recording in measurement.recordings]

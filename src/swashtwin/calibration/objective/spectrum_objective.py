@@ -145,15 +145,6 @@ class Comparison:
         weight = self.sigma[:, : len(self._orders)] ** -2
         return _parts(turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
 
-    def with_observables(self, observables: Float[np.ndarray, " observable"]) -> "Comparison":
-        """The comparison with `observables` (channels one after the other) as the measured ones."""
-        rows = observables.reshape(self.measured.shape)
-        if self.measurement.phasor is None:
-            return replace(self, measurement=replace(self.measurement, amplitude=rows))
-        count = len(self.measurement.orders)
-        phasor = rows[:, :count] + 1j * rows[:, count:]
-        return replace(self, measurement=replace(self.measurement, phasor=phasor, amplitude=np.abs(phasor)))
-
     def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
         """Amplitudes [m/s^2] of `twin` with its own values where this comparison has lines; 0 where it is silent."""
         limited = replace(twin, bandwidth=self.twin.bandwidth)
@@ -223,19 +214,6 @@ class Objective:
         """Simulated observables [m/s^2], differentiable."""
         parts = [comparison.observables(self.unknowns, point, solver=solver) for comparison in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
-
-    def amplitude(
-        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch line"]:
-        """Simulated amplitudes [m/s^2], differentiable; these are the observables where phases are dropped."""
-        parts = [comparison.amplitude(self.unknowns, point, solver=solver) for comparison in self.comparisons]
-        return torch.cat([part.flatten(-2) for part in parts], dim=-1)
-
-    def with_observables(self, observables: Float[np.ndarray, " observable"]) -> "Objective":
-        """The objective with `observables` as the measured ones."""
-        ends = np.cumsum([comparison.measured.numel() for comparison in self.comparisons])[:-1]
-        pairs = zip(self.comparisons, np.split(observables, ends), strict=True)
-        return replace(self, comparisons=tuple(comparison.with_observables(part) for comparison, part in pairs))
 
     def spectrum_loss(
         self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None

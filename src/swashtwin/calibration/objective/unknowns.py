@@ -168,6 +168,12 @@ class Nuisances:
 class Unknowns:
     """Coordinates of a search, the six logarithms of the values first."""
 
+    nuisances: Nuisances
+    """Widths of the priors of the constants."""
+    channels: tuple[str, ...]
+    """Channels of the measurement."""
+    twin_scales: Float[np.ndarray, " 11"]
+    """Logarithms of the twin's scales, used where a scale is not searched."""
     names: tuple[str, ...]
     """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the others."""
     start: Float[np.ndarray, " unknown"]
@@ -180,19 +186,6 @@ class Unknowns:
     """Least coordinates."""
     upper: Float[np.ndarray, " unknown"]
     """Greatest coordinates."""
-    twin_scales: Float[np.ndarray, " 11"]
-    """Logarithms of the twin's scales, used where a scale is not searched."""
-    scales: tuple[str, ...]
-    """Scales that are searched; their coordinates follow the values."""
-    n_channels: int
-    """Channels of the measurement."""
-    has_gains: bool
-    """Whether each channel's gain is searched; these coordinates follow the scales."""
-    modes: int
-    """Modes of the housing: frequencies, damping ratios and residues are the last coordinates."""
-
-    n_cross_talk: int = 0
-    """Shares that channels read of others, which follow the gains: in pairs of `_pairs`."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -202,14 +195,29 @@ class Unknowns:
         return len(PARAMETERS) + self.scales.index(name)
 
     @property
+    def scales(self) -> tuple[str, ...]:
+        """Scales that are searched; their coordinates follow the values."""
+        return tuple(name for name in SCALES if self.nuisances.of_scale(name) > 0)
+
+    @property
+    def cross_talk(self) -> list[tuple[int, int]]:
+        """Pairs (channel that reads, channel that it reads of) whose shares are searched; they follow the gains."""
+        return _pairs(len(self.channels)) if self.nuisances.cross_talk > 0 else []
+
+    @property
     def first_of_path(self) -> int:
-        """Where the gains and modes of the sensors' path begin."""
+        """Where the gains, if they are searched, and the rest of the sensors' path begin."""
         return len(PARAMETERS) + len(self.scales)
 
     @property
     def first_of_modes(self) -> int:
-        """Where the modes of the housing begin, after the gains and the cross-talk."""
-        return self.first_of_path + self.n_channels * self.has_gains + self.n_cross_talk
+        """Where the modes of the housing begin: frequencies, damping ratios, residues."""
+        return self.first_of_path + len(self.channels) * (self.nuisances.gains > 0) + len(self.cross_talk)
+
+    def changed(self, channels: tuple[str, ...] | None = None, **nuisances: Any) -> "Unknowns":
+        """The same values with other channels, or other constants searched beside them."""
+        rows = {name: getattr(self, name)[VALUES] for name in ("start", "center", "deviation", "lower", "upper")}
+        return _with_constants(rows, self.twin_scales, channels or self.channels, replace(self.nuisances, **nuisances))
 
     def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
         """The six values at `point`."""
@@ -227,55 +235,53 @@ class Unknowns:
         self, point: Float[Tensor, "*batch unknown"], frequency: Float[Tensor, " line"]
     ) -> Complex[Tensor, "*batch channel line"] | None:
         """Response between the shell and each channel at `frequency` [Hz]; None where it is not searched."""
-        if not self.has_gains and not self.modes:
+        if not self.nuisances.gains and not self.nuisances.modes:
             return None
         return path_response(frequency, *self._path_of(point))
 
     def mixing_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch channel channel"] | None:
         """What each channel (row) reads of what an ideal one would (column); None where cross-talk is not searched."""
-        if not self.n_cross_talk:
+        if not (pairs := self.cross_talk):
             return None
-        rows, columns = zip(*_pairs(self.n_channels)[: self.n_cross_talk], strict=True)
-        shares = point.new_zeros(*point.shape[:-1], self.n_channels, self.n_channels)
-        last = self.first_of_modes
-        shares[..., rows, columns] = point[..., last - self.n_cross_talk : last]
-        return shares + torch.eye(self.n_channels, dtype=point.dtype, device=point.device)
+        count, last = len(self.channels), self.first_of_modes
+        rows, columns = zip(*pairs, strict=True)
+        shares = point.new_zeros(*point.shape[:-1], count, count)
+        shares[..., rows, columns] = point[..., last - len(pairs) : last]
+        return shares + torch.eye(count, dtype=point.dtype, device=point.device)
 
     def _path_of(self, point: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        ends = np.cumsum([self.first_of_modes, self.modes, self.modes])
+        count, n_modes = len(self.channels), self.nuisances.modes
+        ends = np.cumsum([self.first_of_modes, n_modes, n_modes])
         modes, damping = (point[..., a:b].exp() for a, b in pairwise(ends.tolist()))
-        gain = point[..., self.first_of_path : self.first_of_path + self.n_channels].exp()
-        if not self.has_gains:
-            gain = torch.ones(*point.shape[:-1], self.n_channels, dtype=point.dtype, device=point.device)
-        residue = point[..., int(ends[-1]) :].unflatten(-1, (self.n_channels, self.modes))
+        gain = point[..., self.first_of_path : self.first_of_path + count].exp()
+        if not self.nuisances.gains:
+            gain = torch.ones(*point.shape[:-1], count, dtype=point.dtype, device=point.device)
+        residue = point[..., int(ends[-1]) :].unflatten(-1, (count, n_modes))
         return gain, modes, damping, residue
 
     def scales_at(self, point: Float[np.ndarray, " unknown"]) -> Scales:
         """The same as a twin takes them."""
         return Scales(*self.scales_of(torch.as_tensor(point)).tolist())
 
-    def path_at(
-        self, point: Float[np.ndarray, " unknown"], channels: Sequence[str], sensors: Sequence[str]
-    ) -> SensorPath | None:
+    def path_at(self, point: Float[np.ndarray, " unknown"], sensors: Sequence[str]) -> SensorPath | None:
         """The path as a twin takes it; None where nothing of it is searched.
 
         Parameters
         ----------
-        channels : those of the measurement.
         sensors : those of the pump; one that was not measured is taken as rigid.
         """
-        if not self.has_gains and not self.modes and not self.n_cross_talk:
-            return None
-        at, row_of = torch.as_tensor(point), {name: row for row, name in enumerate(channels)}
-        gain, modes, damping, residue = (part.tolist() for part in self._path_of(at))
+        at, row_of = torch.as_tensor(point), {name: row for row, name in enumerate(self.channels)}
         mixing = self.mixing_of(at)
-        shares = [] if mixing is None else (mixing - torch.eye(len(channels))).tolist()
+        if not self.nuisances.gains and not self.nuisances.modes and mixing is None:
+            return None
+        gain, modes, damping, residue = (part.tolist() for part in self._path_of(at))
+        shares = [] if mixing is None else (mixing - torch.eye(len(self.channels))).tolist()
         rows = [row_of.get(name) for name in sensors]
         return SensorPath(
             gain=tuple(1.0 if row is None else gain[row] for row in rows),
             frequency=tuple(modes),
             damping_ratio=tuple(damping),
-            residue=tuple((0.0,) * self.modes if row is None else tuple(residue[row]) for row in rows),
+            residue=tuple((0.0,) * len(modes) if row is None else tuple(residue[row]) for row in rows),
             cross_talk=tuple(
                 tuple(0.0 if row is None or column is None else shares[row][column] for column in rows) for row in rows
             )
@@ -300,61 +306,43 @@ def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[
 
 def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisances: Nuisances) -> Unknowns:
     """Coordinates of calibrating `twin` on `channels` within `space`."""
-    twin_scales = np.log(twin.scales.values())
-    searched = tuple(name for name in SCALES if nuisances.of_scale(name) > 0)
-    pairs = _pairs(len(channels)) if nuisances.cross_talk > 0 else []
+    rows = {
+        "start": np.log(space.nominal),
+        "center": space.log_center,
+        "deviation": space.prior_std,
+        "lower": np.log(space.lower),
+        "upper": np.log(space.upper),
+    }
+    return _with_constants(rows, np.log(twin.scales.values()), tuple(channels), nuisances)
+
+
+def _with_constants(
+    values: Mapping[str, np.ndarray], twin_scales: np.ndarray, channels: tuple[str, ...], nuisances: Nuisances
+) -> Unknowns:
+    """Coordinates whose first six are those of `values`."""
     first, last = np.log(PATH_BAND)
     spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
     numbers = range(1, nuisances.modes + 1)
-    rows: list[tuple[str, float, float]] = [
-        (name, float(twin_scales[SCALES.index(name)]), nuisances.of_scale(name)) for name in searched
-    ]
+    pairs = _pairs(len(channels)) if nuisances.cross_talk > 0 else []
+    searched = ((name, float(value), nuisances.of_scale(name)) for name, value in zip(SCALES, twin_scales, strict=True))
+    rows: list[tuple[str, float, float]] = [row for row in searched if row[2] > 0]
     rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
     rows += [(f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk) for a, b in pairs]
     rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
     rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
     rows += [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
-    center = np.array([row[1] for row in rows])
-    deviation = np.array([row[2] for row in rows])
+    center, deviation = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     return Unknowns(
-        names=(*(LETTERS[name] for name in PARAMETERS), *(row[0] for row in rows)),
-        start=np.concatenate([np.log(space.nominal), center]),
-        center=np.concatenate([space.log_center, center]),
-        deviation=np.concatenate([space.prior_std, deviation]),
-        lower=np.concatenate([np.log(space.lower), center - REACH * deviation]),
-        upper=np.concatenate([np.log(space.upper), center + REACH * deviation]),
+        nuisances=nuisances,
+        channels=channels,
         twin_scales=twin_scales,
-        scales=searched,
-        n_channels=len(channels),
-        has_gains=nuisances.gains > 0,
-        modes=nuisances.modes,
-        n_cross_talk=len(pairs),
+        names=(*LETTERS.values(), *(row[0] for row in rows)),
+        start=np.concatenate([values["start"], center]),
+        center=np.concatenate([values["center"], center]),
+        deviation=np.concatenate([values["deviation"], deviation]),
+        lower=np.concatenate([values["lower"], center - REACH * deviation]),
+        upper=np.concatenate([values["upper"], center + REACH * deviation]),
     )
-
-
-def with_channel(unknowns: Unknowns, point: np.ndarray, channel: str) -> tuple[Unknowns, np.ndarray]:
-    """Coordinates with the gain and residues of one more channel, where those of the others are searched."""
-    names = list(unknowns.names)
-    rows = {name: list(getattr(unknowns, name)) for name in ("start", "center", "deviation", "lower", "upper")}
-    rows["point"] = list(point)
-
-    def insert(index: int, name: str, like: int) -> None:
-        names.insert(index, name)
-        for label, row in rows.items():
-            row.insert(index, 0.0 if label == "point" else row[like])
-
-    if unknowns.has_gains:
-        insert(unknowns.first_of_path + unknowns.n_channels, f"gain {channel}", unknowns.first_of_path)
-    shares = 2 * unknowns.n_channels if unknowns.n_cross_talk else 0
-    first = unknowns.first_of_modes + unknowns.has_gains
-    for number in range(shares):
-        insert(first + number, f"cross-talk {number + 1} of {channel}", first - 1)
-    for mode in range(1, unknowns.modes + 1):
-        insert(len(names), f"mode {mode} in {channel}", len(names) - 1)
-    moved = np.array(rows.pop("point"))
-    arrays: dict[str, Any] = {label: np.array(row) for label, row in rows.items()}
-    wider = replace(unknowns, n_channels=unknowns.n_channels + 1, n_cross_talk=unknowns.n_cross_talk + shares)
-    return replace(wider, names=tuple(names), **arrays), moved
 
 
 def _pairs(n_channels: int) -> list[tuple[int, int]]:

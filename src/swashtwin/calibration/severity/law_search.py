@@ -15,7 +15,7 @@ from swashtwin.calibration.severity.inversion import FACTORS, Inversion, Minimum
 from swashtwin.calibration.severity.law import FaultLaw
 from swashtwin.calibration.severity.severity import SeveritySettings
 from swashtwin.calibration.severity.severity_search import comparison_of_fault, invert
-from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, interval_around, verdict_of
+from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, estimated
 from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump, SwashPlateDefect, group_by_condition, is_same_class
@@ -172,18 +172,16 @@ def _estimate(
     name: str, unit: str, typical: float, value: float, std: float, prior: float, misfit: float = 0.0
 ) -> Estimate:
     """Estimate of an unknown of the law, in SI; the search reaches four deviations of its prior to both sides."""
-    low, high = math.log(typical) - 4 * prior, math.log(typical) + 4 * prior
-    std, bounds = min(std, prior), (math.exp(low), math.exp(high))
-    return Estimate(
-        name=f"law.{name}",
-        letter=name,
-        unit=unit,
+    return estimated(
+        f"law.{name}",
+        name,
+        unit,
         nominal=typical,
         value=value,
-        log_std=std,
-        interval=interval_around(value, std, bounds),
-        bounds=bounds,
-        verdict=verdict_of(math.log(value), std, prior, low, high, misfit > MISFIT),
+        log_std=min(std, prior),
+        prior_std=prior,
+        bounds=(typical * math.exp(-4 * prior), typical * math.exp(4 * prior)),
+        in_doubt=misfit > MISFIT,
     )
 
 

@@ -27,18 +27,14 @@ class SeveritySettings:
     drift: float = 0.15
     """Standard deviation by which the logarithm of each interface value may have moved since the healthy calibration
     [an estimate of ours], beside half of what oil and pressure are expected to move it by."""
-    law: float | None = None
-    """Standard deviation of the logarithm of what a fault's law gives for its severity: by so much a severity in mm may
-    be off on every recording of a pump alike. It widens intervals; `repeatability` is without it. None: that of the
-    fault, from 0.08 for a clearance to 0.25 for a contact (`dimensions.SeveritySearch`)."""
     port_timing: float = deg(0.7)
     """Standard deviation of the shaft angle at which a port begins to open, from that of the pump file [rad]; an
     estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines is no sign of a fault."""
 
     def __post_init__(self) -> None:
-        for name in ("drift", "law", "port_timing"):
+        for name in ("drift", "port_timing"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value >= 0):
+            if not (math.isfinite(value) and value >= 0):
                 raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
 
 

@@ -179,7 +179,6 @@ def _under_one_law(
     without_fault[inversion.severity] = 0.0
     without_fault, height_without = inversion.descend(without_fault, fixed=inversion.severity)
     covariance, deviation = inversion.deviations(point)
-    law = search_of(space.reference).law if settings.law is None else settings.law
     evidence = max(0.0, height_without - height)
     is_there = evidence > inversion.threshold
     further = _further(space, minima, inversion, is_there=is_there)
@@ -188,7 +187,7 @@ def _under_one_law(
     limit = inversion.detection_limit(without_fault)
     if not is_there:  # a fault up to the detection limit could have been missed
         ends = None, ends[1] if ends[1] is None or limit is None else max(ends[1], limit)
-    dimensions = (_severity(space, point, ends, inversion, law, is_there=is_there), *further)
+    dimensions = (_severity(space, point, ends, inversion, is_there=is_there), *further)
     if calibration.is_in_doubt:
         dimensions = tuple(
             replace(item, verdict="weak") if item.verdict == "identified" else item for item in dimensions
@@ -324,12 +323,12 @@ def _severity(
     point: np.ndarray,
     ends: Ends,
     inversion: Inversion,
-    law: float,
     *,
     is_there: bool,
 ) -> DimensionEstimate:
     """The severity with the interval of its profiles, widened by the error of the fault's law."""
     below, above = ends
+    law = search_of(space.reference).law
     relative, typical = float(point[inversion.severity]), space.reference.severity
     most = float(inversion.upper[inversion.severity])
     low, high = (below or 0.0) if is_there else 0.0, most if above is None else above

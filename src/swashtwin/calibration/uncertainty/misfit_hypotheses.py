@@ -22,7 +22,7 @@ from jaxtyping import Float
 from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import REACH, SCALES, Nuisances, Unknowns
+from swashtwin.calibration.objective.unknowns import SCALES, Nuisances, Unknowns
 from swashtwin.calibration.uncertainty.posterior import is_in_doubt, misfit_of
 from swashtwin.physics import Topology
 
@@ -36,7 +36,7 @@ eight mistakes tried, once in a thousand cases."""
 ALIKE = 1.15
 """Mistakes that leave up to this factor of the least misfit are suspected as well: the lines do not distinguish
 them."""
-WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, gains=1.5)
+WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, mount_axes=0.5, each_bearing=0.5, gains=1.5)
 """Priors of constants that may be wrong by mistake: wider than the usual ones."""
 AWAY = {
     "mount": (-0.5, 0.0, 0.5),
@@ -144,14 +144,15 @@ def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypo
 
 def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     """Each direction of the mounting, or each bearing, searched by itself where it was not."""
-    for kind in ("mount_", "bearing_"):
-        names = tuple(name for name in SCALES if name.startswith(kind))
-        if names[0] in objective.unknowns.scales:
+    for kind, prefix in (("mount_axes", "mount_"), ("each_bearing", "bearing_")):
+        if getattr(objective.unknowns.nuisances, kind) > 0:
             continue
-        unknowns = _freed(objective.unknowns, names, 0.0, getattr(WIDE, kind.strip("_")))
+        unknowns = objective.unknowns.changed(**{kind: getattr(WIDE, kind)})
         point, misfit = _refit(replace(objective, unknowns=unknowns))
-        offs = {name: float(point[unknowns.names.index(name)]) for name in names}
-        words = [f"{words_of_constant(n)} is {np.exp(x):.2g} times the twin's" for n, x in offs.items() if abs(x) > 0.1]
+        offs = {
+            n: float(x) for n, x in zip(unknowns.names, point, strict=True) if n.startswith(prefix) and abs(x) > 0.1
+        }
+        words = [f"{words_of_constant(name)} is {np.exp(off):.2g} times the twin's" for name, off in offs.items()]
         if words:
             yield MisfitHypothesis(f"{', '.join(words)}: search each (--set nuisances=by-axis)", misfit, before)
 
@@ -176,7 +177,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         if name == "excitation" and objective.twin.fault is None:
             continue
         twin_value = float(objective.unknowns.twin_scales[SCALES.index(name)])
-        unknowns = _freed(objective.unknowns, (name,), twin_value, getattr(WIDE, name))
+        unknowns = objective.unknowns.changed(**{name: getattr(WIDE, name)})
         index = unknowns.names.index(name)
         is_it = np.arange(len(unknowns)) == index
         starts = [replace(unknowns, start=np.where(is_it, twin_value + away, unknowns.start)) for away in AWAY[name]]
@@ -193,10 +194,9 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
     channels = objective.channels
     if len(channels) < 2:
         return
-    names = tuple(f"gain {name}" for name in channels)
-    unknowns = _freed(objective.unknowns, names, 0.0, WIDE.gains)
+    unknowns = objective.unknowns.changed(gains=WIDE.gains)
     point, misfit = _refit(replace(objective, unknowns=unknowns))
-    gains = np.exp([point[unknowns.names.index(name)] for name in names])
+    gains = np.exp([point[unknowns.names.index(f"gain {name}")] for name in channels])
     index = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     factor = float(gains[index] / np.median(gains))
     unit = IN_G if _is_gravity(factor) else ""
@@ -212,23 +212,3 @@ def _start(searched: Unknowns, unknowns: Unknowns, point: np.ndarray) -> np.ndar
 def _is_gravity(factor: float) -> bool:
     """Whether samples that are `factor` times too large may be in g."""
     return abs(factor * GRAVITY - 1) < 0.3
-
-
-def _freed(unknowns: Unknowns, names: tuple[str, ...], center: float, wide: float) -> Unknowns:
-    """`unknowns` with constants of one kind (scales, or gains) searched under wide priors, also those that were."""
-    missing = tuple(name for name in names if name not in unknowns.names)
-    are_gains = names[0].startswith("gain ")
-    index = unknowns.first_of_path
-    rows = {name: getattr(unknowns, name) for name in ("start", "center", "deviation", "lower", "upper")}
-    rows = {name: np.insert(row, index, np.full(len(missing), center)) for name, row in rows.items()}
-    freed = replace(
-        unknowns,
-        names=(*unknowns.names[:index], *missing, *unknowns.names[index:]),
-        scales=unknowns.scales if are_gains else (*unknowns.scales, *missing),
-        has_gains=unknowns.has_gains or are_gains,
-        **rows,
-    )
-    for place in (freed.names.index(name) for name in names):
-        freed.deviation[place] = wide
-        freed.lower[place], freed.upper[place] = center - REACH * wide, center + REACH * wide
-    return freed

@@ -119,25 +119,46 @@ def estimates_of(
     values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
-    estimates = []
-    for i, name in enumerate(PARAMETERS):
-        partner = int(np.argmax(correlation[i]))
-        low, high = float(np.log(space.lower[i])), float(np.log(space.upper[i]))
-        estimates.append(
-            Estimate(
-                name=name,
-                letter=LETTERS[name],
-                unit="N*s/m" if name.endswith("damping") else "N/m",
-                nominal=float(space.nominal[i]),
-                value=float(values[i]),
-                log_std=float(std[i]),
-                interval=interval_around(float(values[i]), float(std[i]), (space.lower[i], space.upper[i])),
-                bounds=(float(space.lower[i]), float(space.upper[i])),
-                verdict=verdict_of(float(np.log(values[i])), float(std[i]), float(prior_std[i]), low, high, in_doubt),
-                traded_with=LETTERS[PARAMETERS[partner]] if correlation[i, partner] > 0.9 else None,
-            )
+    partners = np.argmax(correlation, axis=1)
+    return tuple(
+        estimated(
+            name,
+            LETTERS[name],
+            "N*s/m" if name.endswith("damping") else "N/m",
+            nominal=float(space.nominal[i]),
+            value=float(values[i]),
+            log_std=float(std[i]),
+            prior_std=float(prior_std[i]),
+            bounds=(float(space.lower[i]), float(space.upper[i])),
+            in_doubt=in_doubt,
+            traded_with=LETTERS[PARAMETERS[partners[i]]] if correlation[i, partners[i]] > 0.9 else None,
         )
-    return tuple(estimates)
+        for i, name in enumerate(PARAMETERS)
+    )
+
+
+def estimated(
+    name: str,
+    letter: str,
+    unit: str,
+    *,
+    nominal: float,
+    value: float,
+    log_std: float,
+    prior_std: float,
+    bounds: tuple[float, float],
+    in_doubt: bool,
+    traded_with: str | None = None,
+) -> Estimate:
+    """Estimate of a value whose logarithm had `prior_std` before, with its interval and verdict."""
+    low, high = np.log(bounds)
+    verdict: Verdict = "identified" if log_std <= IDENTIFIED_STD and not in_doubt else "weak"
+    if min(math.log(value) - low, high - math.log(value)) < BOUND_MARGIN * (high - low):
+        verdict = "at bound"
+    elif log_std > UNIDENTIFIED_SHARE * prior_std:
+        verdict = "not identified"
+    interval = interval_around(value, log_std, bounds)
+    return Estimate(name, letter, unit, nominal, value, log_std, interval, bounds, verdict, traded_with)
 
 
 def interval_around(value: float, log_std: float, bounds: tuple[float, float]) -> tuple[float, float]:
@@ -176,15 +197,6 @@ def misfit_of(objective: Objective, point: Float[np.ndarray, " unknown"]) -> flo
         return float(objective.weighted_loss(torch.as_tensor(point)))
 
 
-def verdict_of(center: float, std: float, prior_std: float, low: float, high: float, in_doubt: bool) -> Verdict:
-    """Verdict on a coordinate at `center`, searched from `low` to `high`."""
-    if min(center - low, high - center) < BOUND_MARGIN * (high - low):
-        return "at bound"
-    if std > UNIDENTIFIED_SHARE * prior_std:
-        return "not identified"
-    return "identified" if std <= IDENTIFIED_STD and not in_doubt else "weak"
-
-
 _TRIES = 200
 """Number of draws beyond the bounds after which the last one is put on the bound."""
 
@@ -195,8 +207,6 @@ class Posterior:
 
     unknowns: Unknowns
     """What was searched."""
-    channels: tuple[str, ...]
-    """Channels that were measured."""
     point: Float[np.ndarray, " unknown"]
     """Coordinates found."""
     covariance: Float[np.ndarray, "unknown unknown"]
@@ -205,10 +215,15 @@ class Posterior:
     def __repr__(self) -> str:
         return f"<Posterior: normal density of {', '.join(self.unknowns.names)}>"
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that were measured."""
+        return self.unknowns.channels
+
     def twin_at(self, twin: Twin, point: Float[np.ndarray, " unknown"]) -> Twin:
         """`twin` with the values, scales and sensor path of `point`."""
         values = Interfaces.from_values(np.exp(point[VALUES]))
-        path = self.unknowns.path_at(point, self.channels, twin.pump.channels)
+        path = self.unknowns.path_at(point, twin.pump.channels)
         moved = twin.with_interfaces(values, self.unknowns.scales_at(point))
         return moved if path is None else replace(moved, path=path)
 

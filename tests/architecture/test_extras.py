@@ -25,7 +25,6 @@ def test_the_base_install_lacks_networks_and_nothing_else() -> None:
     printed = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True).stdout
     assert set(printed.split()) == {
         *(f"foundation.{name}" for name in ("TorchStream", "compiled", "has_bfloat16_arithmetic")),
-        *(f"foundation.{name}" for name in ("optimizer_tensors", "restore_optimizer")),
         *(f"learning.{name}" for name in ("BiTCN", "Branch", "Network", "batches")),
         *("plot.excitation", "report.calibration_blocks", "report.verdict_counts"),  # of a twin
     }

@@ -10,14 +10,11 @@ from safetensors.numpy import load_file, save_file
 
 from swashtwin.foundation import (
     ArtifactError,
-    InputError,
     MissingFileError,
     parse_json,
     read_artifact,
-    read_run,
     refuse_misfits,
     write_artifact,
-    write_run,
 )
 
 CARD = {"names": ["a", "b"], "rate": 0.1, "none": None}
@@ -129,17 +126,6 @@ def test_a_card_that_does_not_fit_is_refused_in_one_line(cause):
     with pytest.raises(ArtifactError, match="does not fit this swashtwin") as caught, refuse_misfits("f", "thing"):
         raise cause
     assert "\n" not in str(caught.value)
-
-
-def test_a_run_goes_on_with_its_own_file_only(tmp_path):
-    path = tmp_path / "run.safetensors"
-    write_run(path, "run", 1, {"seed": 3, "classes": ("a", "b")}, {"best": np.array(np.inf)}, [1, 2])
-    tensors, state = read_run(path, "run", 1, {"seed": 3, "classes": ("a", "b")})
-    assert (float(tensors["best"]), state) == (np.inf, [1, 2])
-    with pytest.raises(InputError, match="its seed is 3, this run's is 4"):
-        read_run(path, "run", 1, {"seed": 4, "classes": ("a", "b")})
-    with pytest.raises(ArtifactError, match="delete it to start again"):
-        read_run(path, "run", 2, {"seed": 3})
 
 
 @pytest.mark.parametrize(

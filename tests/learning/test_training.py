@@ -131,10 +131,10 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"settings": replace(SHORT, batch_size=9)}, "batch_size is 8, this run's is 9"),
-        ({"seed": 7}, "seed is 0, this run's is 7"),
+        ({"settings": replace(SHORT, batch_size=9)}, "batch_size was 8, now 9"),
+        ({"seed": 7}, "seed was 0, now 7"),
         ({"network": BiTCN(1, 2, channels=(8, 8), kernel_size=3)}, "network's channels"),
-        ({"windows": tones("other")}, "training data"),
+        ({"windows": tones("other")}, "manifest"),
         ({"manifest": ["calibration 1"]}, "manifest"),
     ],
 )

@@ -1,15 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
-from .artifacts import add_prefix as add_prefix
 from .artifacts import artifact_kind as artifact_kind
 from .artifacts import load_artifact as load_artifact
 from .artifacts import read_artifact as read_artifact
-from .artifacts import read_run as read_run
 from .artifacts import refuse_misfits as refuse_misfits
 from .artifacts import save_artifact as save_artifact
-from .artifacts import select_prefix as select_prefix
 from .artifacts import write_artifact as write_artifact
-from .artifacts import write_run as write_run
+from .cards import first_difference as first_difference
 from .cards import from_table as from_table
 from .cards import parse_json as parse_json
 from .cards import to_table as to_table
@@ -53,8 +50,6 @@ from .texts import plural as plural
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
 from .torch_state import has_bfloat16_arithmetic as has_bfloat16_arithmetic
-from .torch_state import optimizer_tensors as optimizer_tensors
-from .torch_state import restore_optimizer as restore_optimizer
 from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius

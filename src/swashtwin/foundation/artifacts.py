@@ -1,6 +1,6 @@
 """Artifacts on disk: arrays and a JSON card in one safetensors file, with a version and a checksum.
 
-Trained classifiers, window sets and runs that can go on are all such files. Reading one runs no code. A SHA-256 over
+Trained classifiers, window sets and checkpoints are all such files. Reading one runs no code. A SHA-256 over
 kind, version, card and arrays tells a damaged or edited file; it is no signature, since whoever edits a file on
 purpose can write a new checksum. A crash while writing leaves the file as it was.
 """
@@ -207,49 +207,6 @@ def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
         ) from cause
 
 
-def write_run(
-    path: Path, kind: str, version: int, run: Mapping[str, Any], arrays: Mapping[str, Any], state: object
-) -> None:
-    """Put a run's state into `path`.
-
-    Parameters
-    ----------
-    kind, version : of the file.
-    run : what the run is, as JSON can hold it; `read_run` refuses the file to any other.
-    arrays : by name; they may hold infinity.
-    state : what else it needs to go on, as JSON can hold it.
-    """
-    write_artifact(path, kind, version, {"run": dict(run), "state": state}, arrays, may_be_nan=None)
-
-
-def read_run(path: Path, kind: str, version: int, run: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], Any]:
-    """Arrays and state that `write_run` put into `path` for the same run.
-
-    Raises
-    ------
-    ArtifactError
-        The file is damaged or of another format.
-    InputError
-        The file is of another run: the first thing that differs is named with both values.
-    """
-    card, arrays = read_artifact(path, kind, version, advice="delete it to start again", may_be_nan=None)
-    with refuse_misfits(path, kind):
-        saved, state = dict(card["run"]), card["state"]
-    _require_same_run(path, saved, json.loads(json.dumps(dict(run))))
-    return arrays, state
-
-
-def add_prefix(prefix: str, arrays: Mapping[str, T]) -> dict[str, T]:
-    """The same under names that begin with `prefix` and a point."""
-    return {f"{prefix}.{name}": array for name, array in arrays.items()}
-
-
-def select_prefix(prefix: str, arrays: Mapping[str, T]) -> dict[str, T]:
-    """Those that `add_prefix` put under `prefix`, by their own names."""
-    start = f"{prefix}."
-    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
-
-
 def _require_finite(where: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None) -> None:
     for name, array in arrays.items():
         if may_be_nan is None or name in may_be_nan or array.dtype.kind != "f":
@@ -265,17 +222,3 @@ def _checksum(kind: str, version: int, card: Any, arrays: Mapping[str, np.ndarra
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
-
-
-def _require_same_run(path: Path, saved: dict[str, Any], run: dict[str, Any]) -> None:
-    for name in {**run, **saved}:
-        if saved.get(name) != run.get(name):
-            raise InputError(
-                f"{path} is of another run: its {name} is {_short(saved.get(name))}, this run's is "
-                f"{_short(run.get(name))}; name another checkpoint, or repeat the settings it was written with."
-            )
-
-
-def _short(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

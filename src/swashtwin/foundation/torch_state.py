@@ -86,18 +86,3 @@ def has_bfloat16_arithmetic() -> bool:
     Those of x86 up to AVX2 have none. The first ones with AVX-512 have none either, which torch does not tell.
     """
     return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")
-
-
-def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """An optimizer's moments by name."""
-    states = optimizer.state_dict()["state"]
-    return {f"{index}.{name}": value for index, state in states.items() for name, value in state.items()}
-
-
-def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Set `optimizer` to moments that `optimizer_tensors` gave."""
-    states: dict[int, dict[str, Tensor]] = {}
-    for name, tensor in tensors.items():
-        index, word = name.split(".", 1)
-        states.setdefault(int(index), {})[word] = tensor
-    optimizer.load_state_dict({**optimizer.state_dict(), "state": states})

@@ -134,5 +134,5 @@ class BiTCN(Network):
 
 
 def can_fuse(windows: Float[Tensor, "window channel time"]) -> bool:
-    """Whether `fused_encoding` takes such windows."""
-    return windows.device.type == "cpu" and windows.dtype == torch.float32
+    """Whether `fused_encoding` takes such windows: in 32 bits, on the CPU."""
+    return windows.device.type == "cpu" and windows.dtype == torch.float32 and not torch.is_autocast_enabled("cpu")

@@ -1,17 +1,15 @@
 """Training of `BiTCN` on a CPU: the same numbers as its branches give, in few passes over the features.
 
-Convolutions find the features of a step side by side, as the processor multiplies them. What stands between two
-convolutions (normalization, ReLU, dropout, squeeze-and-excitation, the skip's sum) is compiled to one pass over the
-features for each mean that it needs, and dropout draws its numbers within such a pass.
+Convolutions find the features of a step side by side, as the processor multiplies them. Normalization, ReLU
+and dropout are compiled to one pass over the features for each mean that they need, and dropout draws its numbers
+within such a pass.
 """
 
 from typing import Any, no_type_check
 
-import numba
 import numpy as np
 import torch
 from jaxtyping import Float
-from numba.extending import overload
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -19,7 +17,7 @@ from swashtwin.foundation import compiled
 from swashtwin.learning.networks.branch import Branch, ResidualUnit, SqueezeExcitation
 
 _ZERO = np.float32(0)
-_U16, _U32, _F32 = np.uint16, np.uint32, np.float32
+_U32, _F32 = np.uint32, np.float32
 
 
 def fused_encoding(
@@ -27,8 +25,7 @@ def fused_encoding(
 ) -> Float[Tensor, "window feature"]:
     """What `BiTCN.encode` gives of whole patches in training, to rounding.
 
-    Dropout follows the same law with other random numbers. Under autocast features are of 16 bits, as they are without
-    this function; means and sums have 32 or more.
+    Dropout follows the same law with other random numbers.
     """
     fused = _features(positive, windows)
     if inverse is not None:
@@ -62,11 +59,9 @@ def _residual(
     active, mean = _Activation.apply(
         convolved, unit.convolution.bias, normalization.weight, normalization.bias, normalization, unit.dropout.p
     )
-    attention = unit.attention
-    weight = attention.weights(mean).float() if isinstance(attention, SqueezeExcitation) else torch.ones_like(mean)
-    skip = x if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, x)
-    excited: Tensor = _Excitation.apply(active, weight, skip)
-    return excited
+    if isinstance(unit.attention, SqueezeExcitation):
+        active = active * unit.attention.weights(mean).unsqueeze(1)
+    return (active + (x if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, x))).relu_()
 
 
 def _convolve(
@@ -113,25 +108,6 @@ class _Activation(torch.autograd.Function):
         return grad_x, torch.from_numpy(of_bias), torch.from_numpy(of_gamma), torch.from_numpy(of_beta), None, None
 
 
-class _Excitation(torch.autograd.Function):
-    """ReLU of features times the weight of each, and the skip's sum."""
-
-    @staticmethod
-    def forward(ctx: Any, active: Tensor, weight: Tensor, skip: Tensor) -> Tensor:
-        excited = torch.empty_like(active)
-        _excite(_array(active), weight.numpy(), _array(skip.contiguous()), _array(excited))
-        ctx.save_for_backward(active, weight, excited)
-        return excited
-
-    @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, ...]:
-        active, weight, excited = ctx.saved_tensors
-        into = torch.empty_like(active), torch.empty_like(weight), torch.empty_like(active)
-        arrays = (_array(part) for part in (grads[0].contiguous(), active, weight, excited, *into))
-        _excite_backward(*arrays)
-        return into
-
-
 def _update(normalization: nn.BatchNorm1d, mean: Tensor, variance: Tensor, count: int) -> None:
     """Move the running means as `torch.nn.BatchNorm1d` does."""
     assert normalization.momentum is not None
@@ -141,43 +117,8 @@ def _update(normalization: nn.BatchNorm1d, mean: Tensor, variance: Tensor, count
 
 
 def _array(tensor: Tensor) -> np.ndarray:
-    """The numbers of a tensor, in place; those of 16 bits as the integers that they are stored in."""
-    tensor = tensor.detach()
-    return tensor.view(torch.int16).numpy().view(_U16) if tensor.dtype == torch.bfloat16 else tensor.numpy()
-
-
-@no_type_check
-def _number(stored):
-    """A stored number as one of 32 bits."""
-
-
-@no_type_check
-def _store(array, window, step, feature, number):
-    """Set an entry of an array to a number of 32 bits, rounded to nearest if the array's have 16."""
-
-
-@overload(_number, inline="always")
-@no_type_check
-def _number_of_type(stored):
-    if stored == numba.uint16:
-        return lambda stored: _U32(_U32(stored) << _U32(16)).view(_F32)
-    return lambda stored: stored
-
-
-@overload(_store)
-@no_type_check
-def _store_in_type(array, window, step, feature, number):
-    @no_type_check
-    def whole(array, window, step, feature, number):
-        array[window, step, feature] = number
-
-    @no_type_check
-    def short(array, window, step, feature, number):
-        bits = _F32(number).view(_U32)
-        odd = _U32(_U32(bits >> _U32(16)) & _U32(1))
-        array[window, step, feature] = _U16(_U32(bits + _U32(_U32(0x7FFF) + odd)) >> _U32(16))
-
-    return short if array.dtype == numba.uint16 else whole
+    """The numbers of a tensor, in place."""
+    return tensor.detach().numpy()
 
 
 @compiled
@@ -187,13 +128,13 @@ def _moments(x):
     windows, steps, features = x.shape
     pivot = np.empty(features, _F32)
     for c in range(features):
-        pivot[c] = _number(x[0, 0, c])
+        pivot[c] = x[0, 0, c]
     total, square = np.zeros(features), np.zeros(features)
     for n in range(windows):
         first, second = np.zeros(features, _F32), np.zeros(features, _F32)
         for t in range(steps):
             for c in range(features):
-                deviation = _number(x[n, t, c]) - pivot[c]
+                deviation = x[n, t, c] - pivot[c]
                 first[c] += deviation
                 second[c] += deviation * deviation
         total += first
@@ -220,9 +161,9 @@ def _activate(x, scale, shift, active, mean, seed, least):
                 draw = _U32(_U32(draw ^ _U32(draw >> _U32(16))) * _U32(0x21F0AAAD))
                 draw = _U32(_U32(draw ^ _U32(draw >> _U32(15))) * _U32(0xD35A2D97))
                 draw = _U32(draw ^ _U32(draw >> _U32(15)))
-                value = _number(x[n, t, c]) * scale[c] + shift[c]
+                value = x[n, t, c] * scale[c] + shift[c]
                 value = value if value > _ZERO and draw >= least else _ZERO
-                _store(active, n, t, c, value)
+                active[n, t, c] = value
                 total[c] += value
         for c in range(features):
             mean[n, c] = total[c] / _F32(steps)
@@ -238,10 +179,10 @@ def _activate_backward(grad, grad_mean, x, active, gamma, grad_x, mean, inverse,
         plain, weighted = np.zeros(features, _F32), np.zeros(features, _F32)
         for t in range(steps):
             for c in range(features):
-                passed = (_number(grad[n, t, c]) + grad_mean[n, c] / _F32(steps)) * gain
-                passed = passed if _number(active[n, t, c]) > _ZERO else _ZERO
+                passed = (grad[n, t, c] + grad_mean[n, c] / _F32(steps)) * gain
+                passed = passed if active[n, t, c] > _ZERO else _ZERO
                 plain[c] += passed
-                weighted[c] += passed * ((_number(x[n, t, c]) - mean[c]) * inverse[c])
+                weighted[c] += passed * ((x[n, t, c] - mean[c]) * inverse[c])
         of_beta += plain
         of_gamma += weighted
     constant, slope = (of_beta / (windows * steps)).astype(_F32), (of_gamma / (windows * steps)).astype(_F32)
@@ -250,40 +191,10 @@ def _activate_backward(grad, grad_mean, x, active, gamma, grad_x, mean, inverse,
         total = np.zeros(features, _F32)
         for t in range(steps):
             for c in range(features):
-                passed = (_number(grad[n, t, c]) + grad_mean[n, c] / _F32(steps)) * gain
-                passed = passed if _number(active[n, t, c]) > _ZERO else _ZERO
-                value = scale[c] * (passed - constant[c] - (_number(x[n, t, c]) - mean[c]) * inverse[c] * slope[c])
-                _store(grad_x, n, t, c, value)
+                passed = (grad[n, t, c] + grad_mean[n, c] / _F32(steps)) * gain
+                passed = passed if active[n, t, c] > _ZERO else _ZERO
+                value = scale[c] * (passed - constant[c] - (x[n, t, c] - mean[c]) * inverse[c] * slope[c])
+                grad_x[n, t, c] = value
                 total[c] += value
         of_bias += total
     return of_bias.astype(_F32), of_gamma.astype(_F32), of_beta.astype(_F32)
-
-
-@compiled
-@no_type_check
-def _excite(active, weight, skip, excited):
-    """Fill in ReLU(active · weight + skip)."""
-    windows, steps, features = active.shape
-    for n in range(windows):
-        for t in range(steps):
-            for c in range(features):
-                value = _number(active[n, t, c]) * weight[n, c] + _number(skip[n, t, c])
-                value = value if value > _ZERO else _ZERO
-                _store(excited, n, t, c, value)
-
-
-@compiled
-@no_type_check
-def _excite_backward(grad, active, weight, excited, grad_active, grad_weight, grad_skip):
-    """Fill in the gradients of `active`, `weight` and `skip`."""
-    windows, steps, features = active.shape
-    for n in range(windows):
-        total = np.zeros(features, _F32)
-        for t in range(steps):
-            for c in range(features):
-                passed = _number(grad[n, t, c]) if _number(excited[n, t, c]) > _ZERO else _ZERO
-                _store(grad_skip, n, t, c, passed)
-                _store(grad_active, n, t, c, passed * weight[n, c])
-                total[c] += passed * _number(active[n, t, c])
-        for c in range(features):
-            grad_weight[n, c] = total[c]

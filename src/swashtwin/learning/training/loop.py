@@ -1,9 +1,10 @@
 """The training loop of networks of torch."""
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,16 +17,13 @@ from torch.nn import functional
 from swashtwin.foundation import (
     InputError,
     TorchStream,
-    add_prefix,
     derive_seed,
+    first_difference,
+    load_artifact,
     one_thread,
-    optimizer_tensors,
-    read_run,
     refuse_misfits,
-    restore_optimizer,
-    select_prefix,
+    save_artifact,
     stream,
-    write_run,
 )
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.classifier import TOGETHER
@@ -34,7 +32,18 @@ from swashtwin.learning.training.settings import Epoch, TrainingSettings
 from swashtwin.learning.training.train_transforms import transform_windows
 from swashtwin.learning.windows.window_set import WindowSet
 
-_KIND, _VERSION = "training checkpoint", 3
+_KIND, _VERSION = "training checkpoint", 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Checkpoint:
+    """State of a run after an epoch."""
+
+    run: dict[str, Any]
+    weights: dict[str, np.ndarray]
+    moments: dict[str, np.ndarray]
+    """Of the optimizer."""
+    history: tuple[Epoch, ...]
 
 
 def train_epochs(
@@ -197,9 +206,13 @@ def save_checkpoint(
     history: tuple[Epoch, ...],
 ) -> None:
     """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
-    tensors = add_prefix("network", network.state_dict()) | add_prefix("optimizer", optimizer_tensors(optimizer))
-    arrays = {name: tensor.cpu() for name, tensor in tensors.items()}
-    write_run(path, _KIND, _VERSION, run, arrays, [asdict(epoch) for epoch in history])
+    moments = {
+        f"{index}.{name}": value.cpu().numpy()
+        for index, state in optimizer.state_dict()["state"].items()
+        for name, value in state.items()
+    }
+    weights = {name: value.cpu().numpy() for name, value in network.state_dict().items()}
+    save_artifact(path, _KIND, _VERSION, _Checkpoint(run, weights, moments, history), may_be_nan=None)
 
 
 def load_checkpoint(
@@ -214,9 +227,17 @@ def load_checkpoint(
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    arrays, history = read_run(path, _KIND, _VERSION, run)
-    tensors = {name: torch.as_tensor(array) for name, array in arrays.items()}
+    saved = load_artifact(path, _Checkpoint, _KIND, _VERSION, advice="delete it to start again", may_be_nan=None)
+    if difference := first_difference(saved.run, json.loads(json.dumps(run))):
+        raise InputError(
+            f"{path} is of another run: {difference}; name another checkpoint, or repeat the settings it was written "
+            "with."
+        )
+    states: dict[int, dict[str, Tensor]] = {}
+    for name, moment in saved.moments.items():
+        index, word = name.split(".", 1)
+        states.setdefault(int(index), {})[word] = torch.as_tensor(moment)
     with refuse_misfits(path, _KIND):
-        network.load_state_dict(select_prefix("network", tensors))
-        restore_optimizer(optimizer, select_prefix("optimizer", tensors))
-        return tuple(Epoch(**epoch) for epoch in history)
+        network.load_state_dict({name: torch.as_tensor(weight) for name, weight in saved.weights.items()})
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": states})
+    return saved.history

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recording_files import noise
 
 from swashtwin.foundation import DataError, InputError, LeakError, MissingFileError, MPa, rpm
 from swashtwin.pump import OperatingCondition
@@ -28,9 +29,7 @@ from swashtwin.recordings.samples import Columns, Samples
 
 
 def make(name: str, **facts: object) -> Recording:
-    generator = np.random.default_rng(sum(name.encode()))
-    signal = generator.standard_normal((2, 400))
-    return replace(Recording(signal, 1000.0, name, channels=("x", "y"), label="normal"), **facts)
+    return noise(name, **{"label": "normal", **facts})
 
 
 def rig(count: int = 3) -> list[Recording]:

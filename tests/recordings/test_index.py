@@ -1,7 +1,6 @@
 """One index says what every file of a folder is, and nothing in it is taken on trust."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from recording_files import noise
 from scipy import io as scipy_io
 
 from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, SwashTwinError, UnitError
@@ -29,10 +29,8 @@ from swashtwin.recordings import (
 TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Zl", "Zp")), min_size=1, max_size=12)
 
 
-def make(name: str, label: str | None = "normal", **changes: object) -> Recording:
-    generator = np.random.default_rng(sum(name.encode()))
-    recording = Recording(signal=generator.standard_normal((1, 64)), sample_rate=1000.0, recording_id=name, label=label)
-    return replace(recording, **changes)
+def make(name: str, label: str | None = "normal") -> Recording:
+    return noise(name, ("acceleration",), 64, label=label)
 
 
 def save(folder: Path, text: str) -> Path:
@@ -445,14 +443,6 @@ def test_a_number_in_a_name_takes_the_unit_beside_it(name: str, pressure: str, t
     pattern = r"(?P<label>[a-z]+?)[_a-zA-Z]*_(?P<pressure>\d+(,\d+)?)"
     index = propose_index(tmp_path, label_pattern=pattern, **facts).index
     assert index["recording"][0]["pressure"] == pressure
-
-
-def test_a_pressure_in_a_name_is_no_part_of_the_class(tmp_path: Path) -> None:
-    facts = touch(tmp_path, "normal_120 bar_1.csv", "piston_120_bar_1500_rpm.csv")
-    index = propose_index(tmp_path, **facts).index
-    assert index["classes"] == ["normal", "piston"]
-    assert index["defaults"]["pressure"] == "120 bar"
-    assert index["recording"][1]["speed"] == "1500 rpm"
 
 
 def test_a_pressure_without_a_unit_is_asked_for(tmp_path: Path) -> None:

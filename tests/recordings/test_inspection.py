@@ -106,17 +106,6 @@ def test_what_is_wrong_with_a_channel_is_found_and_what_nothing_can_be_learned_f
         refuse_unfit(recording)
 
 
-def test_gaps_in_time_are_an_error(tmp_path: Path) -> None:
-    time = np.arange(200) * 0.01
-    time[120:] += 0.4
-    rows = "\n".join(f"{t:.2f},{x}" for t, x in zip(time, np.sin(np.arange(200)), strict=True))
-    (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
-    recording = load_recording(tmp_path / "a.csv", unit="1")
-    assert kinds(inspect_recording(recording)) == ["gaps"]
-    with pytest.raises(DataError, match="1 of 199 steps differ"):
-        refuse_unfit(recording)
-
-
 @pytest.mark.parametrize("limit", [1.5, 2.5])
 def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
     time = np.arange(38400) / RATE

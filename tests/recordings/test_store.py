@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from recording_files import noise
 
 import swashtwin
 from swashtwin.diagnosis import diagnose
@@ -21,7 +22,6 @@ from swashtwin.recordings import (
     is_store,
     load_recording,
     load_recordings,
-    refuse_unfit,
     write_recording,
     write_store,
 )
@@ -32,16 +32,8 @@ FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition"
 
 
 def make(name: str, count: int = 5000, **changes: object) -> Recording:
-    generator = np.random.default_rng(sum(name.encode()))
-    recording = Recording(
-        signal=generator.standard_normal((2, count)),
-        sample_rate=1000.0,
-        recording_id=name,
-        channels=("x", "y"),
-        label="normal",
-        attributes={"sensor": "352C33", "block": "A"},
-    )
-    return replace(recording, **changes)
+    attributes = {"sensor": "352C33", "block": "A"}
+    return noise(name, count=count, **{"label": "normal", "attributes": attributes, **changes})
 
 
 @pytest.fixture(autouse=True)
@@ -213,25 +205,6 @@ def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(stride: int
         np.testing.assert_array_equal(
             np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)[of_a]
         )
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda row: row * 0 + 3, "x: every sample is 3"),
-        (lambda row: np.where(np.arange(5000) % 1500 == 1400, np.nan, row), "3 of 5000 .*, the first at 1.4 s"),
-        (lambda row: np.where(np.arange(5000) == 4999, -np.inf, row), "1 of 5000 .*, the first at 4.999 s"),
-    ],
-)
-def test_an_unfit_recording_is_refused_in_blocks_as_it_is_whole(change: object, message: str, tmp_path: Path) -> None:
-    recording = make("a")
-    signal = np.stack([change(recording.signal[0]), recording.signal[1]])  # type: ignore[operator]
-    unfit = replace(recording, signal=signal)
-    for recording in (unfit, load_recording(write_recording(unfit, tmp_path / "a.h5"))):
-        with pytest.raises(DataError, match=message):
-            refuse_unfit(recording)
-        with pytest.raises(DataError, match=message):
-            list(window_batches(recording, length=100))
 
 
 @pytest.mark.parametrize("normalization", ["window", "set", "none"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Options, Recording, inspect_recordings, load_recording, write_recording
+from swashtwin.recordings import Options, Recording, inspect_recordings, load_recording, refuse_unfit, write_recording
 from swashtwin.recordings.formats import csv
 
 TABLES = {
@@ -69,6 +69,8 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
     loaded = load_recording(tmp_path / "a.csv", unit="1")
     assert loaded.sample_rate == 100.0
     assert loaded.attributes["time_gaps"] == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
+    with pytest.raises(DataError, match="1 of 99 steps differ"):
+        refuse_unfit(loaded)
 
 
 def test_a_blank_field_is_nan(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A recording, and files of every format that hold it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,12 @@ def some_recording() -> Recording:
         specimen="A",
         attributes={"sensor": "352C33"},
     )
+
+
+def noise(name: str, channels: tuple[str, ...] = ("x", "y"), count: int = 400, **facts: Any) -> Recording:
+    """Noise of its own for each name, at 1 kHz."""
+    signal = np.random.default_rng(sum(name.encode())).standard_normal((len(channels), count))
+    return Recording(**{"signal": signal, "sample_rate": 1000.0, "recording_id": name, "channels": channels, **facts})
 
 
 def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") -> None:

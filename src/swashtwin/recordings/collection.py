@@ -10,7 +10,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
-from swashtwin.recordings.checks.findings import Finding
+from swashtwin.recordings.checks.findings import Finding, listed
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
     best_test_rows,
@@ -266,5 +266,4 @@ def load_recordings(
 
 def _listed(values: Iterable[str | None]) -> str:
     """Distinct values with commas, at most a dozen; "none" for a fact that is not stated."""
-    distinct = list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values))
-    return ", ".join(distinct[:12]) + (f" and {len(distinct) - 12} more" if len(distinct) > 12 else "")
+    return listed(list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values)), 12)

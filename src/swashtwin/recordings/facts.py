@@ -1,7 +1,7 @@
 """What recordings state of themselves, in words, for the head of a page."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from swashtwin.foundation import DataError
@@ -52,39 +52,34 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     counts = {str(recording.attributes.get("pistons", "")) for recording in recordings}
     pistons = {int(text) if text.isdecimal() and 0 < int(text) < 100 else None for text in counts}
     return RecordingFacts(
-        machine=_listed([recording.specimen or "" for recording in recordings], "machines"),
-        date=_listed([" ".join(date.replace("T", " ").split())[:40] for date in dates], "dates"),
+        machine=_listed(sorted(recording.specimen or "" for recording in recordings), "machines"),
+        date=_listed(sorted(" ".join(date.replace("T", " ").split())[:40] for date in dates)),
         condition=_condition(recordings),
-        file=_listed([str(recording.attributes.get("file", "")) for recording in recordings], "files"),
+        file=_listed(sorted(str(recording.attributes.get("file", "")) for recording in recordings), "files"),
         origin="; ".join(origin for origin in origins if origin),
         shaft=shafts.pop() if len(shafts) == 1 else None,
         pistons=pistons.pop() if len(pistons) == 1 else None,
     )
 
 
-def _listed(values: Sequence[str], noun: str) -> str:
-    distinct = sorted(set(values) - {""})
+def _listed(values: Iterable[str], noun: str = "", joint: str = ", ") -> str:
+    """The distinct values, or, where there are more than three, how many or from which to which."""
+    distinct = list(dict.fromkeys(filter(None, values)))
     if len(distinct) <= _MOST:
-        return ", ".join(distinct)
-    return f"{distinct[0]} to {distinct[-1]}" if noun == "dates" else f"{len(distinct)} {noun}"
+        return joint.join(distinct)
+    return f"{len(distinct)} {noun}" if noun else f"{distinct[0]} to {distinct[-1]}"
 
 
 def _condition(recordings: Sequence[Recording]) -> str:
     shafts = [60 * shaft for recording in recordings if (shaft := _shaft(recording)) is not None]
     pressures = [stated_pressure(recording) / 1e6 for recording in recordings]
     about = "about " if any(recording.has_speed for recording in recordings) else ""
-    texts = (_numbers(shafts, "rev/min"), _numbers([value for value in pressures if not math.isnan(value)], "MPa"))
-    return about * bool(texts[0]) + ", ".join(text for text in texts if text)
-
-
-def _numbers(values: Sequence[float], unit: str) -> str:
-    """Values as a list, or as a range where there are more than three."""
-    texts = [f"{value:.4g}" for value in sorted(set(values))]
-    distinct = list(dict.fromkeys(texts))
-    if not distinct:
-        return ""
-    few = len(distinct) <= _MOST
-    return f"{' / '.join(distinct) if few else f'{distinct[0]} to {distinct[-1]}'} {unit}"
+    pairs = ((about, shafts, "rev/min"), ("", [value for value in pressures if not math.isnan(value)], "MPa"))
+    return ", ".join(
+        f"{prefix}{_listed((f'{value:.4g}' for value in sorted(values)), joint=' / ')} {unit}"
+        for prefix, values, unit in pairs
+        if values
+    )
 
 
 def _shaft(recording: Recording) -> float | None:

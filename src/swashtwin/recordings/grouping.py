@@ -157,10 +157,9 @@ def no_group(missing: Sequence[str], count: int, group: str) -> str:
 
 def unknown_attribute(recordings: Sequence[Recording], name: str, others: Sequence[str]) -> InputError:
     """Error that no recording has an attribute of that name, with the nearest of `others` and of those that differ."""
-    values: dict[str, set[str | None]] = {key: set() for recording in recordings for key in recording.attributes}
-    for key in values:
-        values[key] = {recording.attributes.get(key) for recording in recordings}
-    names = [*others, *(key for key in values if len(values[key]) > 1 and key not in ("file", "sha256"))]
+    keys = dict.fromkeys(key for recording in recordings for key in recording.attributes)
+    differ = (key for key in keys if len({recording.attributes.get(key) for recording in recordings}) > 1)
+    names = [*others, *(key for key in differ if key not in ("file", "sha256"))]
     near = get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}."
     return InputError(f"no recording has the attribute {name!r}; {hint}")

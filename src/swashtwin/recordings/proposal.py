@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
+from swashtwin.recordings.checks.findings import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
@@ -245,11 +246,11 @@ class _Survey:
 
     def require_complete(self) -> None:
         """Refuse files that lack a fact, or a folder without any."""
-        listed = "; ".join(
+        words = "; ".join(
             f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}" for key, names in self.missing.items()
         )
-        if listed:
-            raise DataError(f"{self.folder}: neither the files nor the options state {listed}.")
+        if words:
+            raise DataError(f"{self.folder}: neither the files nor the options state {words}.")
         if not self.entries:
             reason = self.skipped[0] if self.skipped else f"supported are {', '.join(suffixes())}."
             raise DataError(f"{self.folder} holds no file to index: {reason}")
@@ -335,9 +336,7 @@ def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
     for key in sorted(counts, key=lambda key: (_FACTS_FIRST.index(key) if key in _FACTS_FIRST else 9, key)):
         parts = []
         for origin, values in counts[key].items():
-            listed = ", ".join(f"{value} ({count})" for value, count in list(values.items())[:_MOST])
-            more = f" and {len(values) - _MOST} more" if len(values) > _MOST else ""
-            parts.append(f"{listed}{more}, says {origin}")
+            parts.append(f"{listed([f'{value} ({count})' for value, count in values.items()], _MOST)}, says {origin}")
         sentences.append(f"{key}: {'; '.join(parts)}")
     return tuple(sentences)
 

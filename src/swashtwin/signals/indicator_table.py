@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from swashtwin.foundation import DataError, InputError, csv_text
 from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, Measured
-from swashtwin.signals.levels import power_sums, shape_statistics
+from swashtwin.signals.levels import shape_statistics
 from swashtwin.signals.shaft_angle import ShaftAngle
 
 KEYS = ("recording", "channel", "class", "specimen", "date", "speed [rpm]", "pressure [MPa]")
@@ -203,21 +203,11 @@ def long_indicators(recording: Recording, describe: Callable[[Recording], Indica
     shared = [column for column in tables[0].columns if all(column in table.columns for table in tables)]
     values = np.stack([table.values[:, [table.columns.index(column) for column in shared]] for table in tables])
     joined = np.median(values, axis=0)
-    statistics = _statistics(recording, tables[0]) if any(column.name == "rms" for column in shared) else {}
+    picked = recording.picked([row.channel for row in tables[0].rows])
+    statistics = shape_statistics(picked) if any(column.name == "rms" for column in shared) else {}
     for index, column in enumerate(shared):
         if column.name.startswith(_LEVELS):
             joined[:, index] = np.sqrt(np.mean(values[:, :, index] ** 2, axis=0))
         elif column.name in statistics:
             joined[:, index] = statistics[column.name]
     return IndicatorTable(tables[0].rows, tuple(shared), joined)
-
-
-def _statistics(recording: Recording, table: IndicatorTable) -> dict[str, Float64[np.ndarray, " channel"]]:
-    """Statistics of all samples of the channels that a table describes."""
-    picked = recording.picked([row.channel for row in table.rows])
-    mean = sum(block.signal.sum(axis=1) for block in picked.blocks()) / picked.n_samples
-    sums = np.zeros((4, picked.n_channels))
-    for block in picked.blocks():
-        part = power_sums(block.signal - mean[:, None])
-        sums = np.concatenate([sums[:3] + part[:3], np.maximum(sums[3:], part[3:])])
-    return shape_statistics(sums, picked.n_samples)

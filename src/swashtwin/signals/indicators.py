@@ -13,7 +13,7 @@ from jaxtyping import Float
 from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals.envelope import envelopes, kurtograms
-from swashtwin.signals.levels import Spectrum, band_rms, power_sums, segment_length, shape_statistics
+from swashtwin.signals.levels import Spectrum, band_rms, segment_length, shape_statistics
 from swashtwin.signals.shaft_angle import ShaftAngle, synchronous_lines
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
 
@@ -115,8 +115,7 @@ _STATISTICS = {
 
 
 def _statistics(measured: Measured) -> Values:
-    signal = measured.recording.signal
-    values = shape_statistics(power_sums(signal - signal.mean(axis=1, keepdims=True)), signal.shape[1])
+    values = shape_statistics(measured.recording)
     for name, meaning in _STATISTICS.items():
         unit = measured.recording.unit if name in ("rms", "peak") else ""
         yield Indicator(name, unit, meaning), values[name]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.foundation import InputError
+from swashtwin.recordings import Recording
 from swashtwin.signals.spectra import power_density
 
 TIME_STATISTICS = (
@@ -60,22 +61,18 @@ def _ratio(
     return np.where(below > 0, above / np.where(below > 0, below, 1.0), 0.0)
 
 
-def power_sums(centered: Float[np.ndarray, "channel time"]) -> Float64[np.ndarray, "4 channel"]:
-    """Sums of the second, third and fourth powers of each channel's samples, and their largest square."""
-    square = centered * centered
-    third, fourth = np.einsum("ct,ct->c", square, centered), np.einsum("ct,ct->c", square, square)
-    return np.stack([square.sum(axis=1), third, fourth, square.max(axis=1)])
-
-
-def shape_statistics(sums: Float64[np.ndarray, "4 channel"], count: int) -> dict[str, Float64[np.ndarray, " channel"]]:
-    """Level, peaks and shape of `count` samples without a mean, as of `TIME_STATISTICS`, by name.
-
-    Parameters
-    ----------
-    sums : `power_sums` of the samples.
-    """
-    second, third, fourth = sums[:3] / count
-    rms, peak = np.sqrt(second), np.sqrt(sums[3])
+def shape_statistics(recording: Recording) -> dict[str, Float64[np.ndarray, " channel"]]:
+    """Level, peaks and shape of each channel without its mean, as of `TIME_STATISTICS`, by name; read in blocks."""
+    mean = sum(block.signal.sum(axis=1) for block in recording.blocks()) / recording.n_samples
+    sums, largest = np.zeros((3, recording.n_channels)), np.zeros(recording.n_channels)
+    for block in recording.blocks():
+        centered = block.signal - mean[:, None]
+        square = centered * centered
+        third, fourth = np.einsum("ct,ct->c", square, centered), np.einsum("ct,ct->c", square, square)
+        sums += [square.sum(axis=1), third, fourth]
+        largest = np.maximum(largest, square.max(axis=1))
+    second, third, fourth = sums / recording.n_samples
+    rms, peak = np.sqrt(second), np.sqrt(largest)
     return {
         "rms": rms, "peak": peak, "crest_factor": _ratio(peak, rms), "kurtosis": _ratio(fourth, second**2),
         "skewness": _ratio(third, rms**3),

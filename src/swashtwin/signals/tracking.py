@@ -61,7 +61,12 @@ def tracked_speed(
     DataError
         The recording is shorter than 16 revolutions, or the line stands clear for less than half of it.
     """
-    start = _first_guess(recording, near)
+    if near is None:
+        start = stated_angle(recording)
+    elif math.isfinite(near) and near > 0:
+        start = ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, False, "near")
+    else:
+        raise InputError(f"near ({near:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
     orders = [order] if isinstance(order, int) else list(order)
     if not orders:
         raise InputError("give at least one order to follow, such as the number of pistons.")
@@ -114,14 +119,6 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
         )
     source = f"the line at order {order}"
     return ShaftAngle(angle, recording.sample_rate, deviation, quality, absolute=False, source=source)
-
-
-def _first_guess(recording: Recording, near: float | None) -> ShaftAngle:
-    if near is None:
-        return stated_angle(recording)
-    if not (math.isfinite(near) and near > 0):
-        raise InputError(f"near ({near:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
-    return ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, absolute=False, source="near")
 
 
 @dataclass(frozen=True, eq=False)

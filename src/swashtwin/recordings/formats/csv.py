@@ -15,15 +15,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import DataError, InputError, require_disk_space, spreadsheet_text
+from swashtwin.foundation import DataError, InputError, load_extra, require_disk_space, spreadsheet_text
 from swashtwin.recordings.columns import Column, side_by_side
 from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
 from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile
 from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
 from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp
 from swashtwin.recordings.recording import Recording
+
+polars: Any = load_extra("polars", "readers", "a text table")
 
 _BYTES = 1 << 24
 """Bytes of text that are in memory together, the longest line, and the most blank lines."""
@@ -125,7 +127,6 @@ class _Table:
 
     def _frame(self, body: bytes) -> Any:
         """The fields of whole lines as a table of polars; a blank field is null."""
-        polars = load_extra("polars")
         comma = self._dialect.decimal == ","
         if (b"D" in body or b"d" in body) and _FORTRAN.search(body):
             body = _FORTRAN.sub(b"e", body)
@@ -181,7 +182,6 @@ class _Table:
 
     def _numbers(self, frame: Any, body: bytes) -> Float[np.ndarray, "time channel"]:
         """Numbers, and seconds of time stamps, of the `columns` of a table of polars."""
-        polars = load_extra("polars")
         block = np.full((frame.height, len(self.columns)), np.nan)
         for position, column in enumerate(self.columns):
             series, kind = frame[str(column)], self._kinds[column]
@@ -292,7 +292,6 @@ class _Table:
 
 def _last_value(frame: Any) -> int:
     """Rows up to the last that has a value."""
-    polars = load_extra("polars")
     if any(value is not None for value in frame.row(-1)):
         return int(frame.height)
     has_value = frame.select(polars.any_horizontal(polars.all().is_not_null())).to_series().to_numpy()
@@ -301,7 +300,6 @@ def _last_value(frame: Any) -> int:
 
 def write(recording: Recording, path: Path) -> None:
     """Write time and channels as comma-separated text, full double precision."""
-    polars = load_extra("polars")
     table = {"time [s]": recording.time}
     headings = [spreadsheet_text(f"{name} [{recording.unit}]") for name in recording.channels]
     table |= dict(zip(headings, recording.signal, strict=True))

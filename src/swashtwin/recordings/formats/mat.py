@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, UnitError, parse, require_memory
+from swashtwin.foundation import DataError, UnitError, load_extra, parse, require_memory
 from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, plain_unit
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, plain_unit
 from swashtwin.recordings.formats.tables import LISTS, SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 
@@ -33,7 +33,7 @@ def read(path: Path, options: Options) -> RawFile:
     """
     import h5py
 
-    pymatreader = load_extra("pymatreader")
+    pymatreader = load_extra("pymatreader", "readers", "a MATLAB file")
     if h5py.is_hdf5(path):
         _require_data_within(path)
     variables = pymatreader.whosmat(path)

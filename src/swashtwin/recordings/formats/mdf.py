@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit
 from swashtwin.recordings.formats.time_column import read_time_column
 from swashtwin.recordings.recording import Recording
+
+asammdf: Any = load_extra("asammdf", "mdf", "an MDF file")
 
 _COUNTED = {2: "angle", 3: "distance", 4: "samples"}
 """What a master channel that is no time counts, by its kind of synchronization."""
@@ -20,7 +22,6 @@ def read(path: Path, options: Options) -> RawFile:
 
     A name that stands in several groups is called ``GROUP/NAME``, with the group's number from 0.
     """
-    asammdf = load_extra("asammdf", "mdf")
     columns: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     rates: dict[str, float] = {}
@@ -73,7 +74,6 @@ def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
 
 def write(recording: Recording, path: Path) -> None:
     """Write one group of doubles with its time, version 4.10."""
-    asammdf = load_extra("asammdf", "mdf")
     time = recording.time
     with asammdf.MDF(version="4.10") as file:
         signals = [

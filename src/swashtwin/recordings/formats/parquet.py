@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from swashtwin.foundation import load_extra
 from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
+from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size
 from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.recording import Recording
+
+polars: Any = load_extra("polars", "readers", "a Parquet table")
 
 
 def read(path: Path, options: Options) -> RawFile:
@@ -18,7 +21,6 @@ def read(path: Path, options: Options) -> RawFile:
 
     A column of time stamps counts as the time [s] since its first.
     """
-    polars = load_extra("polars")
     table = polars.scan_parquet(path)
     height = table.select(polars.len()).collect().item()
     require_plausible_size(path, 8 * height * len(table.collect_schema()), f"{height} rows")
@@ -37,7 +39,6 @@ def read(path: Path, options: Options) -> RawFile:
 
 def write(recording: Recording, path: Path) -> None:
     """Write time and channels as columns of doubles, the unit in their headings."""
-    polars = load_extra("polars")
     table = {"time [s]": recording.time}
     table |= {f"{name} [{recording.unit}]": row for name, row in zip(recording.channels, recording.signal, strict=True)}
     with path.open("wb") as file:
@@ -46,7 +47,6 @@ def write(recording: Recording, path: Path) -> None:
 
 def _samples(table: Any, start: int, stop: int) -> np.ndarray:
     """Samples of a table of one column."""
-    polars = load_extra("polars")
     series = table.slice(start, stop - start).collect().to_series()
     if series.dtype.is_temporal():
         nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)

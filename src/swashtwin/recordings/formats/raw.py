@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, MissingExtraError, UnitError, is_unit, memory_limit, parse
+from swashtwin.foundation import DataError, UnitError, is_unit, memory_limit, parse
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.columns import Column
 
@@ -88,16 +87,6 @@ class RawFile:
         """Operating condition that the file states, or None."""
         stated = self.facts.get("condition")
         return None if stated is None else OperatingCondition(**stated)
-
-
-def load_extra(module: str, extra: str = "readers") -> Any:
-    """The optional module, imported when first needed; `extra` is what to install for it."""
-    try:
-        return import_module(module)
-    except ImportError as cause:
-        raise MissingExtraError(
-            f'this file needs {module}, which is not installed: pip install "swashtwin[{extra}]".'
-        ) from cause
 
 
 _USUAL_FACTORS = {"m/s^2": 1.0, "g": 9.80665}

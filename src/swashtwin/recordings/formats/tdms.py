@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.columns import Column, LazyColumn, part_of
 from swashtwin.recordings.formats.clock import TIME_UNITS, timed
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, snapped_rate
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, snapped_rate
 from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
 from swashtwin.recordings.recording import Recording
+
+nptdms: Any = load_extra("nptdms", "readers", "a TDMS file")
 
 _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
@@ -48,7 +50,6 @@ def _noting_nptdms() -> Any:
     The library itself keeps the last properties only. Its module is changed for all that this process reads, which
     is one file at a time.
     """
-    nptdms = load_extra("nptdms")
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: _warnings.append(record.getMessage())  # type: ignore[method-assign]
     logging.getLogger("nptdms").addHandler(handler)
@@ -168,7 +169,6 @@ def _samples(channel: Any, start: int, stop: int) -> np.ndarray:
 
 def write(recording: Recording, path: Path) -> None:
     """Write one group of double channels with rate and unit."""
-    nptdms = load_extra("nptdms")
     properties = {"wf_increment": 1 / recording.sample_rate, "wf_start_offset": 0.0, "unit_string": recording.unit}
     channels = [
         nptdms.ChannelObject("recording", name, np.ascontiguousarray(row), properties=properties)

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.recordings.formats.raw import load_extra
+from swashtwin.foundation import load_extra
+
+polars: Any = load_extra("polars", "readers", "a time stamp")
 
 _DATE = r"(?:\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d{2}))"
 _CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp][Mm])?"
@@ -53,7 +55,6 @@ class StampReader:
 
     def seconds(self, texts: Any) -> Float[np.ndarray, " time"]:
         """Seconds since the first stamp, NaN where a text of a polars series is no time stamp."""
-        polars = load_extra("polars")
         parts = texts.str.extract_groups(_FIELDS).struct.unnest()
         dates = texts.str.extract(f"({_DATE})").str.replace_all("[/.]", "-")
         half = parts["half"].str.to_lowercase().to_numpy()

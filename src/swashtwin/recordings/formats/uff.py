@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError
+from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, load_extra, plain_unit, snapped_rate
+from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, plain_unit, snapped_rate
 from swashtwin.recordings.formats.time_column import read_time_column
+
+pyuff: Any = load_extra("pyuff", "readers", "a universal file")
 
 _TIME_RESPONSE = 1
 _TIME = 17
@@ -22,7 +24,7 @@ def read(path: Path, options: Options) -> RawFile:
     """Time responses of a universal file; their step has six digits, so the rate is snapped to a sensible one."""
     if not path.read_bytes().rstrip().endswith(b"-1"):
         raise DataError(f"{path} is cut off: its last data set has no end.")
-    content = load_extra("pyuff").UFF(str(path)).read_sets()
+    content = pyuff.UFF(str(path)).read_sets()
     sets = content if isinstance(content, list) else [content]
     responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == _TIME_RESPONSE]
     if not responses:

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, load_extra
 from swashtwin.recordings.columns import side_by_side
-from swashtwin.recordings.formats.raw import Options, RawFile, load_extra, require_plausible_size
+from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size
 from swashtwin.recordings.recording import Recording
+
+soundfile: Any = load_extra("soundfile", "readers", "a WAV file")
 
 _UNPACKED = (1, 3, 0xFFFE)
 """Kinds of coding whose frames all have one size: integers, floats, and either with more said of them."""
@@ -55,7 +57,7 @@ def _opened(path: Path, head: bytes) -> Any:
     A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap. A rate that does not fit the bytes per
     second beside it is refused: one of the two is damaged.
     """
-    soundfile, size = load_extra("soundfile"), path.stat().st_size
+    size = path.stat().st_size
     data, layout = _chunk(head, b"data"), _chunk(head, b"fmt ")
     if head[:4] not in (b"RIFF", b"RF64") or layout is None or len(head) < layout + 16:
         return soundfile.SoundFile(str(path))
@@ -127,5 +129,4 @@ def write(recording: Recording, path: Path) -> None:
         raise InputError(
             f"{recording.recording_id}: a WAV file holds whole rates only, not {recording.sample_rate!r} Hz; write .h5."
         )
-    soundfile = load_extra("soundfile")
     soundfile.write(str(path), recording.signal.T, int(recording.sample_rate), subtype="FLOAT", format="WAV")

@@ -19,19 +19,18 @@ def recording(speed: float, pressure: float) -> Recording:
 POINTS = [OperatingPoint(rpm(860), MPa(10)), OperatingPoint(rpm(860), MPa(11)), OperatingPoint(rpm(1500), MPa(10))]
 
 
-@pytest.mark.parametrize(("speed", "pressure", "index"), [(862, 10.2, 0), (850, 10.8, 1), (1490, 10, 2)])
-def test_a_recording_belongs_to_the_nearest_point(speed: float, pressure: float, index: int) -> None:
-    assert choose_point(recording(speed, pressure), POINTS) == POINTS[index]
-
-
-def test_a_recording_elsewhere_makes_a_point_of_its_own() -> None:
-    assert choose_point(recording(1200, 10), POINTS).name == "1200 rpm, 10 MPa"
-
-
-def test_a_recording_that_states_nothing_belongs_to_no_stated_point() -> None:
-    bare = Recording(np.ones((1, 9)), 100.0, "r")
-    assert choose_point(bare, POINTS) == OperatingPoint(None, None)
-    assert choose_point(bare, POINTS).name == "any"
+@pytest.mark.parametrize(
+    ("speed", "pressure", "name"),
+    [
+        (862, 10.2, "860 rpm, 10 MPa"),
+        (850, 10.8, "860 rpm, 11 MPa"),
+        (1490, 10, "1500 rpm, 10 MPa"),
+        (1200, 10, "1200 rpm, 10 MPa"),
+    ],
+)
+def test_a_recording_belongs_to_the_nearest_point_or_makes_one(speed: float, pressure: float, name: str) -> None:
+    assert choose_point(recording(speed, pressure), POINTS).name == name
+    assert choose_point(Recording(np.ones((1, 9)), 100.0, "states nothing"), POINTS).name == "any"
 
 
 @given(some.floats(100, 3000), some.floats(1, 30))

@@ -1,4 +1,4 @@
-"""The sequential test: known values of bets, the promise under exchangeability, evidence after a change, its state."""
+"""The sequential test and the alarm's condition: known values, the promise, evidence after a change, their state."""
 
 import json
 
@@ -9,7 +9,18 @@ from hypothesis import strategies as some
 
 from swashtwin.foundation import from_table, to_table
 from swashtwin.learning import wilson_interval
-from swashtwin.monitoring.alarms.testing import N_BETS, POWERS, SHARING, ConformalTest, payoffs, rank_step
+from swashtwin.monitoring.alarms.testing import (
+    N_BETS,
+    PERSISTENCE,
+    POWERS,
+    QUIET,
+    RECENT,
+    SHARING,
+    Condition,
+    ConformalTest,
+    payoffs,
+    rank_step,
+)
 
 LIMIT = 0.05
 
@@ -33,12 +44,6 @@ def test_each_bet_pays_one_on_average_over_uniform_p_values(large_share: float) 
     assert mean[0] == pytest.approx(1 - 1e-5 ** POWERS[0], abs=0.2)  # the sum misses most of the pole at 0
 
 
-@given(some.floats(0.001, 1), some.floats(0.001, 1), some.floats(0.001, 0.999))
-def test_no_bet_pays_more_at_a_higher_p_value(first: float, second: float, large_share: float) -> None:
-    low, high = sorted([first, second])
-    assert (payoffs(low, large_share) >= payoffs(high, large_share) * (1 - 1e-12)).all()
-
-
 def test_bets_at_a_p_value_of_one_percent_have_the_values_of_a_hand_calculation() -> None:
     powers = [0.1 * 0.01**-0.9, 0.3 * 0.01**-0.7, 0.5 * 0.01**-0.5]
     assert payoffs(0.01, 0.1).tolist() == pytest.approx([*powers, 5, 8, 9.5])
@@ -55,13 +60,6 @@ def test_the_second_bet_shares_a_tenth_and_wakes_a_sixth() -> None:
     stakes = np.array(first.bets) + 1 / 6 / N_BETS
     stakes = (1 - SHARING) * stakes + SHARING * stakes.mean()
     assert first.after(5.0, True, 0.2).capital == pytest.approx(1 / 3 + stakes @ payoffs(0.2, 2 / 3))
-
-
-def test_the_highest_of_twenty_scores_has_a_p_value_below_a_twentieth() -> None:
-    test = ConformalTest.calibrated([(float(score), False) for score in range(1, 20)])
-    assert test.p_value(100.0, False, tie=0.0) == pytest.approx(0.05)
-    assert 0 < test.p_value(100.0, False, tie=0.999) < 0.001
-    assert test.p_value(0.01, False, tie=0.0) == 1
 
 
 def test_smoothed_p_values_of_exchangeable_scores_are_uniform_even_with_many_ties() -> None:
@@ -124,3 +122,19 @@ def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(steps: list
 def test_the_grid_keeps_the_order_of_scores(first: float, second: float) -> None:
     low, high = sorted([first, second])
     assert rank_step(low, False) <= rank_step(high, False) < rank_step(low, True) <= rank_step(high, True)
+
+
+@given(some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60))
+def test_a_condition_is_raised_by_persistence_with_evidence_and_cleared_by_quiet(
+    course: list[tuple[bool, bool]],
+) -> None:
+    condition, events = Condition(), []
+    for number, (is_large, is_proven) in enumerate(course):
+        was_active = condition.is_active
+        condition, change = condition.after(is_large, is_proven=is_proven)
+        before = [large for large, _ in course[: number + 1]]
+        is_quiet = len(before) >= QUIET and not any(before[-QUIET:])
+        assert (change == "cleared") == (was_active and is_quiet)
+        assert change != "raised" or (is_proven and sum(before[-RECENT:]) >= PERSISTENCE)
+        events += [change] if change else []
+    assert events == [("raised", "cleared")[n % 2] for n in range(len(events))]

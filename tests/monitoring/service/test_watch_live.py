@@ -33,7 +33,7 @@ def mqtt(broker: Broker, group: str = "") -> str:
 
 
 def block(seed: int) -> bytes:
-    header = {"rate": f"{RATE} Hz", "unit": "m/s^2", "channels": ["x", "y"]}
+    header = {"rate": f"{RATE} Hz", "unit": "m/s^2", "channels": ["x", "y"], "type": "float32"}
     return json.dumps(header).encode() + b"\n" + hum(seed).signal.T.astype("<f4").tobytes()
 
 

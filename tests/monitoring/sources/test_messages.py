@@ -18,7 +18,7 @@ from swashtwin.monitoring.sources.mqtt import MqttWatch
 from swashtwin.recordings import Options
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
-HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "speed": "1500 rpm"}
+HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "type": "float32", "speed": "1500 rpm"}
 
 
 def block(number: float = 0.0, **changes) -> bytes:
@@ -29,7 +29,7 @@ def block(number: float = 0.0, **changes) -> bytes:
 def test_a_message_states_its_machine_before_its_topic() -> None:
     delivery, content = read_message(block(machine="pump-9"), "mqtt", NOW, "pump-1")
     assert (delivery.machine, delivery.problem, len(content)) == ("pump-9", None, 64)
-    assert delivery.facts == {"rate": "25.6 kHz", "unit": "g", "channels": "x,y", "speed": "1500 rpm"}
+    assert delivery.facts == HEADER | {"channels": "x,y"}
 
 
 @pytest.mark.parametrize(
@@ -42,6 +42,7 @@ def test_a_message_states_its_machine_before_its_topic() -> None:
         (b'{"a":' * 50_000 + b"\n", "no line of JSON"),
         (b"[" * 60_000 + b"\n", "no JSON"),
         (b'{"rate": "25.6 kHz", "unit": "g"}\n', "states no channels"),
+        (b'{"rate": "25.6 kHz", "unit": "g", "channels": ["x"]}\n', "states no type"),
         (b'{"rate": 25600, "unit": "g", "channels": ["x"]}\n', "rate"),
         (b'{"machine": 7, "file": "a.wav"}\n', "machine must be text"),
         (b'{"file": ["a"]}\n', "file must be text"),
@@ -58,9 +59,6 @@ def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(payload
 
 
 WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
-GAP = np.where(np.arange(64) == 5, np.nan, WAVE.ravel()).reshape(-1, 2)
-GLITCH = np.where(np.arange(64) == 5, 1e20, WAVE.ravel()).reshape(-1, 2)
-DEAD = np.abs(WAVE) * [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -83,32 +81,14 @@ def test_a_message_states_type_count_unit_and_sensitivity(tmp_path, kind, scale,
 
 
 @pytest.mark.parametrize(
-    ("content", "changes", "reason"),
-    [
-        (WAVE.astype("<f8").tobytes(), {}, 'state "type": "float64"'),
-        (WAVE.astype("<f4").astype("<f8").tobytes(), {}, 'state "type": "float64"'),
-        (GAP.astype("<f8").tobytes(), {}, 'state "type": "float64"'),
-        (np.round(9 * WAVE).astype("<f8").tobytes(), {}, 'state "type": "float64" or "float32"'),
-        (DEAD.astype("<f4").tobytes(), {}, 'state "type": "float64" or "float32"'),
-        (WAVE.astype("<f4").tobytes()[:-4], {}, "no whole number"),
-        (WAVE.astype("<f4").tobytes(), {"count": "31"}, "32 float32 samples of each channel, not 31"),
-    ],
+    ("size", "count", "reason"),
+    [(-4, "32", "no whole number"), (None, "31", "32 float32 samples of .*, not 31")],
 )
-def test_samples_of_another_type_or_number_than_stated_are_refused(tmp_path, content, changes, reason) -> None:
-    (path := tmp_path / "message.f32").write_bytes(content)
+def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count, reason) -> None:
+    (path := tmp_path / "message.f32").write_bytes(WAVE.astype("<f4").tobytes()[:size])
+    facts = HEADER | {"channels": "x,y", "count": count}
     with pytest.raises(UnfitError, match=reason):
-        samples_recording(path, {"rate": "25.6 kHz", "unit": "g", "channels": "x,y"} | changes, "m", Options())
-
-
-@pytest.mark.parametrize(
-    ("wave", "changes"),
-    [(GAP, {}), (GLITCH, {}), (0 * WAVE, {}), (DEAD, {"type": "float32"}), (DEAD, {"count": "32"})],
-)
-def test_float32_samples_with_odd_values_are_taken_for_what_they_are(tmp_path, wave, changes) -> None:
-    (path := tmp_path / "message.f32").write_bytes(wave.astype("<f4").tobytes())
-    facts = {"rate": "25.6 kHz", "unit": "m/s^2", "channels": "x,y"} | changes
-    recording = samples_recording(path, facts, "m", Options())
-    np.testing.assert_array_equal(recording.signal, wave.T.astype("<f4"))
+        samples_recording(path, facts, "m", Options())
 
 
 @contextmanager

@@ -104,8 +104,7 @@ def _reason(cause: Exception, timeout: float) -> str:
     if isinstance(cause, smtplib.SMTPRecipientsRefused):
         return "the server refused every recipient"
     if isinstance(cause, smtplib.SMTPResponseException):
-        answer = cause.smtp_error.decode(errors="replace") if isinstance(cause.smtp_error, bytes) else cause.smtp_error
-        return escape_controls(f"the server answers {cause.smtp_code} {answer}".rstrip(". "))
+        return escape_controls(f"the server answers {cause.smtp_code} {cause.smtp_error!r}")
     if TimeoutError in (type(cause), type(cause.__context__)):
         return f"no answer within {timeout:g} s"
     if isinstance(cause, ssl.SSLError):

@@ -282,7 +282,7 @@ class Rejection(Row, kw_only=True):
     content: Mapped[str]
     """SHA-256 of the bytes that were delivered."""
     reason: Mapped[str]
-    """One word: ``late``, ``double``, ``broken``, ``rate``, ``channels``, ``machine``, ..."""
+    """One word: ``late``, ``double``, ``broken``, ``unfit``, ``machine``, ..."""
     detail: Mapped[str]
     """One line for a person."""
     copy: Mapped[str | None] = mapped_column(default=None)

@@ -41,45 +41,40 @@ class WatchCollector(Collector):
             yield from _status_metrics(self._site.status())
 
     def _history_metrics(self) -> Iterator[Metric]:
-        machines = self._site.machines()
+        machines, read = self._site.machines(), self._site.history.read
         newest = [(machine.name, machine.last) for machine in machines if machine.last is not None]
-        for name, text, field in (
-            ("alarm_capital", "Evidence against luck of the newest recording.", "capital"),
-            ("verdict_probability", "Probability of the newest recording's verdict.", "probability"),
-            ("verdict_confidence", "Confidence of the newest recording's verdict.", "confidence"),
+        for name, text, value in (
+            ("alarm_capital", "Evidence against luck of the newest recording.", lambda last: last.capital),
+            ("verdict_probability", "Probability of the newest recording's verdict.", lambda last: last.probability),
+            ("verdict_confidence", "Confidence of the newest recording's verdict.", lambda last: last.confidence),
+            ("last_recording_timestamp_seconds", "Time of the newest recording.", lambda last: last.time.timestamp()),
         ):
-            values = [((machine,), getattr(judgment, field)) for machine, judgment in newest]
-            yield _gauge(name, text, ("machine",), [(labels, value) for labels, value in values if value is not None])
-        times = [((machine,), judgment.time.timestamp()) for machine, judgment in newest]
-        yield _gauge("last_recording_timestamp_seconds", "Time of the newest recording.", ("machine",), times)
-        yield _gauge(
-            "machine_state",
-            "1 for the state that a machine is in.",
-            ("machine", "state"),
-            [((machine.name, state.code), state_of(machine) == state) for machine in machines for state in STATES],
-        )
+            known = [((machine,), value(last)) for machine, last in newest if value(last) is not None]
+            yield _gauge(name, text, ("machine",), known)
+        states = [((machine.name, state.code), state_of(machine) == state) for machine in machines for state in STATES]
+        yield _gauge("machine_state", "1 for the state that a machine is in.", ("machine", "state"), states)
         alarms = Counter((alarm.machine, alarm.kind, alarm.state) for machine in machines for alarm in machine.alarms)
         yield _gauge("alarms", "Alarms that are not closed.", ("machine", "kind", "state"), alarms.items())
         yield _gauge("alarm_threshold", "Evidence at which an alarm is raised.", (), [((), self._site.alarm_capital)])
-        read = self._site.history.read
-        yield _counter(
-            "recordings", "Recordings judged, by state.", ("machine", "state"), read.recordings_by_state().items()
-        )
+        recordings = read.recordings_by_state().items()
+        yield _counter("recordings", "Recordings judged, by state.", ("machine", "state"), recordings)
         rejections = [((reason,), count) for reason, count in read.rejections_by_reason().items()]
         yield _counter("rejections", "Recordings that were not judged, by reason.", ("reason",), rejections)
 
 
 def _status_metrics(status: "WatchStatus") -> Iterator[Metric]:
-    yield _gauge("start_time_seconds", "When the watch started.", (), [((), status.started.timestamp())])
-    yield _gauge("recordings_waiting", "Recordings that are not judged yet.", (), [((), status.waiting)])
-    yield _gauge("messages_waiting", "Messages that are not sent yet.", (), [((), status.outbox)])
-    yield _gauge("free_bytes", "Free space of the watch's folder.", (), [((), status.free_bytes)])
-    yield _gauge("problems", "Problems of the watch.", (), [((), len(status.problems))])
-    labels = ("source", "kind")
-    sources = status.sources
-    connected = [((source.name, source.kind), source.problem is None) for source in sources]
+    for name, text, value in (
+        ("start_time_seconds", "When the watch started.", status.started.timestamp()),
+        ("recordings_waiting", "Recordings that are not judged yet.", status.waiting),
+        ("messages_waiting", "Messages that are not sent yet.", status.outbox),
+        ("free_bytes", "Free space of the watch's folder.", status.free_bytes),
+        ("problems", "Problems of the watch.", len(status.problems)),
+    ):
+        yield _gauge(name, text, (), [((), value)])
+    labels, named = ("source", "kind"), [((source.name, source.kind), source) for source in status.sources]
+    connected = [(names, source.problem is None) for names, source in named]
     yield _gauge("source_connected", "1 while a source is connected.", labels, connected)
-    received = [((source.name, source.kind), source.received) for source in sources]
+    received = [(names, source.received) for names, source in named]
     yield _counter("source_received", "Recordings received by a source.", labels, received)
     for name, value in status.counters.items():
         yield _counter(f"watch_{name}", f"Counted by the watch: {name.replace('_', ' ')}.", (), [((), value)])

@@ -14,9 +14,8 @@ from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Judgment
-from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_trend, sparkline
+from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_spectrum, draw_trend, healthy_recordings, sparkline
 from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.page.spectra import draw_spectrum, healthy_recordings
 from swashtwin.monitoring.page.wording import (
     STATES,
     VERDICT_NAMES,

@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from swashtwin.foundation import DataError, InputError, sha256_of, to_table
+from swashtwin.foundation import DataError, InputError, SwashTwinError, sha256_of, to_table
 from swashtwin.monitoring.alarms.channels import AlarmMessage
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
@@ -21,12 +21,15 @@ from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.tables import Alarm, Judgment, Rejection
 from swashtwin.monitoring.history.transaction import MachineTransaction
-from swashtwin.monitoring.service.models import Models
-from swashtwin.monitoring.sources.contents import Contents, read_contents
+from swashtwin.monitoring.sources.contents import Contents, Tags, read_contents
 from swashtwin.monitoring.sources.delivery import UnfitError, safe_name
 from swashtwin.monitoring.sources.spool import SpoolFile
-from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.recordings import Recording
+
+if TYPE_CHECKING:
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier
+
+    Model = FaultClassifier | AnomalyDetector | PriorClassifier
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
@@ -290,14 +293,48 @@ def record_event(
     return number
 
 
+class Models:
+    """Models of machines by path, each loaded when it is first needed."""
+
+    def __init__(self) -> None:
+        self._models: dict[Path, tuple[Model, str] | str] = {}
+
+    def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
+        """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
+
+        Empty where the machine has no model.
+        """
+        model = None if machine.model is None else self._model(machine.model)
+        if model is None or isinstance(model, str):
+            return {"no_verdict": model}
+        loaded, fingerprint = model
+        try:
+            return {"model": fingerprint, **_verdict(loaded, recording)}
+        except SwashTwinError as cause:
+            return {"model": fingerprint, "no_verdict": str(cause)}
+
+    def problem(self, machine: Machine) -> str | None:
+        """Why the machine's model cannot be used; None where it can, or there is none."""
+        model = None if machine.model is None else self._model(machine.model)
+        return f"model of {machine.name}: {model}" if isinstance(model, str) else None
+
+    def _model(self, path: Path) -> "tuple[Model, str] | str":
+        if path not in self._models:
+            from swashtwin.diagnosis import load_model
+
+            try:
+                self._models[path] = load_model(path), sha256_of(path)[:16]
+            except (SwashTwinError, OSError) as cause:
+                self._models[path] = str(cause)
+        return self._models[path]
+
+
 class RejectedFiles:
     """Files that could not be judged, to be looked at and repaired; the oldest go when there are too many."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        files = sorted(path for path in folder.iterdir() if path.is_file())
-        self._sizes = {path: path.stat().st_size for path in files}
 
     def keep(self, file: SpoolFile) -> str | None:
         """Name of a copy of a file in the spool; None where the disk has no space for it."""
@@ -308,15 +345,15 @@ class RejectedFiles:
                     os.link(file.path, path)
                 except OSError:  # a file system without links
                     shutil.copyfile(file.path, path)
-            self._sizes[path] = path.stat().st_size
         except OSError:
             return None
-        while len(self._sizes) > _MOST_REJECTED or sum(self._sizes.values()) > _MOST_REJECTED_BYTES:
-            oldest = next(iter(self._sizes))
-            with suppress(OSError):
-                oldest.unlink()
-            del self._sizes[oldest]
-        return path.name if path in self._sizes else None
+        size = 0
+        for number, old in enumerate(sorted(self._folder.iterdir(), reverse=True), 1):  # the newest first
+            size += old.stat().st_size
+            if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
+                with suppress(OSError):
+                    old.unlink()
+        return path.name
 
 
 def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:
@@ -369,3 +406,15 @@ def _sentence(found: PointJudgment, judgment: Judgment, config: WatchConfig) -> 
     if judgment.state in ("alarm", "unusual", "sensor"):
         words += found.reasons[:2]
     return "; ".join(words)
+
+
+def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
+    verdict = model.diagnose(recording)
+    answer = verdict.to_dict()
+    answer.pop("window_labels")
+    if verdict.label is None:
+        return {"answer": answer, "no_verdict": verdict.no_verdict}
+    named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
+    if verdict.n_windows and not verdict.unknown:
+        named["confidence"] = verdict.agreement
+    return {"answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}

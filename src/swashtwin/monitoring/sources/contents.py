@@ -1,7 +1,14 @@
-"""The recording in a spool file, with what the file, its message, the tags and the configuration say of it."""
+"""The recording in a spool file, with what the file, its message, the tags and the configuration say of it.
 
+Tags are operating points that another system wrote down: a CSV of times with speeds and pressures.
+"""
+
+import csv
 import math
+import time as clock
+from bisect import bisect_right
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from errno import EDQUOT, EMFILE, ENFILE, ENOSPC
@@ -11,12 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError, parse
+from swashtwin.foundation import DataError, InputError, SwashTwinError, parse, read_text
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import QUANTITIES, Delivery, UnfitError, entry_facts, read_time, safe_name
 from swashtwin.monitoring.sources.message import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
-from swashtwin.monitoring.sources.tags import Tags
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Options, Recording, load_recording, stem_of
 
@@ -25,6 +31,74 @@ _AHEAD = timedelta(minutes=5)
 _RATE_TOLERANCE = 1e-3
 _PASSING = (ENOSPC, EDQUOT, EMFILE, ENFILE)
 """Errors of the computer and not of a file."""
+_OLDEST = timedelta(hours=1)
+"""Age of a tag up to which it still holds."""
+_SETTLED = 10.0
+"""Time [s] since its last change after which a file's last line is whole, with a line break or without."""
+_USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
+
+
+class Tags:
+    """Operating points of a machine by time; the file is read again when it changed.
+
+    Its first line names the columns ``time`` and at least one of ``speed``, ``pressure`` and ``temperature``. A number
+    without a unit is in rpm, MPa or degC.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stamp: tuple[int, int, bool] | None = None
+        self._times: list[datetime] = []
+        self._facts: list[dict[str, str]] = []
+
+    def at(self, time: datetime) -> Mapping[str, str]:
+        """Facts of the last line at or before `time`; none where that is older than an hour.
+
+        Raises
+        ------
+        DataError
+            The file is missing or a line of it cannot be read.
+        """
+        try:
+            stat = self._path.stat()
+        except OSError as cause:
+            raise DataError(f"{self._path} (tags) cannot be read: {cause.strerror or cause}.") from cause
+        is_still = clock.time() - stat.st_mtime > _SETTLED
+        stamp = (stat.st_size, stat.st_mtime_ns, is_still)
+        if self._stamp != stamp:
+            rows = _read_tags(self._path, is_still)
+            self._times, self._facts, self._stamp = [row[0] for row in rows], [row[1] for row in rows], stamp
+        index = bisect_right(self._times, time) - 1
+        return self._facts[index] if index >= 0 and time - self._times[index] <= _OLDEST else {}
+
+
+def _read_tags(path: Path, is_still: bool) -> list[tuple[datetime, dict[str, str]]]:
+    rows = []
+    text = read_text(path)
+    whole = text if is_still else text[: text.rfind("\n") + 1]  # a line without its end may be half written
+    reader = csv.DictReader(whole.splitlines())
+    names = [name.strip() for name in reader.fieldnames or ()]
+    if "time" not in names or not _USUAL_UNITS.keys() & set(names):
+        raise DataError(f"{path} (tags) must begin with a line such as time,speed,pressure.")
+    reader.fieldnames = names
+    for row in reader:
+        try:
+            rows.append((read_time((row["time"] or "").strip()), _tagged(row)))
+        except InputError as cause:
+            raise DataError(f"{path} (tags), line {reader.line_num}: {cause}") from cause
+    return sorted(rows, key=lambda row: row[0])
+
+
+def _tagged(row: Mapping[str, str | None]) -> dict[str, str]:
+    facts = {}
+    for name, unit in _USUAL_UNITS.items():
+        text = (row.get(name) or "").strip()
+        if text:
+            with suppress(ValueError):  # it has a unit
+                text = f"{float(text)!r} {unit}"
+            parse(text, QUANTITIES[name][1], name=name)
+            facts[name] = text
+    return facts
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +139,10 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     except OSError as cause:
         if cause.errno in _PASSING:
             raise
-        raise UnfitError("broken", _named(str(cause), file)) from cause
+        raise UnfitError("broken", f"{delivery.file} cannot be read: {cause.strerror or cause}") from cause
     except (SwashTwinError, MemoryError) as cause:
-        raise UnfitError("broken", _named(str(cause) or "it takes more memory than there is.", file)) from cause
+        text = str(cause) or "it takes more memory than there is."
+        raise UnfitError("broken", text.replace(str(file.path), delivery.file)) from cause
     digest = recording.fingerprint()
     if signal.size and np.all(signal == signal[:, :1]):
         digest = sha256(f"{digest} {time.isoformat()}".encode()).hexdigest()
@@ -81,7 +156,7 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
         recording = samples_recording(file.path, delivery.facts, name, Options(sensitivity=machine.sensitivity))
         if missing := [channel for channel in machine.channels if channel not in recording.channels]:
             others = ", ".join(recording.channels)
-            raise UnfitError("channels", f"it has no channel {missing[0]!r}; it has {others}.")
+            raise UnfitError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
         recording = recording.picked(machine.channels or recording.channels)
     else:
         if "type" in delivery.facts:
@@ -91,7 +166,7 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
             raise UnfitError("broken", f"it has {recording.n_samples} samples of each channel, not {count}.")
     rate = machine.sample_rate
     if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
-        raise UnfitError("rate", f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.")
+        raise UnfitError("broken", f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.")
     return recording
 
 
@@ -107,24 +182,7 @@ def _load_file(file: SpoolFile, facts: dict[str, Any], machine: Machine) -> Reco
     usual = {key: value for key in _READING if (value := getattr(machine, key)) not in (None, ()) and key not in facts}
     if "speed" not in facts:  # a pressure alone is joined with a speed afterwards
         facts = {key: value for key, value in facts.items() if key != "discharge_pressure"}
-    try:
-        return load_recording(file.path, **facts, **usual)
-    except DataError as cause:
-        reason = _misfit(file, facts, usual)
-        raise UnfitError(reason, _named(str(cause), file)) from cause
-
-
-def _misfit(file: SpoolFile, facts: Mapping[str, Any], usual: Mapping[str, Any]) -> str:
-    """Which fact of the machine the file contradicts; ``broken`` where it cannot be read at all."""
-    for key, reason in (("channels", "channels"), ("sample_rate", "rate"), ("unit", "unit")):
-        if key not in usual:
-            continue
-        try:
-            load_recording(file.path, **facts, **{name: value for name, value in usual.items() if name != key})
-        except SwashTwinError:
-            continue
-        return reason
-    return "broken"
+    return load_recording(file.path, **facts, **usual)
 
 
 def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
@@ -170,8 +228,3 @@ def _with_condition(
         speed = f"{values['speed'] * 30 / math.pi!r} rpm"
         return recording.replace(attributes={**recording.attributes, "speed": speed}), notes
     return recording, notes
-
-
-def _named(text: str, file: SpoolFile) -> str:
-    """A message with the name that the file came under instead of the one in the spool."""
-    return text.replace(str(file.path), file.delivery.file)

@@ -1,8 +1,8 @@
 """One message of a broker as a recording: a line of JSON, then samples or a whole file.
 
-The line states ``machine``, ``rate``, ``unit``, ``channels`` (a list of names) and what else is known by the names of
-`FACTS`. Little-endian samples follow, of the ``type`` that it states or float32, all channels of the first instant,
-then of the second. Where the line states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
+The line states ``rate``, ``unit``, ``channels`` (a list of names), ``type`` and what else is known by the names of
+`FACTS`. Little-endian samples of that type follow, all channels of the first instant, then of the second. Where the
+line states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
 """
 
 import json
@@ -29,10 +29,6 @@ from swashtwin.recordings import Options, RawFile, Recording, scale
 SAMPLES = ".f32"
 """Suffix of the samples of a message in the spool."""
 _LONGEST_HEADER = 1 << 16
-_WILD = 1e15
-"""No sensor gives such a number."""
-_LEAST_WILD = 0.03
-"""Share of wild float32 in the bytes of doubles; chance gives 15 %, doubles made of float32 12 %."""
 
 
 def read_message(payload: bytes, source: str, received: datetime, machine: str | None) -> tuple[Delivery, bytes]:
@@ -62,7 +58,7 @@ def read_message(payload: bytes, source: str, received: datetime, machine: str |
         if type(count := header.get("count")) is int:
             header["count"] = str(count)
         facts = check_facts(header)
-        if name is None and (missing := [key for key in ("rate", "unit", "channels") if key not in facts]):
+        if name is None and (missing := [key for key in ("rate", "unit", "channels", "type") if key not in facts]):
             raise InputError(f"its first line states no {missing[0]}.")
     except (InputError, DataError) as cause:
         return Delivery(source, "message.bin", received, machine, {}, problem=f"a message is broken: {cause}"), payload
@@ -92,11 +88,11 @@ def samples_recording(path: Path, facts: Mapping[str, str], name: str, options: 
     Raises
     ------
     UnfitError
-        The samples are no whole number of instants, not as many as stated, or plainly of another type.
+        The samples are no whole number of instants, or not as many as stated.
     DataError
         The unit and the sensitivity do not fit.
     """
-    channels, kind, data = channel_names(facts["channels"]), facts.get("type", "float32"), path.read_bytes()
+    channels, kind, data = channel_names(facts["channels"]), facts["type"], path.read_bytes()
     size = np.dtype(TYPES[kind]).itemsize
     if not channels or not data or len(data) % (size * len(channels)):
         raise UnfitError(
@@ -105,34 +101,8 @@ def samples_recording(path: Path, facts: Mapping[str, str], name: str, options: 
     samples = np.frombuffer(data, TYPES[kind]).reshape(-1, len(channels)).T
     if "count" in facts and samples.shape[1] != int(facts["count"]):
         raise UnfitError("broken", f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.")
-    if kind == "float32" and _are_doubles(data):
-        raise UnfitError("broken", 'its samples are float64 by their bits; state "type": "float64".')
-    if not {"type", "count"} & facts.keys() and _may_be_whole_doubles(data):
-        raise UnfitError(
-            "broken",
-            'every second sample is zero, as in whole float64; state "type": "float64" or "float32".',
-        )
     raw = RawFile(dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"]))
     sensitivity = entry_facts(facts).get("sensitivity", options.sensitivity)
     factors, unit = scale(raw, replace(options, sensitivity=sensitivity), channels, "the message")
     scaled = samples * np.array(factors)[:, None]
     return Recording(scaled, parse(facts["rate"], "Hz", name="rate"), name, channels=tuple(channels), unit=unit)
-
-
-def _are_doubles(data: bytes) -> bool:
-    """Whether bytes are often wild as float32, as low halves of doubles are, and tame as float64."""
-    if len(data) % 8:
-        return False
-    floats, doubles = np.frombuffer(data, "<f4"), np.frombuffer(data, "<f8")
-    with np.errstate(invalid="ignore"):
-        wild = np.isfinite(floats) & (np.abs(floats) > _WILD)
-        tame = np.abs(doubles[np.isfinite(doubles)]) < _WILD
-    return bool(wild.mean() > _LEAST_WILD and np.all(tame))
-
-
-def _may_be_whole_doubles(data: bytes) -> bool:
-    """Whether each low half of a double is zero, as that of a whole number is, and not each high half."""
-    if len(data) % 8:
-        return False
-    low, high = np.frombuffer(data, "<u4").reshape(-1, 2).T
-    return not low.any() and bool(high.any())

@@ -138,38 +138,26 @@ def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> No
 @pytest.mark.parametrize("status", [302, 500])
 def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(tmp_path: Path, status: int) -> None:
     with serving(hook_server(status)) as port:
-        channel = WebhookChannel(name="hook", url=Secret(f"http://u:geheim@127.0.0.1:{port}/"))
-        with pytest.raises(ChannelError, match=f"answers {status}") as error:
-            send(MESSAGE, channel, folder=tmp_path)
-    assert "geheim" not in str(error.value)
+        url = Secret(f"http://u:geheim@127.0.0.1:{port}/")
+        for token, reason in ((Secret(""), f"answers {status}"), (Secret("ge\nheim"), "hook")):
+            with pytest.raises(ChannelError, match=reason) as error:
+                send(MESSAGE, WebhookChannel(name="hook", url=url, token=token), folder=tmp_path)
+            assert "heim" not in str(error.value)
 
 
-def test_a_token_that_no_header_can_hold_is_not_shown_in_the_error(tmp_path: Path) -> None:
-    channel = WebhookChannel(name="hook", url=Secret("http://127.0.0.1:9/"), token=Secret("ge\nheim"))
-    with pytest.raises(ChannelError, match="hook") as error:
-        send(MESSAGE, channel, folder=tmp_path)
-    assert "heim" not in str(error.value)
-
-
-def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity(tmp_path: Path) -> None:
+def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no_forged_header(tmp_path: Path) -> None:
     server = MailServer()
     with serving(server) as port:
         send(MESSAGE, mail_channel(port, recipients=("d@e.f", "g@h.i")), folder=tmp_path)
-    mail = message_from_bytes(server.mails[0], policy=policy.default)
+        hostile = AlarmMessage("p\r\nBcc: x@y.z", "any", "pump", "opened", "now", "3")
+        send(hostile, mail_channel(port), folder=tmp_path)
+    mail, other = (message_from_bytes(content, policy=policy.default) for content in server.mails)
     assert mail["Subject"] == "pump-1: pump alarm opened (860 rpm, 10 MPa)"
     assert mail["To"] == "d@e.f, g@h.i"
     assert mail["Message-ID"] == "<alarm-17-opened@swashtwin>"
     assert "+9.1 dB at shaft order 9" in mail.get_content()
     assert "http://127.0.0.1:8642/alarms/17" in mail.get_content()
-
-
-def test_a_mail_about_a_machine_with_a_line_break_in_its_name_forges_no_header(tmp_path: Path) -> None:
-    server = MailServer()
-    with serving(server) as port:
-        hostile = AlarmMessage("p\r\nBcc: x@y.z", "any", "pump", "opened", "now", "3")
-        send(hostile, mail_channel(port), folder=tmp_path)
-    mail = message_from_bytes(server.mails[0], policy=policy.default)
-    assert mail["Bcc"] is None
+    assert other["Bcc"] is None
 
 
 @pytest.mark.parametrize(
@@ -185,29 +173,23 @@ def test_a_mail_that_is_refused_or_would_go_in_the_clear_is_an_error_with_the_re
     assert server.mails == []
 
 
-def test_a_broker_gets_the_message_as_json(tmp_path: Path) -> None:
+def test_a_broker_gets_the_message_as_json(tmp_path: Path, broker: Broker) -> None:
     from paho.mqtt.client import Client
     from paho.mqtt.enums import CallbackAPIVersion
 
-    broker = Broker(tmp_path)
-    broker.start()
     got, ready, payloads = threading.Event(), threading.Event(), list[bytes]()
     listener = Client(CallbackAPIVersion.VERSION2)
     listener.on_subscribe = lambda *_: ready.set()
     listener.on_message = lambda _, __, message: (payloads.append(message.payload), got.set())
-    try:
-        listener.connect(broker.host, broker.port)
-        listener.subscribe("plant/alarms", qos=1)
-        listener.loop_start()
-        assert ready.wait(10)
-        send(
-            MESSAGE, MqttChannel(name="mqtt", host=broker.host, port=broker.port, topic="plant/alarms"), folder=tmp_path
-        )
-        assert got.wait(10)
-    finally:
-        listener.disconnect()
-        listener.loop_stop()
-        broker.stop()
+    listener.connect(broker.host, broker.port)
+    listener.subscribe("plant/alarms", qos=1)
+    listener.loop_start()
+    assert ready.wait(10)
+    channel = MqttChannel(name="mqtt", host=broker.host, port=broker.port, topic="plant/alarms")
+    send(MESSAGE, channel, folder=tmp_path)
+    assert got.wait(10)
+    listener.disconnect()
+    listener.loop_stop()
     assert json.loads(payloads[0])["identity"] == "alarm-17-opened"
 
 
@@ -218,13 +200,9 @@ def channels(port: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_a_server_that_is_not_there_is_an_error(tmp_path: Path, number: int) -> None:
+def test_a_server_that_is_not_there_or_stays_silent_is_an_error_in_time(tmp_path: Path, number: int) -> None:
     with pytest.raises(ChannelError, match="Connection refused"):
         send(MESSAGE, channels(free_port())[number], folder=tmp_path)
-
-
-@pytest.mark.parametrize("number", range(3))
-def test_a_server_that_takes_the_connection_and_stays_silent_is_an_error_in_time(tmp_path: Path, number: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         channel = channels(silent.getsockname()[1])[number]
         started = time.monotonic()

@@ -1,19 +1,17 @@
 """The page in a real Chromium: scripts, live changes, phone, dark mode, keyboard and accessibility."""
 
 import shutil
-import socket
-import threading
-import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from mqtt_broker import free_port
 
 from swashtwin.monitoring.config.loading import load_watch_config
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.serving import serve_page
+from swashtwin.monitoring.page.serving import serving_page
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = "/usr/bin/chromium"
@@ -34,19 +32,10 @@ def served(filled_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Ite
     shutil.copytree(filled_folder, folder)
     config = load_watch_config(folder / "watch.toml")
     history = History.open("", config.folder)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    server = serve_page(build_app(config, history), "127.0.0.1", port)
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        time.sleep(0.05)
-    yield f"http://127.0.0.1:{port}", history
-    server.should_exit = True
-    thread.join(20)
+    port = free_port()
+    with serving_page(build_app(config, history), "127.0.0.1", port):
+        yield f"http://127.0.0.1:{port}", history
     history.close()
-    assert not thread.is_alive()
 
 
 @pytest.fixture(scope="module")

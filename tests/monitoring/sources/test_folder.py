@@ -52,24 +52,22 @@ def test_a_file_is_taken_once_it_stands_still(tmp_path: Path, deliveries) -> Non
     assert path.exists()
 
 
-def test_a_machine_is_named_by_the_sub_folder(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries)
-    put(tmp_path, "pump-2/today/a.wav", "b.wav")
+def test_a_sub_folder_names_the_machine_and_links_hidden_and_unfinished_files_are_left_alone(
+    tmp_path: Path, deliveries
+) -> None:
+    watch = folder_watch(tmp_path, deliveries, pattern="*.wav*")
+    (tmp_path / "secret.wav").write_bytes(b"secret")
+    (tmp_path / "inbox" / "link.wav").symlink_to(tmp_path / "secret.wav")
+    put(tmp_path, "pump-2/today/a.wav", "b.wav", ".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt")
     take(watch)
     assert {delivery.file: delivery.machine for delivery, _ in deliveries.items} == {"a.wav": "pump-2", "b.wav": None}
 
 
-def test_links_hidden_unfinished_and_other_files_are_left_alone(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries, pattern="*.wav*")
-    (tmp_path / "secret.wav").write_bytes(b"secret")
-    (tmp_path / "inbox" / "link.wav").symlink_to(tmp_path / "secret.wav")
-    put(tmp_path, ".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt")
-    take(watch)
-    assert deliveries.items == []
-
-
-def test_a_file_is_offered_again_after_the_disk_was_full(tmp_path: Path, deliveries) -> None:
+def test_a_full_disk_or_a_folder_that_is_away_is_a_problem_until_it_is_over(tmp_path: Path, deliveries) -> None:
     watch = folder_watch(tmp_path, deliveries)
+    (tmp_path / "inbox").rmdir()
+    watch.poll()
+    assert "cannot be read" in str(watch.standing.problem)
     deliveries.failures = 1
     put(tmp_path, "a.wav")
     take(watch)
@@ -77,16 +75,6 @@ def test_a_file_is_offered_again_after_the_disk_was_full(tmp_path: Path, deliver
     watch.poll()
     assert watch.standing.problem is None
     assert len(deliveries.items) == 1
-
-
-def test_a_folder_that_is_away_is_a_problem_until_it_is_back(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries)
-    (tmp_path / "inbox").rmdir()
-    watch.poll()
-    assert "cannot be read" in str(watch.standing.problem)
-    (tmp_path / "inbox").mkdir()
-    watch.poll()
-    assert watch.standing.problem is None
 
 
 def test_older_files_are_taken_first(tmp_path: Path, deliveries) -> None:
@@ -279,22 +267,16 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
     assert all(contents.count(content) <= times for content in contents)
 
 
-def test_a_restart_after_a_cut_in_what_is_remembered_takes_again_and_misses_nothing(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries, settle=1e-9)
+def test_a_restart_after_a_cut_takes_again_what_was_not_remembered_or_left_aside(tmp_path: Path, deliveries) -> None:
     put(tmp_path, "a.wav", "b.wav")
-    take(watch)
+    take(folder_watch(tmp_path, deliveries, settle=1e-9))
     remembered = tmp_path / "taken" / "inbox.txt"
     remembered.write_bytes(remembered.read_bytes()[:-9])
-    take(folder_watch(tmp_path, deliveries, settle=1e-9))
-    assert taken(deliveries) == ["a.wav", "b.wav", "b.wav"]
-
-
-def test_a_file_that_a_kill_left_aside_is_taken_again(tmp_path: Path, deliveries) -> None:
-    watch = folder_watch(tmp_path, deliveries, remove=True)
-    put(tmp_path, ".a.wav.swashtwin-taken")
+    (tmp_path / "inbox" / ".c.wav.swashtwin-taken").write_bytes(b"left aside")
+    watch = folder_watch(tmp_path, deliveries, settle=1e-9, remove=True)
     take(watch)
     take(watch)
-    assert taken(deliveries) == ["a.wav"]
+    assert taken(deliveries) == ["a.wav", "b.wav", "b.wav", "c.wav"]
 
 
 @pytest.mark.parametrize(

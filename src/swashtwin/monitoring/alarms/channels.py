@@ -104,7 +104,8 @@ def _reason(cause: Exception, timeout: float) -> str:
     if isinstance(cause, smtplib.SMTPRecipientsRefused):
         return "the server refused every recipient"
     if isinstance(cause, smtplib.SMTPResponseException):
-        return escape_controls(f"the server answers {cause.smtp_code} {cause.smtp_error!r}")
+        answer = cause.smtp_error.decode(errors="replace") if isinstance(cause.smtp_error, bytes) else cause.smtp_error
+        return escape_controls(f"the server answers {cause.smtp_code} {answer}".rstrip(". "))
     if TimeoutError in (type(cause), type(cause.__context__)):
         return f"no answer within {timeout:g} s"
     if isinstance(cause, ssl.SSLError):

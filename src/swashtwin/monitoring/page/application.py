@@ -34,7 +34,7 @@ def build_app(
     upload: Upload | None = None,
     status: Callable[[], WatchStatus] | None = None,
 ) -> FastAPI:
-    """The page of a watch, to be served by `serve_page`.
+    """The page of a watch, to be served by `serving_page`.
 
     Parameters
     ----------

@@ -89,8 +89,15 @@ class ImpatientProtocol(H11Protocol):
             self.transport.abort()  # drops what the client did not take; close() would wait for it
 
 
-def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
-    """A server for the page: ``run()`` serves until ``should_exit`` is set. It logs no addresses and no headers."""
+@contextmanager
+def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
+    """Serve the page in a thread of its own until the block ends. No addresses and no headers are logged.
+
+    Raises
+    ------
+    InputError
+        The port is taken.
+    """
     configuration = uvicorn.Config(
         application,
         host=host,
@@ -109,19 +116,7 @@ def serve_page(application: FastAPI, host: str, port: int) -> uvicorn.Server:
         h11_max_incomplete_event_size=32 * 1024,
     )
     logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
-    return uvicorn.Server(configuration)
-
-
-@contextmanager
-def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
-    """Serve the page in a thread of its own until the block ends.
-
-    Raises
-    ------
-    InputError
-        The port is taken.
-    """
-    server = serve_page(application, host, port)
+    server = uvicorn.Server(configuration)
     thread = threading.Thread(target=server.run, name="page", daemon=True)
     thread.start()
     try:

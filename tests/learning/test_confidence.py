@@ -19,14 +19,15 @@ from swashtwin.learning import (
     FittedClassifier,
     TrainingSettings,
     WindowSet,
+    allowed_error_rate,
     cross_fitted_confidence,
     cut_windows,
     fit,
     learn_confidence,
-    plan_validation,
     pooled_probabilities,
     recording_answers,
     score_confidence,
+    validation_share,
 )
 from swashtwin.learning.features import level_features
 from swashtwin.learning.training.class_space import shrunk_covariance
@@ -337,5 +338,5 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
 def test_a_validation_takes_as_many_recordings_as_the_error_rate_needs_or_what_there_is(
     recordings: int, fraction: float, share: float, count: int, rate: float
 ) -> None:
-    plan = plan_validation(recordings, 0.1, fraction)
-    assert (plan.needed, plan.fraction, plan.n_validation, plan.error_rate) == (9, share, count, rate)
+    assert validation_share(recordings, 0.1, fraction) == (share, count)
+    assert allowed_error_rate(count, 0.1) == rate

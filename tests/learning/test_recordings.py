@@ -8,8 +8,8 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_chosen
-from swashtwin.learning.recordings.own_healthy import OwnHealthy
 from swashtwin.learning.recordings.recording_levels import RecordingLevels
+from swashtwin.learning.recordings.recording_table import RecordingTable
 from swashtwin.learning.recordings.stretches import joined, recording_rows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
@@ -66,13 +66,13 @@ def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None
     levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys])
     condition = np.array([(90.0, pressure) for _, pressure, _ in keys])
     specimen, ids = tuple(key[0] for key in keys), tuple(map(str, keys))
-    healthy = OwnHealthy(levels, specimen, condition, ids)
-    np.testing.assert_allclose(healthy.changes(LAYOUT, levels, specimen, condition, ids), 0, atol=1e-5)
+    healthy = RecordingTable(levels, specimen, condition, ids)
+    np.testing.assert_allclose(healthy.changes(LAYOUT, healthy), 0, atol=1e-5)
     odd = levels.copy()
     odd[0] += np.linspace(-2, 2, LAYOUT.n_levels)
-    changes = OwnHealthy(odd, specimen, condition, ids).changes(LAYOUT, odd, specimen, condition, ids)
-    np.testing.assert_allclose(changes[0], odd[0] - levels[0], atol=1e-5)
-    elsewhere = healthy.changes(LAYOUT, levels[:1], ("D",), condition[:1], ("new",))
+    other = replace(healthy, levels=odd)
+    np.testing.assert_allclose(other.changes(LAYOUT, other)[0], odd[0] - levels[0], atol=1e-5)
+    elsewhere = healthy.changes(LAYOUT, RecordingTable(levels[:1], ("D",), condition[:1], ("new",)))
     assert np.isnan(elsewhere).all()
 
 

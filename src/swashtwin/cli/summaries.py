@@ -123,18 +123,19 @@ def show_check(check: "DataCheck") -> None:
 
 def confidence_advice(fitted: "FittedClassifier") -> str:
     """How to calibrate the confidence of a training."""
-    from swashtwin.learning import plan_validation
+    from swashtwin.learning import allowed_error_rate, validation_share
 
     if fitted.choice is not None:
         return f"that takes a trial: {fitted.choice.reason or 'no class has two recordings to compare'}"
     n_recordings = len(fitted.manifest)
-    plan = plan_validation(n_recordings)
-    if plan.n_validation < 2:
+    share, count = validation_share(n_recordings)
+    if count < 2:
         return f"that takes more recordings than the {n_recordings} it was trained on"
-    rate = "" if plan.n_validation >= plan.needed else f" --error-rate {plan.error_rate:g}"
+    allowed = allowed_error_rate(count, 0.1)
+    rate = "" if allowed == 0.1 else f" --error-rate {allowed:g}"
     return (
         "train without --network calibrates it on the recordings it trains on; "
-        f"--validation-fraction {plan.fraction:g}{rate} holds back about {plan.n_validation} of the "
+        f"--validation-fraction {share:g}{rate} holds back about {count} of the "
         f"{plural(n_recordings, 'recording')} for it"
     )
 

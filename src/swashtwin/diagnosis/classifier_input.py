@@ -270,10 +270,10 @@ def hold_out_validation(
     if not fraction:
         return training, None, asked, ()
     n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
-    plan = learning.plan_validation(n_left, asked, fraction)
+    share, _ = learning.validation_share(n_left, asked, fraction)
     try:
         training, validation = learning.split_by_recording(
-            training, test_fraction=plan.fraction, seed=seed, group=group, keep_in_training=manifest
+            training, test_fraction=share, seed=seed, group=group, keep_in_training=manifest
         )
     except DataError as cause:
         raise DataError(
@@ -284,12 +284,12 @@ def hold_out_validation(
     if error_rate is not None:
         learning.require_enough(count, error_rate)
     allowed, notes = learning.allowed_error_rate(count, asked), tuple[str, ...]()
-    if allowed != asked or plan.fraction != fraction:
+    if allowed != asked or share != fraction:
         rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
         notes = (
-            f"An error rate of {asked:g} needs {plan.needed} validation recordings, and a share of "
-            f"{fraction:g} is about {round(fraction * n_left)}; {count} "
-            f"of {n_left} recordings are held out for it{rate}.",
+            f"An error rate of {asked:g} needs {learning.least_validation(asked)} validation recordings, and a share "
+            f"of {fraction:g} is about {round(fraction * n_left)}; {count} of {n_left} recordings are held out for "
+            f"it{rate}.",
         )
     return training, learning.without_overlap(validation), allowed, notes
 

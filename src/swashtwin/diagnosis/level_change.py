@@ -1,8 +1,7 @@
 """Which levels of a recording moved, in words."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,10 +29,6 @@ class LevelChange:
     def sentence(self) -> str:
         """The same in words: ``+6.2 dB at shaft order 9 (129 Hz), channel x``."""
         return f"{self.change:+.1f} dB at {self.level}, channel {self.channel}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers and words that JSON can hold."""
-        return asdict(self)
 
 
 def level_changes(

@@ -44,6 +44,7 @@ from .processes import parallel as parallel
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .texts import csv_text as csv_text
+from .texts import finite_values as finite_values
 from .texts import json_text as json_text
 from .texts import plain_text as plain_text
 from .texts import plural as plural

@@ -48,14 +48,15 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def json_text(value: Any, *, indent: int | None = None, ensure_ascii: bool = False) -> str:
     """Mappings, lists, paths, texts and numbers as JSON, with null for NaN and infinity, which JSON does not have."""
-    return json.dumps(_finite(value), indent=indent, ensure_ascii=ensure_ascii, allow_nan=False)
+    return json.dumps(finite_values(value), indent=indent, ensure_ascii=ensure_ascii, allow_nan=False)
 
 
-def _finite(value: Any) -> Any:
+def finite_values(value: Any) -> Any:
+    """The same with None for NaN and infinity, which JSON does not have; lists for tuples, texts for paths."""
     if isinstance(value, Mapping):
-        return {str(name): _finite(entry) for name, entry in value.items()}
+        return {str(name): finite_values(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
+        return [finite_values(entry) for entry in value]
     if isinstance(value, Path):
         return str(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -65,8 +65,8 @@ from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
 from .training.confidence import allowed_error_rate as allowed_error_rate
 from .training.confidence import least_validation as least_validation
-from .training.confidence import plan_validation as plan_validation
 from .training.confidence import require_enough as require_enough
+from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
 from .training.normalization import Normalization as Normalization
 from .training.settings import PAPER_TRAINING as PAPER_TRAINING
@@ -86,8 +86,6 @@ from .windows.cutting import cut_windows as cut_windows
 from .windows.cutting import window_batches as window_batches
 from .windows.operating_point import refuse_other_values as refuse_other_values
 from .windows.operating_point import require_shared_speed as require_shared_speed
-from .windows.saving import load_windows as load_windows
-from .windows.saving import save_windows as save_windows
 from .windows.splitting import Fold as Fold
 from .windows.splitting import check_disjoint as check_disjoint
 from .windows.splitting import group_folds as group_folds
@@ -95,3 +93,5 @@ from .windows.splitting import split_by_recording as split_by_recording
 from .windows.splitting import without_overlap as without_overlap
 from .windows.window_set import WindowLayout as WindowLayout
 from .windows.window_set import WindowSet as WindowSet
+from .windows.window_set import load_windows as load_windows
+from .windows.window_set import save_windows as save_windows

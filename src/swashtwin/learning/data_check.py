@@ -2,12 +2,12 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, plural
+from swashtwin.foundation import DataError, InputError, plural, to_table
 from swashtwin.learning.copies import Copy, copied_recordings
 from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
 from swashtwin.learning.training.confidence import allowed_error_rate, least_validation
@@ -116,12 +116,9 @@ class DataCheck:
             "answer": self.answer,
             "is_sound": self.is_sound,
             "is_enough": self.is_enough,
-            "counts": [asdict(count) for count in self.counts],
             "gaps": [{"label": label, "condition": condition} for label, condition in self.gaps],
-            "uses": [asdict(use) for use in self.uses],
-            "copies": [asdict(copy) for copy in self.copies],
-            "notes": list(self.notes),
             "inspection": self.inspection.to_dict(),
+            **to_table({name: getattr(self, name) for name in ("counts", "uses", "copies", "notes")}),
         }
 
 

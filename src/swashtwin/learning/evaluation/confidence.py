@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64, Shaped
 from sklearn.metrics import roc_auc_score
 
-from swashtwin.foundation import DataError, InputError, LeakError
+from swashtwin.foundation import DataError, InputError, LeakError, finite_values, to_table
 from swashtwin.learning.evaluation.metrics import expected_calibration_error
 from swashtwin.learning.evaluation.pooling import fit_pooling, pooled_probabilities, window_counts
 from swashtwin.learning.evaluation.protocols import refuse_seen
@@ -252,8 +252,8 @@ class ConfidenceScores:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers that JSON can hold; NaN becomes None."""
-        plain = {name: _finite(value) for name, value in asdict(self).items() if name != "class_coverage"}
-        return {**plain, "class_coverage": dict(self.class_coverage)}
+        table: dict[str, Any] = finite_values(to_table(self))
+        return table
 
 
 def score_confidence(
@@ -320,7 +320,3 @@ def _auroc(trained: RecordingAnswers, foreign: RecordingAnswers) -> float:
     foreign = foreign.with_verdict()
     is_foreign = np.repeat([False, True], [trained.ood_score.size, foreign.ood_score.size])
     return float(roc_auc_score(is_foreign, np.concatenate([trained.ood_score, foreign.ood_score])))
-
-
-def _finite(value: float) -> float | None:
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from sklearn.metrics import confusion_matrix, f1_score
 
-from swashtwin.foundation import DataError, InputError, LeakError, plural
+from swashtwin.foundation import DataError, InputError, LeakError, finite_values, plural, to_table
 from swashtwin.learning.evaluation import metrics
 from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
 from swashtwin.learning.evaluation.protocols import LEVELS, Classifier, refuse_seen
@@ -87,9 +87,7 @@ class Scores:
 
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it; NaN becomes None."""
-        plain = {item.name: _plain(getattr(self, item.name)) for item in fields(self) if item.name != "cells"}
-        cells = [{item.name: _plain(getattr(cell, item.name)) for item in fields(cell)} for cell in self.cells]
-        return {**plain, "cells": cells, "level_meaning": LEVELS.get(self.level or "")}
+        return {**finite_values(to_table(self)), "level_meaning": LEVELS.get(self.level or "")}
 
 
 def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
@@ -221,15 +219,3 @@ def _reasons(
     if without:
         reasons["accuracy"] = f"{without} of {int(confusion.sum())} windows have no verdict and count as errors"
     return reasons
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float):
-        return None if math.isnan(value) else value
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, Mapping):
-        return {name: _plain(entry) for name, entry in value.items()}
-    return value

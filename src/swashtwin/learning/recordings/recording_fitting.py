@@ -11,7 +11,8 @@ from swashtwin.learning.choice.choosing import FoldAnswers, made_without
 from swashtwin.learning.evaluation.pooling import fit_pooling
 from swashtwin.learning.recordings.heads import Heads, fit_heads
 from swashtwin.learning.recordings.recording_levels import RecordingLevels
-from swashtwin.learning.recordings.recording_model import HEAD_NAMES, RecordingModel, RecordingTable, joint
+from swashtwin.learning.recordings.recording_model import HEAD_NAMES, RecordingModel, joint
+from swashtwin.learning.recordings.recording_table import RecordingTable
 from swashtwin.learning.recordings.stretches import levels_of, recording_rows, shortest_stretch
 from swashtwin.learning.training.train_transforms import with_noise
 from swashtwin.learning.windows.window_set import WindowSet
@@ -75,17 +76,15 @@ class _Tables:
         change = partial(_noisy, rng=rng, rate=windows.sample_rate)
         noisy = levels_of(layout, windows, rows, change)
         is_normal = np.array([is_healthy(name) for name in windows.classes])
-        self.healthy = self.table.healthy().only(is_normal[self.target] & ~self.synthetic)
+        self.healthy = self.table.only(is_normal[self.target] & ~self.synthetic)
         machines = set(self.healthy.machines())
         measured = {name for name, made in zip(self.table.specimen, self.synthetic, strict=True) if not made}
-        levels = [self.table.levels, noisy]
-        self.on_levels = np.stack([layout.shapes(part).reshape(len(rows), -1) for part in levels])
+        copies = [self.table, replace(self.table, levels=noisy)]
+        self.on_levels = np.stack([layout.shapes(part.levels).reshape(len(rows), -1) for part in copies])
         self.on_changes: np.ndarray | None = None
         has_each_class = len(np.unique(self.target[~self.synthetic])) == len(windows.classes)
         if has_each_class and measured <= machines:
-            facts = self.table.specimen, self.table.condition, self.table.recording_id
-            changes = [self.healthy.changes(layout, part, *facts).reshape(len(rows), -1) for part in levels]
-            self.on_changes = np.stack(changes)
+            self.on_changes = np.stack([self.healthy.changes(layout, part).reshape(len(rows), -1) for part in copies])
 
     def training(self, tested: np.ndarray) -> np.ndarray:
         """Recordings that train where some are tested: the other measured ones, and what was made without them."""

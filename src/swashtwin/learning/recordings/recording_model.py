@@ -8,39 +8,12 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.learning.recordings.heads import Heads
-from swashtwin.learning.recordings.own_healthy import OwnHealthy
 from swashtwin.learning.recordings.recording_levels import RecordingLevels
-from swashtwin.learning.recordings.stretches import levels_of, recording_rows
+from swashtwin.learning.recordings.recording_table import RecordingTable
 from swashtwin.learning.windows.window_set import WindowSet
 
 HEAD_NAMES = ("levels, discriminant", "levels, trees", "changes, discriminant", "changes, trees")
 """What says the class of a whole recording, in the order of the temperatures."""
-
-
-@dataclass(frozen=True, eq=False)
-class RecordingTable:
-    """Levels of whole recordings, with what is known of each."""
-
-    recording_id: tuple[str, ...]
-    specimen: tuple[str, ...]
-    condition: Float64[np.ndarray, "recording quantity"]
-    levels: Float[np.ndarray, "recording channel level"]
-
-    @classmethod
-    def measured(cls, layout: RecordingLevels, windows: WindowSet) -> "RecordingTable":
-        """The table of the recordings that windows were cut from, in the order of their ids."""
-        rows = recording_rows(windows)
-        first = [int(members[0]) for members in rows]
-        return cls(
-            tuple(windows.recording_id[first].tolist()),
-            tuple(windows.specimen[first].tolist()),
-            np.stack([windows.condition(index) for index in first]),
-            levels_of(layout, windows, rows),
-        )
-
-    def healthy(self) -> OwnHealthy:
-        """The recordings as healthy ones of their machines."""
-        return OwnHealthy(self.levels.astype(np.float32), self.specimen, self.condition, self.recording_id)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +30,7 @@ class RecordingModel:
     on_levels: Heads
     on_changes: Heads | None
     """None where not every machine of the training had two healthy recordings."""
-    healthy: OwnHealthy
+    healthy: RecordingTable
     """Healthy recordings of machines of the training, and of those met since."""
     temperatures: Float64[np.ndarray, " head"]
     """Of the answers of short windows, then of `HEAD_NAMES`."""
@@ -83,7 +56,7 @@ class RecordingModel:
         """Whether a machine has healthy recordings enough to compare with."""
         return self.on_changes is not None and specimen in self.healthy.machines()
 
-    def with_healthy(self, healthy: OwnHealthy) -> "RecordingModel":
+    def with_healthy(self, healthy: RecordingTable) -> "RecordingModel":
         """The model that knows further healthy recordings."""
         return replace(self, healthy=self.healthy.joined(healthy))
 
@@ -116,8 +89,7 @@ class RecordingModel:
         if self.on_changes is None:
             return [*answers, None, None]
         named = tuple(name if self.knows(name) else "" for name in table.specimen)
-        changes = self.healthy.changes(self.layout, table.levels, named, table.condition, table.recording_id)
-        flat = changes.reshape(len(changes), -1)
+        flat = self.healthy.changes(self.layout, replace(table, specimen=named)).reshape(len(levels), -1)
         known = np.isfinite(flat).all(axis=1)
         on_changes = self.on_changes.log_probabilities(np.where(known[:, None], flat, 0))
         return [*answers, *(np.where(known[:, None], part, np.nan) for part in on_changes)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64, Shaped
 
-from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values
+from swashtwin.learning.windows.operating_point import group_means, operating_points
 
 
 def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
@@ -113,12 +113,12 @@ def fit_class_space(
     mean = values.mean(axis=0)
     basis = _span(values - mean)
     inside = (values - mean) @ basis
-    centers = _means(inside, target, len(classes))
+    centers = group_means(inside, target)
     within = inside - centers[target]
     machines, machine = np.unique(specimen, return_inverse=True)
     if len(machines) > 1:
         group = np.unique(target * len(machines) + machine, return_inverse=True)[1]
-        of_machine = _means(within, group, int(group.max()) + 1)
+        of_machine = group_means(within, group)
         between, between_outside = _mixed(of_machine, _MACHINE_SPREAD, n_features)
         covariance, outside = _shrunk(within - of_machine[group], n_features)
         covariance, outside = covariance + between, outside + between_outside
@@ -142,10 +142,6 @@ def _span(rows: Float64[np.ndarray, "recording feature"]) -> Float64[np.ndarray,
     return np.asarray(rows.T @ vector[:, used] / np.sqrt(value[used]))
 
 
-def _means(rows: Float64[np.ndarray, "recording axis"], group: np.ndarray, count: int) -> np.ndarray:
-    return np.stack([rows[group == number].mean(axis=0) for number in range(count)])
-
-
 def _mixed(rows: Float64[np.ndarray, "row axis"], share: float, n_features: int) -> tuple[np.ndarray, float]:
     """(mean square of the rows mixed with `share` of a multiple of the identity, that outside their span)."""
     square = rows.T @ rows / len(rows)
@@ -166,17 +162,15 @@ def _operating_points(
 
     Where there are fewer than two recordings for each class and point, all count as one point that is not stated.
     """
-    tolerances = (SPEED_TOLERANCE, PRESSURE_TOLERANCE)
-    merged = [merge_close_values(column, limit) for column, limit in zip(condition.T, tolerances, strict=True)]
-    points, point = np.unique(np.stack(merged, axis=1), axis=0, return_inverse=True)
+    points, point = operating_points(condition)
     if len(condition) < _LEAST_IN_CELL * n_classes * len(points):
-        return np.full((1, len(tolerances)), np.nan), np.zeros(len(condition), dtype=np.int64)
-    return points, point.reshape(-1)
+        return np.full((1, 2), np.nan), np.zeros(len(condition), dtype=np.int64)
+    return points, point
 
 
 def _point_offsets(values: np.ndarray, target: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
     """Mean over the classes of what an operating point differs in from its class."""
-    means = _means(values, target, int(target.max()) + 1)
+    means = group_means(values, target)
     offsets = np.zeros((count, values.shape[1]))
     for number in range(count):
         classes = np.unique(target[point == number])

@@ -100,7 +100,7 @@ class FittedClassifier:
     def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
         """The classifier that knows further healthy recordings, by their windows, and compares with them."""
         assert self.recordings is not None
-        return replace(self, recordings=self.recordings.with_healthy(self.recordings.table(windows).healthy()))
+        return replace(self, recordings=self.recordings.with_healthy(self.recordings.table(windows)))
 
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)

@@ -192,24 +192,10 @@ def require_enough(n_recordings: int, error_rate: float) -> None:
         )
 
 
-@dataclass(frozen=True)
-class ValidationPlan:
-    """How many of the recordings that are left after the test can calibrate a confidence."""
+def validation_share(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> tuple[float, int]:
+    """(share of the recordings to hold back for validation, about how many these are).
 
-    needed: int
-    """Validation recordings that the error rate asked for needs."""
-    fraction: float
-    """Share to hold back for validation."""
-    n_validation: int
-    """About how many recordings that is."""
-    error_rate: float
-    """Error rate that they allow: the one asked for, or a larger one."""
-
-
-def plan_validation(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> ValidationPlan:
-    """The share to hold back for validation: `fraction`, or as much more as the error rate needs, half at most.
-
-    Where half is too few, the error rate is the least that they allow: 1 / (n + 1).
+    That is `fraction`, or as much more as the error rate needs, half at most; see `allowed_error_rate` of so many.
 
     Parameters
     ----------
@@ -219,19 +205,14 @@ def plan_validation(n_recordings: int, error_rate: float = 0.1, fraction: float 
 
     Examples
     --------
-    >>> plan = plan_validation(24)
-    >>> plan.needed, plan.fraction, plan.n_validation, plan.error_rate
-    (9, 0.5, 12, 0.1)
-    >>> plan_validation(12).error_rate
-    0.143
+    >>> validation_share(24), validation_share(12)
+    ((0.5, 12), (0.5, 6))
     """
     needed = least_validation(error_rate)
-    folds = max(2, min(int(1 / fraction + 1e-9), n_recordings // needed))
     if round(n_recordings * fraction) >= needed:
-        share, count = fraction, round(n_recordings * fraction)
-    else:
-        share, count = round(1 / folds, 3), n_recordings // folds
-    return ValidationPlan(needed, share, count, allowed_error_rate(count, error_rate))
+        return fraction, round(n_recordings * fraction)
+    folds = max(2, min(int(1 / fraction + 1e-9), n_recordings // needed))
+    return round(1 / folds, 3), n_recordings // folds
 
 
 def allowed_error_rate(n_validation: int, error_rate: float) -> float:

@@ -1,13 +1,13 @@
-"""Whether windows of a model run as the machine that was measured."""
+"""Operating points of recordings, and whether windows of a model run at those that were measured."""
 
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64, Int, Int64
 
 from swashtwin.foundation import InputError
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.pump import PRESSURE_TOLERANCE, values_match
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values, values_match
 
 SYNTHETIC_SPEED_TOLERANCE = 0.03
 """Relative difference of speeds: the slip of a motor, and the spread with which synthetic windows are drawn."""
@@ -51,3 +51,20 @@ def refuse_other_values(
         low, high = (f"{value * factor:.4g}" for value in (values.min(), values.max()))
         texts.append(f"{low} {unit}" if low == high else f"{low} to {high} {unit}")
     raise InputError(f"{who} at {texts[0]} and the recordings state {texts[1]}: they are not alike; {remedy}.")
+
+
+def operating_points(
+    condition: Float[np.ndarray, "recording quantity"],
+) -> tuple[Float64[np.ndarray, "point quantity"], Int64[np.ndarray, " recording"]]:
+    """(speed [rad/s] and pressure [Pa] of each operating point, index of each recording's); close ones are one."""
+    tolerances = (SPEED_TOLERANCE, PRESSURE_TOLERANCE)
+    merged = [merge_close_values(column, limit) for column, limit in zip(condition.T, tolerances, strict=True)]
+    points, point = np.unique(np.stack(merged, axis=1), axis=0, return_inverse=True)
+    return points, point.reshape(-1)
+
+
+def group_means(
+    rows: Float[np.ndarray, "row *axes"], group: Int[np.ndarray, " row"]
+) -> Float[np.ndarray, "group *axes"]:
+    """Mean of the rows of each group 0, 1, ..."""
+    return np.stack([rows[group == number].mean(axis=0) for number in range(int(group.max()) + 1)])

@@ -185,7 +185,8 @@ def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that
 
 
 def test_draws_follow_the_covariance_within_the_bounds(posterior: Posterior) -> None:
-    wide = replace(posterior, unknowns=replace(posterior.unknowns, lower=np.full(6, -99.0), upper=np.full(6, 99.0)))
+    space = replace(posterior.unknowns.space, lower=np.full(6, 1e-30), upper=np.full(6, 1e30))
+    wide = replace(posterior, unknowns=replace(posterior.unknowns, space=space))
     draws = wide.draws(2000, seed=1)
     np.testing.assert_allclose(draws.mean(axis=0), posterior.point, atol=0.1 * draws.std(axis=0).max())
     np.testing.assert_allclose(np.cov(draws.T), posterior.covariance, atol=0.1 * posterior.covariance.max())

@@ -8,7 +8,7 @@ from tree_models import fit_trees
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
-from swashtwin.calibration.objective.unknowns import search_space, unknowns_of
+from swashtwin.calibration.objective.unknowns import Unknowns, search_space
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
 from swashtwin.learning import WindowSet, cut_windows, evaluate
 from swashtwin.physics import Twin
@@ -147,7 +147,7 @@ def test_what_does_not_fit_is_refused(twin: Twin, measured: WindowSet, pump: Pum
 @pytest.fixture(scope="module")
 def posterior(twin: Twin) -> Posterior:
     """All six values within 20 %, the mounting and the sensors within their priors."""
-    unknowns = unknowns_of(twin, twin.pump.channels, search_space(twin), Nuisances.usual(gains=0.1))
+    unknowns = Unknowns(search_space(twin), Nuisances.usual(gains=0.1), twin.pump.channels, np.zeros(11))
     deviation = np.where(np.arange(len(unknowns)) < 6, 0.2, unknowns.deviation)
     return Posterior(unknowns, unknowns.start, np.diag(deviation**2))
 

@@ -187,7 +187,7 @@ class _Forecast:
 
     def __init__(self, calibration: Calibration, sets: Sequence[tuple[str, ...]]) -> None:
         posterior, fits = calibration.posterior, calibration.fits
-        self.calibration, self.space = calibration, calibration.space
+        self.calibration = calibration
         self.unknowns, self.point, self.channels = posterior.unknowns, posterior.point, posterior.channels
         self.present = [
             _Part(
@@ -201,7 +201,7 @@ class _Forecast:
         self.duration = sum(seconds) / len(calibration.recording_ids)
         self._density = {name: self._noise_density(name, seconds) for name in posterior.channels}
         measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]
-        around = linearize(Objective(tuple(measured), self.space, self.unknowns), self.point)
+        around = linearize(Objective(tuple(measured), self.unknowns), self.point)
         self._discrepancy = estimate_discrepancy(around)
         further = [name for names in sets for name in names if name not in self.channels]
         self.channels = (*self.channels, *dict.fromkeys(further))
@@ -254,7 +254,7 @@ class _Forecast:
             if self.calibration.settings["phases"]:
                 read = replace(read, phasor=lines, phasor_deviation=part.deviation)
             comparison = replace(silent, measurement=read)
-            self._linear[key] = linearize(Objective((comparison,), self.space, self.unknowns), self.point)
+            self._linear[key] = linearize(Objective((comparison,), self.unknowns), self.point)
         linear = self._linear[key]
         (comparison,) = linear.objective.comparisons
         phasor_deviation = part.deviation if comparison.has_phases else None

@@ -188,13 +188,13 @@ def _search(
     best, once = (found, search), replace(method, starts=1)
     for start in starts:
         within = np.clip(start, objective.unknowns.lower, objective.unknowns.upper)
-        begun = replace(objective, unknowns=replace(objective.unknowns, start=within))
+        begun = replace(objective, unknowns=replace(objective.unknowns, begun=within))
         again = widening_search(begun, once, may_widen, seed=seed)
         best = min(best, again, key=lambda pair: pair[1].history.least_loss)
     fall = search.history.least_loss**2 - best[1].history.least_loss ** 2
     if fall * objective.measured.numel() < DEEPER:
         return found, search, hypotheses
-    better = replace(best[0], unknowns=replace(best[0].unknowns, start=objective.unknowns.start))
+    better = replace(best[0], unknowns=replace(best[0].unknowns, begun=None))
     return better, best[1], suspected_mistakes(better, best[1].point)
 
 

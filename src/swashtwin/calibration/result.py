@@ -7,11 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
-from swashtwin.calibration.objective.unknowns import SearchSpace
 from swashtwin.calibration.severity.law import FaultLaw
 from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior, is_in_doubt
 from swashtwin.foundation import (
@@ -90,12 +87,6 @@ class Calibration:
     def is_in_doubt(self) -> bool:
         """Whether nothing that rests on it may be called identified (`uncertainty.posterior.is_in_doubt`)."""
         return is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
-
-    @property
-    def space(self) -> SearchSpace:
-        """Where the six values were searched."""
-        lower, upper = np.array([estimate.bounds for estimate in self.estimates]).T
-        return SearchSpace(np.array([estimate.nominal for estimate in self.estimates]), lower, upper)
 
     @property
     def fit_before(self) -> Agreement:

@@ -94,7 +94,7 @@ class IPINN:
         """Point of what the network gave, and the spectrum, boundary and prior loss there."""
         if not bool(torch.isfinite(values).all()):
             raise InputError("the network's values are no longer finite; lower learning_rate.")
-        lower, upper = torch.as_tensor(objective.space.lower), torch.as_tensor(objective.space.upper)
+        lower, upper = torch.as_tensor(objective.unknowns.space.lower), torch.as_tensor(objective.unknowns.space.upper)
         possible = torch.minimum(torch.maximum(values, lower), upper)
         point = torch.cat([possible.log(), rest])
         spectrum = objective.spectrum_loss(point, solver=self.solver)
@@ -104,7 +104,7 @@ class IPINN:
             center, deviation = (torch.as_tensor(row[CONSTANTS]) for row in (unknowns.center, unknowns.deviation))
             away = ((rest - center) / deviation).square().sum() / objective.measured.numel()
             prior = MODEL_ERROR * ((spectrum / MODEL_ERROR).square() + away).sqrt() - spectrum
-        return point, torch.stack([spectrum, objective.space.boundary_loss(values), prior])
+        return point, torch.stack([spectrum, objective.unknowns.space.boundary_loss(values), prior])
 
 
 class ParameterNetwork(nn.Module):
@@ -116,7 +116,7 @@ class ParameterNetwork(nn.Module):
 
     def __init__(self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective) -> None:
         super().__init__()
-        unknowns, nominal = objective.unknowns, objective.space.nominal
+        unknowns, nominal = objective.unknowns, objective.unknowns.space.nominal
         sizes = (len(window), *settings.channels)
         layers: list[nn.Module] = []
         for before, after in pairwise(sizes):

@@ -7,7 +7,7 @@ import numpy as np
 
 from swashtwin.calibration.methods.search import Calibrator, Progress, Search
 from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import CONSTANTS, DEFAULT_FACTOR, VALUES, SearchSpace, touched
+from swashtwin.calibration.objective.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, Unknowns, touched
 from swashtwin.pump import LETTERS, PARAMETERS
 
 GREATEST_FACTOR = 1000.0
@@ -33,8 +33,8 @@ def widening_search(
     simulations, widened = search.simulations, set[str]()
     while letters := _to_widen(objective, search, names):
         widened |= letters
-        objective = within(objective, _wider(objective.space, letters))
-        begun = replace(objective, unknowns=replace(objective.unknowns, start=search.point))
+        objective = replace(objective, unknowns=_wider(objective.unknowns, letters))
+        begun = replace(objective, unknowns=replace(objective.unknowns, begun=search.point))
         search = method.search(begun, seed=seed, progress=progress)
         simulations += search.simulations
     if widened:
@@ -43,32 +43,18 @@ def widening_search(
     return objective, search
 
 
-def within(objective: Objective, space: SearchSpace) -> Objective:
-    """The objective with other bounds of the six values, and the priors that follow from them."""
-    unknowns = objective.unknowns
-
-    def moved(row: np.ndarray, constants: np.ndarray) -> np.ndarray:
-        return np.concatenate([row, constants[CONSTANTS]])
-
-    wider = replace(
-        unknowns,
-        center=moved(space.log_center, unknowns.center),
-        deviation=moved(space.prior_std, unknowns.deviation),
-        lower=moved(np.log(space.lower), unknowns.lower),
-        upper=moved(np.log(space.upper), unknowns.upper),
-    )
-    return replace(objective, space=space, unknowns=wider)
-
-
 def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> set[str]:
     """Letters of values that touch a bound which may still be widened."""
-    space = objective.space
+    space = objective.unknowns.space
     may_grow = space.upper / space.nominal < GREATEST_FACTOR * (1 - 1e-9)
     at_bound = touched(search.point, objective.unknowns)[VALUES]
     letters = [LETTERS[name] for name in PARAMETERS]
     return {letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at} & set(names)
 
 
-def _wider(space: SearchSpace, letters: Collection[str]) -> SearchSpace:
-    factor = np.array([DEFAULT_FACTOR if LETTERS[name] in letters else 1.0 for name in PARAMETERS])
-    return SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
+def _wider(unknowns: Unknowns, letters: Collection[str]) -> Unknowns:
+    """`unknowns` within wider bounds of some values, and the wider priors that follow from them."""
+    space = unknowns.space
+    factor = np.array([DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()])
+    wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
+    return replace(unknowns, space=wider, begun=None)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from swashtwin.calibration.objective.measurement import Measurement
 from swashtwin.calibration.objective.phases import turn_lines
-from swashtwin.calibration.objective.unknowns import Nuisances, SearchSpace, Unknowns, search_space, unknowns_of
+from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, search_space
 from swashtwin.physics import SteadySolver, Twin
 
 MODEL_ERROR = 0.05
@@ -33,8 +33,6 @@ class Comparison:
     """The twin, computed up to the end of the measurement's band."""
     measurement: Measurement
     """The measurement."""
-    background: Float[np.ndarray, "channel order"] | None = None
-    """Amplitude in each line [m/s^2] besides the twin's, at an unrelated phase; None is no background."""
     floor: Float[np.ndarray, "channel order"] | float = FLOOR
     """Least standard deviation of a line [m/s^2]."""
     searched: tuple[str, ...] = ()
@@ -129,11 +127,8 @@ class Comparison:
     def amplitude(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel order"]:
-        """Simulated amplitudes [m/s^2] at `point`, differentiable; the `background` alone where the twin is silent."""
-        lines = self.lines(unknowns, point, solver=solver).abs()
-        if self.background is None:
-            return lines
-        return (lines.square() + torch.as_tensor(self.background).square() + 1e-24).sqrt()
+        """Simulated amplitudes [m/s^2] at `point`, differentiable."""
+        return self.lines(unknowns, point, solver=solver).abs()
 
     def observables(
         self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
@@ -167,8 +162,6 @@ class Objective:
 
     comparisons: tuple[Comparison, ...]
     """One for each condition."""
-    space: SearchSpace
-    """Bounds of the six values."""
     unknowns: Unknowns
     """What is searched."""
 
@@ -287,8 +280,8 @@ def objective_of(
     channels = tuple(dict.fromkeys(name for measurement in measurements for name in measurement.channels))
     pairs = zip(twins, measurements, strict=True)
     comparisons = tuple(comparison_of(*pair, channels) for pair in pairs)
-    space = search_space(twins[0], bounds)
-    return Objective(comparisons, space, unknowns_of(twins[0], channels, space, nuisances))
+    scales = np.log(twins[0].scales.values())
+    return Objective(comparisons, Unknowns(search_space(twins[0], bounds), nuisances, channels, scales))
 
 
 def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()) -> Comparison:

@@ -7,6 +7,7 @@ prior: for the six values the width of their bounds, for the others what is know
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -166,26 +167,63 @@ class Nuisances:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Coordinates of a search, the six logarithms of the values first."""
+    """Coordinates of a search, the six logarithms of the values first; the others follow from the nuisances."""
 
+    space: SearchSpace
+    """Bounds of the six values."""
     nuisances: Nuisances
     """Widths of the priors of the constants."""
     channels: tuple[str, ...]
     """Channels of the measurement."""
     twin_scales: Float[np.ndarray, " 11"]
     """Logarithms of the twin's scales, used where a scale is not searched."""
-    names: tuple[str, ...]
-    """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the others."""
-    start: Float[np.ndarray, " unknown"]
-    """Where the search starts: the twin as it is."""
-    center: Float[np.ndarray, " unknown"]
-    """Mean of each prior."""
-    deviation: Float[np.ndarray, " unknown"]
-    """Standard deviation of each prior."""
-    lower: Float[np.ndarray, " unknown"]
-    """Least coordinates."""
-    upper: Float[np.ndarray, " unknown"]
-    """Greatest coordinates."""
+    begun: Float[np.ndarray, " unknown"] | None = None
+    """Where the search starts instead of at the twin as it is."""
+
+    @cached_property
+    def _constants(self) -> list[tuple[str, float, float]]:
+        """Name, mean and standard deviation of the prior of each constant."""
+        nuisances, channels, (first, last) = self.nuisances, self.channels, np.log(PATH_BAND)
+        spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
+        numbers, scales = range(1, nuisances.modes + 1), dict(zip(SCALES, self.twin_scales.tolist(), strict=True))
+        rows = [(name, scales[name], nuisances.of_scale(name)) for name in self.scales]
+        rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
+        rows += [(f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk) for a, b in self.cross_talk]
+        rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
+        rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
+        return rows + [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the others."""
+        return (*LETTERS.values(), *(name for name, _, _ in self._constants))
+
+    @cached_property
+    def start(self) -> Float[np.ndarray, " unknown"]:
+        """Where the search starts."""
+        if self.begun is not None:
+            return self.begun
+        return np.concatenate([np.log(self.space.nominal), self.center[CONSTANTS]])
+
+    @cached_property
+    def center(self) -> Float[np.ndarray, " unknown"]:
+        """Mean of each prior."""
+        return np.concatenate([self.space.log_center, [mean for _, mean, _ in self._constants]])
+
+    @cached_property
+    def deviation(self) -> Float[np.ndarray, " unknown"]:
+        """Standard deviation of each prior."""
+        return np.concatenate([self.space.prior_std, [deviation for _, _, deviation in self._constants]])
+
+    @cached_property
+    def lower(self) -> Float[np.ndarray, " unknown"]:
+        """Least coordinates."""
+        return np.concatenate([np.log(self.space.lower), (self.center - REACH * self.deviation)[CONSTANTS]])
+
+    @cached_property
+    def upper(self) -> Float[np.ndarray, " unknown"]:
+        """Greatest coordinates."""
+        return np.concatenate([np.log(self.space.upper), (self.center + REACH * self.deviation)[CONSTANTS]])
 
     def __len__(self) -> int:
         return len(self.names)
@@ -194,30 +232,35 @@ class Unknowns:
         """Where a searched factor of `Scales` stands."""
         return len(PARAMETERS) + self.scales.index(name)
 
-    @property
+    @cached_property
     def scales(self) -> tuple[str, ...]:
         """Scales that are searched; their coordinates follow the values."""
         return tuple(name for name in SCALES if self.nuisances.of_scale(name) > 0)
 
-    @property
+    @cached_property
     def cross_talk(self) -> list[tuple[int, int]]:
-        """Pairs (channel that reads, channel that it reads of) whose shares are searched; they follow the gains."""
-        return _pairs(len(self.channels)) if self.nuisances.cross_talk > 0 else []
+        """Pairs (channel that reads, channel that it reads of) whose shares are searched; they follow the gains.
 
-    @property
+        Those of fewer channels come first.
+        """
+        count = len(self.channels) if self.nuisances.cross_talk > 0 else 0
+        return [pair for last in range(count) for other in range(last) for pair in ((last, other), (other, last))]
+
+    @cached_property
     def first_of_path(self) -> int:
         """Where the gains, if they are searched, and the rest of the sensors' path begin."""
         return len(PARAMETERS) + len(self.scales)
 
-    @property
+    @cached_property
     def first_of_modes(self) -> int:
         """Where the modes of the housing begin: frequencies, damping ratios, residues."""
         return self.first_of_path + len(self.channels) * (self.nuisances.gains > 0) + len(self.cross_talk)
 
     def changed(self, channels: tuple[str, ...] | None = None, **nuisances: Any) -> "Unknowns":
         """The same values with other channels, or other constants searched beside them."""
-        rows = {name: getattr(self, name)[VALUES] for name in ("start", "center", "deviation", "lower", "upper")}
-        return _with_constants(rows, self.twin_scales, channels or self.channels, replace(self.nuisances, **nuisances))
+        return replace(
+            self, channels=channels or self.channels, nuisances=replace(self.nuisances, **nuisances), begun=None
+        )
 
     def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
         """The six values at `point`."""
@@ -302,49 +345,3 @@ def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[
     if isinstance(bounds, int | float):
         return ()
     return tuple(letter for name, letter in LETTERS.items() if not {name, letter} & set(bounds or ()))
-
-
-def unknowns_of(twin: Twin, channels: Sequence[str], space: SearchSpace, nuisances: Nuisances) -> Unknowns:
-    """Coordinates of calibrating `twin` on `channels` within `space`."""
-    rows = {
-        "start": np.log(space.nominal),
-        "center": space.log_center,
-        "deviation": space.prior_std,
-        "lower": np.log(space.lower),
-        "upper": np.log(space.upper),
-    }
-    return _with_constants(rows, np.log(twin.scales.values()), tuple(channels), nuisances)
-
-
-def _with_constants(
-    values: Mapping[str, np.ndarray], twin_scales: np.ndarray, channels: tuple[str, ...], nuisances: Nuisances
-) -> Unknowns:
-    """Coordinates whose first six are those of `values`."""
-    first, last = np.log(PATH_BAND)
-    spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
-    numbers = range(1, nuisances.modes + 1)
-    pairs = _pairs(len(channels)) if nuisances.cross_talk > 0 else []
-    searched = ((name, float(value), nuisances.of_scale(name)) for name, value in zip(SCALES, twin_scales, strict=True))
-    rows: list[tuple[str, float, float]] = [row for row in searched if row[2] > 0]
-    rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
-    rows += [(f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk) for a, b in pairs]
-    rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
-    rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
-    rows += [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
-    center, deviation = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    return Unknowns(
-        nuisances=nuisances,
-        channels=channels,
-        twin_scales=twin_scales,
-        names=(*LETTERS.values(), *(row[0] for row in rows)),
-        start=np.concatenate([values["start"], center]),
-        center=np.concatenate([values["center"], center]),
-        deviation=np.concatenate([values["deviation"], deviation]),
-        lower=np.concatenate([values["lower"], center - REACH * deviation]),
-        upper=np.concatenate([values["upper"], center + REACH * deviation]),
-    )
-
-
-def _pairs(n_channels: int) -> list[tuple[int, int]]:
-    """Pairs (channel that reads, channel that it reads of) of all channels; those of fewer channels come first."""
-    return [pair for last in range(n_channels) for other in range(last) for pair in ((last, other), (other, last))]

@@ -17,7 +17,7 @@ from swashtwin.calibration.objective.measurement import (
 )
 from swashtwin.calibration.objective.recording_checks import require_one_machine
 from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, Unknowns, search_space
+from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
@@ -229,16 +229,14 @@ def comparison_of_fault(
     labeled = [recording.replace(label=twin.label) for recording in recordings]
     measurement = measure(twin, labeled, band, lines=lines, phases=phases)
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
-    background, floor = _background(limited, measurement, healthy, lines)
-    if background is not None and phases:  # of an amplitude whose phase nobody knows remains an error
-        background, floor = None, np.hypot(floor, np.asarray(background))
+    floor = _floor(limited, measurement, healthy, lines)
     calibrated, channels = calibration.posterior.channels, measurement.channels
     if channels != calibrated:
         raise DataError(
             f"the recording has the channels {', '.join(channels)}, the calibration {', '.join(calibrated)}; take "
             "the same from both (channels = [...] in the index)."
         )
-    return Comparison(limited, measurement, background, floor)
+    return Comparison(limited, measurement, floor)
 
 
 def invert(
@@ -250,23 +248,23 @@ def invert(
 ) -> Inversion:
     """The problem of finding a fault of `space` from all `comparisons` at once, with what the calibration knows."""
     twin, unknowns = comparisons[0].twin, calibration.posterior.unknowns
-    objective = Objective(tuple(comparisons), search_space(twin), unknowns)
+    objective = Objective(tuple(comparisons), unknowns)
     prior = _prior(calibration, unknowns, twin.condition, healthy, settings)
     return Inversion(objective, space, prior, settings.port_timing)
 
 
-def _background(
+def _floor(
     twin: Twin, measurement: Measurement, healthy: Sequence[Recording], lines: Lines
-) -> tuple[Float[np.ndarray, "channel order"] | None, Float[np.ndarray, "channel order"] | float]:
-    """What a healthy pump shows at orders where its twin is silent [m/s^2], and the least deviation of each line."""
+) -> Float[np.ndarray, "channel order"] | float:
+    """Least deviation of each line [m/s^2]: what a healthy pump shows where its twin is silent, at unknown phases."""
     healthy_twin = twin.with_fault(None)
     silent = ~np.isin(measurement.orders, healthy_twin.orders)
     if not silent.any() or not any(is_healthy(recording.label) for recording in healthy):
-        return None, FLOOR
+        return FLOOR
     try:
         similar, _ = select_agreeing(healthy_twin, healthy)
     except DataError:
-        return None, FLOOR
+        return FLOOR
     healthy_lines = measure(
         twin,
         [recording.picked(measurement.channels).replace(label=twin.label) for recording in similar],
@@ -274,8 +272,7 @@ def _background(
         lines,
     )
     level = np.sqrt(np.mean(healthy_lines.amplitude[:, silent] ** 2, axis=1, keepdims=True))
-    floor = np.where(silent, np.maximum(level, FLOOR / 10), FLOOR)
-    return np.where(silent, healthy_lines.amplitude, 0.0), floor
+    return np.where(silent, np.hypot(np.maximum(level, FLOOR / 10), healthy_lines.amplitude), FLOOR)
 
 
 def _prior(

@@ -136,7 +136,7 @@ def identifiability(calibration: Calibration, recordings: Iterable[Recording]) -
         of_fit = [used[name] for name in fit.recording_ids]
         measurement = measure(twin, of_fit, tuple(settings["band"]), settings["lines"], phases=settings["phases"])
         comparisons.append(comparison_of(twin, measurement, calibration.posterior.channels))
-    objective = Objective(tuple(comparisons), calibration.space, calibration.posterior.unknowns)
+    objective = Objective(tuple(comparisons), calibration.posterior.unknowns)
     return identifiability_at(objective, calibration.posterior.point)
 
 

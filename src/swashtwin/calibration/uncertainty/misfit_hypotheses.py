@@ -180,7 +180,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         unknowns = objective.unknowns.changed(**{name: getattr(WIDE, name)})
         index = unknowns.names.index(name)
         is_it = np.arange(len(unknowns)) == index
-        starts = [replace(unknowns, start=np.where(is_it, twin_value + away, unknowns.start)) for away in AWAY[name]]
+        starts = [replace(unknowns, begun=np.where(is_it, twin_value + away, unknowns.start)) for away in AWAY[name]]
         point, misfit = min((_refit(replace(objective, unknowns=start)) for start in starts), key=lambda pair: pair[1])
         factor = float(np.exp(point[index] - twin_value))
         is_unit = name == "sensor" and _is_gravity(factor)

@@ -115,7 +115,7 @@ def estimates_of(
     objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
-    space, in_doubt = objective.space, is_in_doubt(objective.unknowns, point, misfit_of(objective, point))
+    space, in_doubt = objective.unknowns.space, is_in_doubt(objective.unknowns, point, misfit_of(objective, point))
     values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))

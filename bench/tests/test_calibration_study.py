@@ -89,8 +89,3 @@ def test_lines_of_the_rig_s_truth_are_those_that_are_measured():
 def test_settings_that_cannot_be_are_refused_by_name(changes, named):
     with pytest.raises(InputError, match=named):
         CalibrationStudySettings(**changes)
-
-
-def test_a_pressure_the_rig_has_not_is_refused():
-    with pytest.raises(InputError, match="7 MPa"):
-        calibration(Work((7,)), CalibrationStudySettings(pressure=7e6, specimens=1, repeats=2))

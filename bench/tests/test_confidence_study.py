@@ -18,16 +18,10 @@ from swashtwin.pump import CLASSES
 from swashtwin_bench import Work
 from swashtwin_bench.questions import confidence
 from swashtwin_bench.questions.confidence import METRICS, ConfidenceStudySettings, record_roles
+from swashtwin_bench.rivals.baselines import UNSCALED
+from swashtwin_bench.rivals.models import MODELS, Model
 
-TINY = ConfidenceStudySettings(
-    trained_pumps=1,
-    validation_pumps=1,
-    unseen_pumps=1,
-    duration=0.2,
-    training=TrainingSettings(epochs=1, normalization="set"),
-    network={"stride": 32, "channels": (8, 8)},
-    trees=10,
-)
+TINY = ConfidenceStudySettings(trained_pumps=1, validation_pumps=1, unseen_pumps=1, duration=0.2)
 
 
 def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
@@ -44,6 +38,9 @@ def test_no_recording_has_two_roles_and_the_unseen_pumps_are_unseen() -> None:
 
 @pytest.mark.nightly
 def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    training = TrainingSettings(epochs=1, normalization="set")
+    small = {"bitcn": Model("bitcn", {"stride": 32, "channels": (8, 8)}, training)}
+    monkeypatch.setitem(MODELS, "quick", {**small, "extra_trees": Model("extra_trees", {"trees": 10}, UNSCALED)})
     study = confidence.confidence(Work((0,), out=tmp_path), TINY)
     monkeypatch.setattr(confidence, "_training", None)
     assert confidence.confidence(Work((0,), out=tmp_path), TINY).rows() == study.rows()
@@ -63,11 +60,11 @@ def test_every_row_has_every_figure_and_is_read_again(tmp_path: Path, monkeypatc
 def test_confidence_that_the_training_learned_has_rows_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     parts = record_roles(0, TINY)
 
-    def fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> FittedClassifier:
+    def train_trees(model: Model, train: WindowSet, *, seed: int) -> FittedClassifier:
         validation = [recording for recording in parts["same"] if recording.label != "valve_plate"]
         return learn_confidence(fit_trees(train), cut_windows(validation, like=train))
 
-    monkeypatch.setattr(confidence, "_fit", fit)
+    monkeypatch.setattr(confidence, "train_model", train_trees)
     result = confidence._training(parts, "chosen", "valve_plate", 0, TINY)
     assert set(result) == {"same", "other", "training"}
     assert result["training"] == result["same"] != result["other"]

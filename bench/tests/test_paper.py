@@ -59,7 +59,9 @@ def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
         patch.setitem(plans.SCENARIOS, ("paper", "quick"), TINY)
         patch.setitem(plans.CASE_TWO, ("paper", "quick"), {"scarce_windows": 0})
         patch.setitem(plans.TRAINING, "quick", replace(plans.TRAINING["quick"], epochs=2))
-        patch.setattr(plans, "NETWORKS", {name: (kind, small(kind)) for name, (kind, _) in plans.NETWORKS.items()})
+        patch.setattr(
+            plans, "NETWORKS", {name: (kind, {**own, **small(kind)}) for name, (kind, own) in plans.NETWORKS.items()}
+        )
         patch.setattr(plans, "SNRS", (5.0,))
         searches: Mapping[str, Contender | None] = {
             NOMINAL: None,
@@ -103,7 +105,7 @@ def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> 
 
 
 def test_finished_runs_are_read_and_no_checkpoint_stays(
-    results: dict[str, StudyTable], out: Path, monkeypatch: pytest.MonkeyPatch
+    results: dict[str, StudyTable], recordings: list[Recording], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def untouched(*_: object, **__: object) -> None:
         raise AssertionError("a finished run was run again")
@@ -113,6 +115,9 @@ def test_finished_runs_are_read_and_no_checkpoint_stays(
     again = run_paper(Work((3,), out=out))
     assert {name: study.rows() for name, study in again.items()} == {n: study.rows() for n, study in results.items()}
     assert list(out.rglob("*.safetensors")) == []
+    monkeypatch.setattr(experiments, "load_recordings", lambda source: recordings)
+    own = run_paper(Work((3,), out=out), experiments=("case2",), source=Path("own recordings"))
+    assert own["paper-case2"].rows() == results["paper-case2"].rows()
     words = ("bench", "study", "paper", "--set", "experiments=case1,noise", "--set", "training_sets=nominal")
     answer = run_json(*words, "--seeds", 3, "--jobs", 1, "--out", out)
     case1, noise = answer["studies"]

@@ -89,7 +89,6 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "public"), 3, "the folder of the public sets"),
         (("study", "paper", "--set", "experiments=guess"), 3, "no experiment guess"),
         (("study", "paper"), 3, "the paper needs a folder"),
-        (("study", "paper", "x"), 2, "build their own rig"),
         (("study", "paper", "--size", "huge"), 2, "huge"),
     ],
 )

@@ -114,8 +114,6 @@ def study(
     from swashtwin_bench import Work, run_study, write_study_report
 
     numbers, pairs = read_seeds(seeds), read_pairs(settings, "--set")
-    if name == "paper" and source is not None:
-        raise typer.BadParameter("the paper's experiments build their own rig.", param_hint="SOURCE")
     if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
         note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
     kept = "finished runs are kept; the same command resumes"
@@ -127,7 +125,7 @@ def study(
 
         work = Work(numbers, jobs, out, show_activity, device.value, typed_command())
         if name == "paper":
-            answer = _run_paper(work, size.value, pairs)
+            answer = _run_paper(work, size.value, pairs, source)
         else:
             result = run_study(name, source, work=work, size=size.value, settings=pairs)
     if name == "paper":
@@ -143,12 +141,12 @@ def study(
     tell({**result.to_dict(), "report": page}, as_json, show)
 
 
-def _run_paper(work: "Work", size: str, settings: dict[str, str]) -> dict[str, Any]:
+def _run_paper(work: "Work", size: str, settings: dict[str, str], source: Path | None) -> dict[str, Any]:
     """Every experiment of the paper, or those of the setting ``experiments``, and the page of them."""
     from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
     experiments = read_words(settings.pop("experiments", None)) or list(EXPERIMENTS)
-    results = run_paper(work, size=size, experiments=experiments, settings=settings)
+    results = run_paper(work, size=size, experiments=experiments, settings=settings, source=source)
     assert work.out is not None
     page = write_paper_page(results, size, work.out / "paper")
     studies = [study.to_dict() for study in results.values()]

@@ -1,6 +1,6 @@
 """`run_paper` and `write_paper_page`: every experiment of the paper by its own recipe, and one page of them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import InputError, plural
+from swashtwin.recordings import Recording, load_recordings
 from swashtwin.report import (
     Bullets,
     Cell,
@@ -101,6 +102,7 @@ def run_paper(
     size: str = "quick",
     experiments: Sequence[str] = tuple(EXPERIMENTS),
     settings: Mapping[str, Any] | None = None,
+    source: Path | None = None,
 ) -> dict[str, StudyTable]:
     """Result of every study of some experiments, by its name; what is finished in the folder of `work` is read.
 
@@ -110,6 +112,7 @@ def run_paper(
     size : of the plans.
     experiments : names in `EXPERIMENTS`.
     settings : of `PlanSettings`, by name; training sets count for the experiments that compare them.
+    source : index, store or folder of recordings in place of the virtual rig.
 
     Raises
     ------
@@ -121,21 +124,25 @@ def run_paper(
         raise InputError(f"no experiment {', '.join(unknown) or 'is named'}; there are {', '.join(EXPERIMENTS)}.")
     if size not in plans.SIZES[PAPER]:
         raise InputError(f"no size {size!r}; there are {', '.join(plans.SIZES[PAPER])}.")
-    if work.out is None:
+    if (folder := work.out) is None:
         raise InputError("the paper needs a folder, which the fleets are built into.")
     chosen: PlanSettings = read_settings(PlanSettings, settings or {}, "the paper")
-    rig = "small" if size == "quick" else "paper"
+    rig, recordings = "small" if size == "quick" else "paper", None if source is None else load_recordings(source)
+
+    def fleet(version: str) -> Callable[[int], Sequence[Recording]]:
+        return fleets(folder, rig, version, work) if recordings is None else lambda _: recordings
+
     results: dict[str, StudyTable] = {}
     for name in (name for name in EXPERIMENTS if name in experiments):
         if name == "identification":
-            results[IDENTIFICATION] = run_identification(work, size, fleets(work.out, rig, RIG_VERSION, work))
+            results[IDENTIFICATION] = run_identification(work, size, fleet(RIG_VERSION))
             continue
         plan = plan_of(f"{PAPER_STUDY}{name}", size)
         sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
         if not sets and chosen.training_sets and len(plan.training_sets) > 1:
             raise InputError(f"no training set {chosen.training_sets[0]!r}; there are {', '.join(plan.training_sets)}.")
         plan = plan.with_settings(replace(chosen, training_sets=sets))
-        results[plan.study] = run_plan(plan, fleets(work.out, rig, plan.rig, work), work)
+        results[plan.study] = run_plan(plan, fleet(plan.rig), work)
     return results
 
 

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration import IPINN, PAPER_RATES, agreement, calibrate, measure, objective_of
+from swashtwin.calibration import IPINN, PAPER_RATES, calibrate
 from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.physics import RK4, Twin
 from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
 from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
 from swashtwin.recordings import Recording
 from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
-from swashtwin_bench.questions.calibration import CONTENDERS, FAULTS, Contender
+from swashtwin_bench.questions.calibration import CONTENDERS, FAULTS, Contender, errors_on
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
@@ -151,7 +151,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
     assert condition is not None  # by which it was chosen
     nominal = Twin(load_pump("25scy14-1b"), condition, FAULTS[LABEL])
     if contender is None:
-        return {**_errors(nominal, pump.held_out), "parameters": nominal.values.tolist()}
+        return {**errors_on(pump.held_out, nominal), "parameters": nominal.values.tolist()}
     try:
         calibration = calibrate(
             nominal,
@@ -165,7 +165,7 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
     except InputError as cause:
         return {"refusal": str(cause)}
     values = {
-        **_errors(calibration.twin, pump.held_out),
+        **errors_on(pump.held_out, calibration.twin),
         "wall_s": calibration.wall_s,
         "parameters": [estimate.value for estimate in calibration.estimates],
     }
@@ -179,12 +179,6 @@ def _values(contender: Contender | None, pump: _Pump) -> dict[str, Any]:
         "best_epoch": float(calibration.history.best + 1),
         "curve": np.asarray(loss).tolist(),
     }
-
-
-def _errors(twin: Twin, recording: Recording) -> dict[str, float]:
-    (comparison,) = objective_of(twin, measure(twin, [recording])).comparisons
-    near = agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0]
-    return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
 
 
 def _sentence(study: StudyTable) -> str:

@@ -141,24 +141,11 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
 
 def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
     size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
-    pairs = list(rig_recordings(seed, size, labels=(settings.label,), jobs=jobs))
-    pumps = []
-    for name in sorted({str(recording.specimen) for recording, _ in pairs}):
-        pump_pairs = [pair for pair in pairs if pair[0].specimen == name]
-        by_pressure: dict[float, list[tuple[Recording, Run]]] = {}
-        for pair in pump_pairs:
-            by_pressure.setdefault(_pressure(pair[0]), []).append(pair)
-        if settings.pressure not in by_pressure:
-            levels = ", ".join(f"{level / 1e6:g}" for level in by_pressure)
-            raise InputError(f"the rig runs at {levels} MPa, not at {settings.pressure / 1e6:g} MPa.")
-        *train, held_out = by_pressure.pop(settings.pressure)
-        pumps.append(_Pump(seed, name, train, held_out))
-    return pumps
-
-
-def _pressure(recording: Recording) -> float:
-    assert recording.condition is not None  # all recordings of the rig have one
-    return recording.condition.discharge_pressure
+    pairs = rig_recordings(seed, size, labels=(settings.label,), pressures=(settings.pressure,), jobs=jobs)
+    of_pump: dict[str, list[tuple[Recording, Run]]] = {}
+    for pair in pairs:
+        of_pump.setdefault(str(pair[0].specimen), []).append(pair)
+    return [_Pump(seed, name, train, held_out) for name, (*train, held_out) in of_pump.items()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,15 +207,13 @@ def _interval(pump: _Pump, method: str, calibration: Calibration, index: int, tr
 
 
 def _case(pump: _Pump, name: str, twin: Twin, values: Mapping[str, float]) -> _Case:
-    near = _near(twin, [pump.held_out[0]])
-    return _Case(Trial({"twin": name}, pump.seed, {**_errors(near), **values}))
+    return _Case(Trial({"twin": name}, pump.seed, {**errors_on(pump.held_out[0], twin), **values}))
 
 
-def _near(twin: Twin, recordings: Sequence[Recording]) -> Agreement:
-    """How near the twin, taken to the recordings' pressure, is to them."""
-    there = twin.at(twin.condition.replaced(discharge_pressure=_pressure(recordings[0])))
-    (comparison,) = objective_of(there, measure(there, recordings)).comparisons
-    return agreement(comparison.measurement, there, comparison.amplitude_of(there))[0]
+def errors_on(recording: Recording, twin: Twin) -> dict[str, float]:
+    """RMSE, PE and SVE of a twin on a recording at its operating point."""
+    (comparison,) = objective_of(twin, measure(twin, [recording])).comparisons
+    return _errors(agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0])
 
 
 def _truth_case(pump: _Pump, nominal: Twin, name: str, run: Run) -> _Case:

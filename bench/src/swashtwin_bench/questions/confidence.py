@@ -3,7 +3,7 @@ training."""
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,9 @@ import numpy as np
 from sklearn.metrics import roc_auc_score
 
 from swashtwin.learning import (
-    BiTCN,
     FittedClassifier,
-    TrainingSettings,
     WindowSet,
-    build_network,
     cut_windows,
-    fit,
-    fit_chosen,
     learn_confidence,
     recording_answers,
     score_confidence,
@@ -28,8 +23,7 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of, paired_interval
 from swashtwin_bench.rigs.writing import RigSize, rig_recordings
-from swashtwin_bench.rivals.baselines import UNSCALED
-from swashtwin_bench.rivals.models import CHOSEN, Model
+from swashtwin_bench.rivals.models import Model, models_of, train_model
 
 VALIDATION = {"same": "other recordings of the training's pumps", "other": "recordings of other pumps"}
 """Recordings that the confidence is learned from."""
@@ -61,7 +55,8 @@ class ConfidenceStudySettings:
     """How much is recorded, and how classifiers are trained on it."""
 
     classifiers: tuple[str, ...] = ("bitcn", "extra_trees")
-    """Classifiers; ``"chosen"`` is what `FaultClassifier` trains by itself. The first is compared with the others."""
+    """Names of `models_of`, such as ``"chosen"``, what `FaultClassifier` trains by itself. The first is compared with
+    the others."""
     trained_pumps: int = 3
     """Pumps trained on. Of each class and pressure one recording trains, one sets the confidence, one tests at L2."""
     validation_pumps: int = 2
@@ -74,14 +69,6 @@ class ConfidenceStudySettings:
     """Samples per window."""
     error_rate: float = 0.1
     """Asked of prediction sets and of calling unknown."""
-    training: TrainingSettings = field(
-        default_factory=lambda: TrainingSettings(epochs=12, learning_rate=2e-3, decay="cosine", normalization="set")
-    )
-    """How the network is trained."""
-    network: dict[str, Any] = field(default_factory=lambda: {"stride": 16, "channels": (32,) * 6})
-    """Settings of BiTCN that differ from the paper's."""
-    trees: int = 300
-    """Extra trees."""
 
 
 def confidence(work: Work, settings: ConfidenceStudySettings) -> StudyTable:
@@ -168,10 +155,9 @@ def _run(
     out: Path | None,
 ) -> dict[str, Any]:
     plain = {name: value for name, value in asdict(settings).items() if name != "classifiers"}
-    model = {"model": Model(CHOSEN).describe()} if kind == CHOSEN else {}
     factors = {"classifier": kind, "left_out": left_out or "none"}
     data = fingerprint_of(recording for recordings in parts.values() for recording in recordings)
-    task = Task("confidence", seed, factors, {**plain, **model}, data)
+    task = Task("confidence", seed, factors, {**plain, "model": _model(kind).describe()}, data)
     return task.run(out, lambda: {"results": _training(parts, kind, left_out, seed, settings)})
 
 
@@ -192,7 +178,7 @@ def _training(
         )
         for role, recordings in parts.items()
     }
-    classifier = _fit(kind, cut["train"], seed, settings)
+    classifier = train_model(_model(kind), cut["train"], seed=seed)
     sure_classifiers = {
         validation: learn_confidence(classifier, cut[validation], error_rate=settings.error_rate)
         for validation in VALIDATION
@@ -214,14 +200,8 @@ def _training(
     return results
 
 
-def _fit(kind: str, train: WindowSet, seed: int, settings: ConfidenceStudySettings) -> Any:
-    if kind == CHOSEN:
-        return fit_chosen(train, seed=seed)
-    if kind == "extra_trees":
-        trees = build_network(kind, train.n_channels, len(train.classes), trees=settings.trees)
-        return fit(trees, train, settings=UNSCALED, seed=seed)
-    network = BiTCN(train.n_channels, len(train.classes), **settings.network)
-    return fit(network, train, settings=settings.training, seed=seed)
+def _model(kind: str) -> Model:
+    return models_of("quick", [kind])[kind]
 
 
 def _unknown(

@@ -35,9 +35,6 @@ MANIFEST_NAME = "rig.json"
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
 
-FORMATS = ("h5", "mat", "wav", "csv", "tdms")
-"""Formats of the files."""
-
 PUMPS = MappingProxyType({3: "25scy14-1b", 13: "25scy14-1b-13"})
 """Pump file by the number of its accelerometers."""
 
@@ -319,7 +316,6 @@ def build_rig(
     size: str | RigSize = "small",
     version: str = RIG_VERSION,
     sensors: int = 3,
-    file_format: str = "h5",
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
@@ -334,7 +330,6 @@ def build_rig(
     size : name in `SIZES`, or a size of one's own.
     version : name in `VERSIONS`.
     sensors : accelerometers, one of `PUMPS`.
-    file_format : one of `FORMATS`.
     jobs : processes that work side by side.
     progress : called with recordings done and in all.
 
@@ -347,14 +342,12 @@ def build_rig(
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
         raise InputError(f"rig size {size!r} is unknown; choose one of {', '.join(SIZES)}.")
-    if file_format not in FORMATS:
-        raise InputError(f"the rig writes no {file_format!r} files; choose one of {', '.join(FORMATS)}.")
     plan = SIZES[size] if isinstance(size, str) else size
     slots = _slots(plan, version, sensors)
-    settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": file_format}
+    settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": "h5"}
     settings |= {} if sensors == 3 else {"sensors": sensors}
     open_pieces(folder, MANIFEST_NAME, settings)
-    files = [Path(slot.specimen) / f"{slot.name}.{file_format}" for slot in slots]
+    files = [Path(slot.specimen) / f"{slot.name}.h5" for slot in slots]
     path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
     missing = [slot for slot in slots if not path_of[slot.name].is_file()]
     fleet = _fleet(slots, seed)

@@ -94,12 +94,11 @@ def propose_class(label: str) -> str | None:
     part = _MACHINES.sub("", plain)
     if _SOUND.search(part):
         return None
-    return next((name for name, words in _PARTS.items() if any(_begins(word, part) for word in words)), None)
-
-
-def _begins(word: str, text: str) -> bool:
-    """Whether a word begins within a text, or stands anywhere in one of Chinese, which has no gaps."""
-    return word in text if not word.isascii() else re.search(rf"(^|_|\d){word}", text) is not None
+    patterns = {
+        name: "|".join(rf"(^|_|\d){word}" if word.isascii() else word for word in words)  # Chinese has no gaps
+        for name, words in _PARTS.items()
+    }
+    return next((name for name, pattern in patterns.items() if re.search(pattern, part)), None)
 
 
 def is_healthy(label: str | None) -> bool:

@@ -25,16 +25,13 @@ PARAMETERS = (
 """The six values that calibration finds, in the order of every vector of them."""
 
 
-class InterfaceValue(IntEnum):
-    """Index of each of the six values in the order of `PARAMETERS`."""
-
-    SLIPPER_SWASH_DAMPING = 0
-    SLIPPER_SWASH_STIFFNESS = 1
-    BLOCK_VALVE_DAMPING = 2
-    BLOCK_VALVE_STIFFNESS = 3
-    PISTON_BORE_DAMPING = 4
-    PISTON_BORE_STIFFNESS = 5
-
+InterfaceValue = IntEnum(
+    "InterfaceValue",
+    "SLIPPER_SWASH_DAMPING SLIPPER_SWASH_STIFFNESS BLOCK_VALVE_DAMPING BLOCK_VALVE_STIFFNESS "
+    "PISTON_BORE_DAMPING PISTON_BORE_STIFFNESS",
+    start=0,
+)
+"""Index of each of the six values in the order of `PARAMETERS`."""
 
 LETTERS = MappingProxyType(dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"), strict=True)))
 """The paper's letters. Its names contradict each other (C_v is its "cylinder damping"): this map is ours."""

@@ -1,6 +1,5 @@
 """The index file ``recordings.toml``: one entry per file, and what each file is."""
 
-import math
 import os
 import re
 import tomllib
@@ -19,11 +18,11 @@ from swashtwin.foundation import (
     sha256_of,
     write_text,
 )
-from swashtwin.pump import is_same_class
+from swashtwin.pump import in_trade_units, is_same_class
 from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
-from swashtwin.recordings.loading import recording_of
+from swashtwin.recordings.loading import PUMP_KEYS, recording_of
 from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.stated_facts import is_quantity
 from swashtwin.recordings.store import is_store
@@ -246,12 +245,8 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
         entry["id"] = recording.recording_id
     entry |= {name: getattr(recording, name) for name in ("label", "specimen") if getattr(recording, name)}
     if recording.condition is not None:
-        condition = recording.condition
-        entry["speed"] = f"{condition.speed * 30 / math.pi:.15g} rpm"
-        entry["pressure"] = f"{condition.discharge_pressure / 1e6:.15g} MPa"
-        for name in ("suction_pressure", "case_pressure"):
-            entry[name] = f"{getattr(condition, name) / 1e6:.15g} MPa"
-        entry["oil_temperature"] = f"{condition.oil_temperature - 273.15:.15g} degC"
+        values = {key: getattr(recording.condition, field) for key, field in PUMP_KEYS.items()}
+        entry |= {key: in_trade_units(value, QUANTITIES[key], 15) for key, value in values.items()}
     if recording.synthetic:
         entry["synthetic"] = True
     attributes = {key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")}

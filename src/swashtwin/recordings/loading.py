@@ -20,8 +20,8 @@ from swashtwin.recordings.samples import Columns, Samples
 from swashtwin.recordings.scaling import scale, vibration_columns
 from swashtwin.recordings.stated_facts import bare_pressures, contradictions, facts_of_header
 
-_PUMP_KEYS = {key: key for key in QUANTITIES if key not in ("sample_rate", "resample")}
-_PUMP_KEYS["pressure"] = "discharge_pressure"
+PUMP_KEYS = {key: key for key in QUANTITIES if key not in ("sample_rate", "resample")}
+PUMP_KEYS["pressure"] = "discharge_pressure"
 """Keys of an entry, and the fields of an `OperatingCondition` that they state."""
 _RATE_TOLERANCE = 1e-3
 _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -205,11 +205,11 @@ def _condition(
     """
     values = {
         field: parse(text, QUANTITIES[key], name=f"{where}: {key}")
-        for key, field in _PUMP_KEYS.items()
+        for key, field in PUMP_KEYS.items()
         if (text := getattr(entry, key)) is not None
     }
     for key in ("speed", "pressure"):
-        if values.get(_PUMP_KEYS[key], 1.0) <= 0:
+        if values.get(PUMP_KEYS[key], 1.0) <= 0:
             raise DataError(f"{where}: {key} = {getattr(entry, key)!r} must be above zero.")
     if in_file is not None or {"speed", "discharge_pressure"} <= values.keys():
         try:
@@ -222,7 +222,7 @@ def _condition(
                 "correct the index."
             )
         return condition
-    attributes |= {field: str(getattr(entry, key)) for key, field in _PUMP_KEYS.items() if field in values}
+    attributes |= {field: str(getattr(entry, key)) for key, field in PUMP_KEYS.items() if field in values}
     return None
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -332,14 +331,9 @@ def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np
     trend = (time @ row) / (time @ time) * time + row.mean()
     frequency = np.arange(len(row) // 2 + 1) * (rate / len(row))
     low = frequency <= top
-    amplitude = np.abs(np.fft.rfft((row - trend) * _hann_taper(len(row)))[low])
+    amplitude = np.abs(np.fft.rfft((row - trend) * np.hanning(len(row) + 1)[:-1])[low])
     amplitude[1:] *= math.sqrt(2)
     around = median_filter(amplitude, size=min(101, len(amplitude)))
     peak = (amplitude == maximum_filter1d(amplitude, 7)) & (amplitude > _LINE_RATIO * around)
     peak &= amplitude > 0.02 * amplitude.max()
     return frequency[low][peak]
-
-
-@lru_cache(maxsize=2)
-def _hann_taper(count: int) -> Float[np.ndarray, " time"]:
-    return np.hanning(count + 1)[:-1]

@@ -206,12 +206,6 @@ def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
     return best
 
 
-def _below_labview(lines: Sequence[str]) -> int:
-    """Lines up to the last header of LabVIEW before its rows."""
-    ends = [number for number, line in enumerate(lines) if line.startswith(_LABVIEW)]
-    return ends[min(1, len(ends) - 1)] + 1 if ends else 0
-
-
 def _uncommented(line: str) -> str:
     """A line of a header without the marks of a comment; a lone ``#`` is the heading of a counter."""
     return line if re.match(r"#\s*[\t;,|]", line) else line.lstrip("%# ")
@@ -219,14 +213,16 @@ def _uncommented(line: str) -> str:
 
 def _layout(lines: Sequence[str], separator: str, decimal: str, header_lines: int | None) -> Dialect | None:
     """How the lines read with one separator and one decimal mark; None where they are no table."""
-    first = header_lines or _below_labview(lines)
+    ends = [number for number, line in enumerate(lines, 1) if line.startswith(_LABVIEW)]
+    first = header_lines or max(ends[:2], default=0)  # LabVIEW writes a header of the file, and one of its samples
     fields = {
         number: split_line(_uncommented(line), separator)
         for number, line in enumerate(lines)
         if number >= first and line.strip()
     }
     tail = list(fields)[-_TAIL:]
-    wordy = [number for number in tail if not any(_is_value(field, decimal) for field in fields[number])]
+    tests = _tests(decimal).values()
+    wordy = [number for number in tail if not any(test(field) for field in fields[number] for test in tests)]
     voters = [number for number in tail if not wordy or number > wordy[-1]] or tail
     if not voters:
         return None
@@ -329,10 +325,6 @@ def _kind(fields: Sequence[str], decimal: str) -> Kind:
     texts = [field for field in fields if field]
     likely = (kind for kind, test in _tests(decimal).items() if 2 * sum(map(test, texts)) >= len(texts))
     return next(likely, Kind.text) if texts else Kind.blank
-
-
-def _is_value(field: str, decimal: str) -> bool:
-    return any(test(field) for test in _tests(decimal).values())
 
 
 def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) -> bool:

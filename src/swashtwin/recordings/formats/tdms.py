@@ -105,7 +105,8 @@ def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[s
     units, rates, starts, moments, sensitivities = {}, {}, {}, {}, {}  # type: ignore[var-annotated]
     for key, (kind, properties, group) in stated.items():
         pairs = [(name, str(value)) for name, value in properties.items()]
-        if unit := "ns" if kind == "M" else _unit(pairs):
+        texts = [text for name, text in pairs if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units")]
+        if unit := "ns" if kind == "M" else next(filter(None, map(known_unit, texts)), None):
             units[key] = unit
         if (along := known_unit(properties.get("wf_xunit_string", ""))) not in (None, *TIME_UNITS):
             raise DataError(f"{path}: {key!r} runs along {along}, not time; export it as it was recorded.")
@@ -120,12 +121,6 @@ def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[s
             same = next((starts[other] for other, known in moments.items() if abs(known - moment) < near), None)
             starts[key], moments[key] = same or str(moment).removeprefix("1970-01-01T"), moment
     return replace(raw, units=units, rates=rates, starts=starts, sensitivities=sensitivities)
-
-
-def _unit(pairs: list[tuple[str, str]]) -> str | None:
-    """Unit that the properties of a channel state."""
-    stated = (text for name, text in pairs if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units"))
-    return next((unit for text in stated if (unit := known_unit(text))), None)
 
 
 def _moment(properties: dict[str, Any]) -> np.datetime64 | None:

@@ -45,10 +45,11 @@ def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(mach
 def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine(machine: Machine) -> None:
     """Else a machine that is loud now and then raises false alarms, however alike its recordings are."""
     rises = [20.0 if number in (6, 9, 14) else 0.0 for number in range(23)]
-    point_judgment = course(machine, rises)[-1]
-    test = point_judgment.state.test
-    assert point_judgment.learned == 20
-    assert test.large_share == 4 / 24
+    point_judgments = course(machine, rises)
+    assert point_judgments[6].learned == 6
+    assert "not learned from this recording" in point_judgments[6].notes[0]
+    assert point_judgments[-1].learned == 20
+    assert point_judgments[-1].state.test.large_share == 4 / 24
 
 
 def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(machine: Machine, watched: PointState) -> None:
@@ -70,26 +71,14 @@ def test_one_large_recording_raises_no_alarm(machine: Machine, watched: PointSta
     assert not any(item.pump for item in point_judgments)
 
 
-def test_the_condition_clears_after_five_quiet_recordings_and_the_test_starts_anew(
+def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it(
     machine: Machine, watched: PointState
 ) -> None:
     point_judgments = course(machine, [*[12.0] * 8, *[0.0] * 6], watched, 40)
+    assert len({item.capital for item in point_judgments if item.is_alarm}) == 1
     assert [item.pump for item in point_judgments[8:]] == [None] * 4 + ["cleared", None]
     assert point_judgments[-1].capital is not None
     assert point_judgments[-1].capital <= 1
-
-
-def test_nothing_is_bet_while_an_alarm_stands(machine: Machine, watched: PointState) -> None:
-    point_judgments = course(machine, [12.0] * 12, watched, 40)
-    capital = [item.capital for item in point_judgments if item.is_alarm]
-    assert len(set(capital)) == 1
-
-
-def test_a_recording_far_from_the_others_is_not_learned_from_and_the_judgement_says_so(machine: Machine) -> None:
-    point_judgments = course(machine, [0.0] * 6 + [30.0] + [0.0] * 14)
-    assert point_judgments[6].learned == 6
-    assert "not learned from this recording" in point_judgments[6].notes[0]
-    assert point_judgments[-1].learned == 20
 
 
 def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(

@@ -77,7 +77,7 @@ def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
         ({"probabilities": {"piston": 0.9, "normal": 0.1}}, "sure", "Suspect: piston (90 %)."),
         ({"probabilities": {"piston": 0.5, "normal": 0.3}}, "unsure", "unsure: piston (50 %), or normal (30 %)."),
         ({"probabilities": {"piston": 1.0, "normal": 0.0}, "unknown": True, "reasons": ("Unlike.",)}, "unknown", "Unl"),
-        ({"label": "normal", "probabilities": {"normal": 0.9, "piston": 0.1}}, "unsure", "No fault that the prior"),
+        ({"label": "normal", "probabilities": {"normal": 0.9, "piston": 0.1}}, "unsure", "unsure: piston (10 %); the"),
         ({"label": None, "no_verdict": "it is short."}, "none", "No suspect is named: it is short."),
     ],
 )

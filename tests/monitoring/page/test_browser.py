@@ -94,17 +94,13 @@ def test_times_are_shown_in_the_readers_zone(browser, served) -> None:
         assert any(shown.startswith(day) for day in days)
 
 
-def test_another_level_is_chosen_and_drawn_with_its_band(tab) -> None:
+def test_another_level_is_chosen_drawn_with_its_band_and_leads_to_its_recordings(tab) -> None:
     tab.goto("/machines/pump-1")
     tab.get_by_label("Channel").select_option("y")
     tab.get_by_label("Indicator or order").select_option("shaft order 14")
     tab.get_by_role("button", name="Show").click()
     tab.locator("#levels figcaption", has_text="y: shaft order 14").wait_for()
     assert "Healthy baseline ± 3 spreads" in tab.locator("#levels figcaption").inner_text()
-
-
-def test_a_click_on_a_point_opens_its_recording(tab) -> None:
-    tab.goto("/machines/pump-1")
     drawing = tab.locator("#levels .drawing")
     drawing.scroll_into_view_if_needed()
     last = drawing.locator(".main").get_attribute("d").split("L")[-1].split()

@@ -18,32 +18,28 @@ def delivery(file: str = "a.wav") -> Delivery:
     return Delivery("inbox", file, NOW, "pump-1", {"speed": "1500 rpm"})
 
 
-def test_a_recording_waits_with_what_is_known_of_it_also_after_a_restart(tmp_path: Path) -> None:
-    digest = Spool(tmp_path).add(delivery(), b"samples")
-    file = Spool(tmp_path).next(0.0)
-    assert digest == hashlib.sha256(b"samples").hexdigest()
-    assert file is not None
-    assert (file.delivery, file.path.read_bytes(), file.path.suffix) == (delivery(), b"samples", ".wav")
-
-
-def test_recordings_are_taken_in_the_order_of_their_arrival(tmp_path: Path) -> None:
+def test_recordings_wait_in_the_order_of_their_arrival_also_after_a_restart(tmp_path: Path) -> None:
     first = Spool(tmp_path)
     for name in ("a.wav", "b.csv", "c.json"):
-        first.add(delivery(name), name.encode())
-    again, names = Spool(tmp_path), []
+        assert first.add(delivery(name), name.encode()) == hashlib.sha256(name.encode()).hexdigest()
+    again, found = Spool(tmp_path), []
     while (file := again.next(0.0)) is not None:
-        names.append((file.delivery.file, file.path.read_bytes().decode()))
+        found.append((file.delivery, file.path.read_bytes().decode()))
         again.remove(file)
-    assert names == [(name, name) for name in ("a.wav", "b.csv", "c.json")]
+    assert found == [(delivery(name), name) for name in ("a.wav", "b.csv", "c.json")]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_a_kill_left_half_written_is_removed_at_the_start(tmp_path: Path) -> None:
+def test_what_a_kill_left_half_written_is_removed_at_the_start_and_a_damaged_card_is_a_problem(tmp_path: Path) -> None:
     Spool(tmp_path).add(delivery(), b"whole")
     (tmp_path / "00001-aa.wav").write_bytes(b"half")
     (tmp_path / ".00001-aa.json").write_bytes(b"{")
     assert len(Spool(tmp_path)) == 1
     assert len(list(tmp_path.iterdir())) == 2
+    next(tmp_path.glob("*.json")).write_text("{", encoding="utf-8")
+    file = Spool(tmp_path).next(0.0)
+    assert file is not None
+    assert (file.path.read_bytes(), file.delivery.problem) == (b"whole", "its card is damaged.")
 
 
 def test_a_full_spool_takes_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,6 +65,7 @@ def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
     waiting.add(delivery(file), b"content")
     assert len(list((tmp_path / "spool").iterdir())) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["spool"]
+    assert delivery("a\x00\udcff.wav").file == "a\\x00\\udcff.wav"  # which every database takes
 
 
 @pytest.mark.parametrize(
@@ -87,16 +84,3 @@ def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
 def test_facts_that_cannot_be_are_refused_with_the_reason(facts: dict[str, str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         check_facts(facts)
-
-
-def test_a_damaged_card_is_a_problem_of_its_recording(tmp_path: Path) -> None:
-    Spool(tmp_path).add(delivery(), b"samples")
-    next(tmp_path.glob("*.json")).write_text("{", encoding="utf-8")
-    file = Spool(tmp_path).next(0.0)
-    assert file is not None
-    assert (file.path.read_bytes(), file.delivery.problem) == (b"samples", "its card is damaged.")
-
-
-def test_a_name_that_is_no_text_is_written_in_a_form_that_every_database_takes() -> None:
-    name = delivery("a\x00\udcff.wav").file
-    assert name == "a\\x00\\udcff.wav"

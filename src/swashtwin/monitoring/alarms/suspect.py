@@ -49,7 +49,7 @@ class Suspect:
     sentence: str
     """Which fault it is and how sure, or why none is named."""
     label: str | None = None
-    """Class that it resembles most; a guess where it is not ``sure``."""
+    """Fault that it resembles most; a guess where it is not ``sure``."""
     probabilities: Mapping[str, float] = field(default_factory=dict)
     """Probability of each class of the prior, calibrated on virtual pumps."""
     p_value: float | None = None
@@ -67,7 +67,7 @@ class Suspect:
         words = {name: name.replace("_", " ") for name in verdict.probabilities} | {"other": "another fault"}
         first, second = (f"{words[name]} ({100 * share:.0f} %)" for name, share in ranked[:2])
         if is_healthy(verdict.label):
-            return cls("unsure", f"No fault that the prior holds moves these levels: {first}, then {second}.", *facts)
+            return cls("unsure", f"Suspect, unsure: {second}; the prior sees {first} still.", ranked[1][0], *facts[1:])
         if ranked[0][1] >= SURE:
             return cls("sure", f"Suspect: {first}.", *facts)
         return cls("unsure", f"Suspect, unsure: {first}, or {second}.", *facts)

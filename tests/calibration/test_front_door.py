@@ -72,13 +72,6 @@ def test_a_healthy_label_may_read_healthy(pump: Pump, recordings: list[Recording
     assert set(windows.label) == {"healthy"}
 
 
-def test_recordings_of_another_class_are_left_out(pump: Pump, recordings: list[Recording]) -> None:
-    worn = replace(recordings[0], recording_id="worn", label="swash_plate")
-    calibration = calibrate(pump, [worn, recordings[1]], method=QUICK, **SIX_VALUES)
-    assert calibration.recording_ids == ("healthy-1",)
-    assert calibration.left_out == (("worn", "the recording's label is swash_plate, the twin's normal"),)
-
-
 def test_recordings_of_a_fault_are_calibrated_with_that_fault(pump: Pump) -> None:
     fault = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from twin_recordings import worn_twin
 
 from swashtwin.calibration import measure
-from swashtwin.foundation import DataError, InputError, MPa, UnitError, mm
+from swashtwin.foundation import DataError, InputError, MPa, UnitError
 from swashtwin.physics import Twin
-from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
 
 RATE = 6400.0
@@ -16,7 +17,7 @@ RATE = 6400.0
 
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
+    return worn_twin(pump, at_15)
 
 
 @pytest.fixture(scope="module")

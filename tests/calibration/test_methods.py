@@ -1,10 +1,9 @@
 """The methods that search: all minimize the same thing, count what they simulate, and leave no trace behind."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
+from twin_recordings import recording_of, worn_twin
 
 from swashtwin.calibration import (
     IPINN,
@@ -15,14 +14,9 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.foundation import mm
 from swashtwin.physics import Twin
-from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
-from swashtwin.recordings import Recording
-from swashtwin.signals import add_noise
+from swashtwin.pump import OperatingCondition, Pump
 
-FACTORS = np.array([1, 1, 1.6, 0.7, 2.5, 1])
-"""Truth over nominal."""
 QUICK: dict[str, Calibrator] = {
     "gauss_newton": GaussNewton(starts=2),
     "ipinn": IPINN(epochs=6),
@@ -31,16 +25,9 @@ QUICK: dict[str, Calibrator] = {
 each_method = pytest.mark.parametrize("method", QUICK.values(), ids=QUICK)
 
 
-def recording_of(twin: Twin, seed: int = 0) -> Recording:
-    """Noisy recording of the twin with its values times `FACTORS`."""
-    true = twin.with_interfaces(Interfaces.from_values(twin.values.numpy() * FACTORS))
-    recording = true.simulate(1.3, 6400.0, phase=1.0 + seed, recording_id=f"rec-{seed}")
-    return replace(recording, signal=add_noise(recording.signal, 30, seed))
-
-
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
+    return worn_twin(pump, at_15)
 
 
 @pytest.fixture(scope="module")

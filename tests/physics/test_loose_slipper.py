@@ -48,12 +48,6 @@ def test_the_piston_stays_in_its_play_but_for_what_the_stops_give(pump: Pump, mo
     assert LOOSE.clearance < motion.displacement.max() < 1.1 * LOOSE.clearance
 
 
-def test_a_revolution_has_two_impacts_as_suction_and_delivery_begin(motion: LooseMotion) -> None:
-    (pulled, *_), (pressed, *_) = impacts_of(motion)
-    assert math.radians(10) < pulled < math.radians(25)
-    assert math.radians(185) < pressed < math.radians(200)
-
-
 def test_the_piston_is_pressed_on_at_the_speed_of_the_stroke_that_takes_up_its_play(
     pump: Pump, at_15: OperatingCondition, motion: LooseMotion
 ) -> None:

@@ -50,22 +50,6 @@ def test_a_constant_force_gives_the_static_deflection(matrices: Matrices) -> Non
     torch.testing.assert_close(lines[0].real, torch.linalg.solve(stiffness, force[0].real))
 
 
-def test_harmonic_balance_has_exact_gradients(matrices: Matrices, pump: Pump) -> None:
-    structure = assemble(pump)
-    frequency = torch.tensor([630.0, 2500.0], dtype=torch.float64)
-    force = torch.as_tensor(np.random.default_rng(2).normal(size=(2, 13)) + 0j)
-    scale = torch.tensor(pump.interfaces.values(), dtype=torch.float64)
-
-    def response(relative: Tensor) -> Tensor:
-        values = relative * scale
-        lines = HarmonicBalance().steady_state(
-            structure.mass, structure.damping(values), structure.stiffness(values), frequency, force
-        )
-        return torch.view_as_real(lines @ structure.sensor_rows.T.to(lines.dtype)) * 1e8
-
-    assert torch.autograd.gradcheck(response, (torch.ones(6, dtype=torch.float64, requires_grad=True),))
-
-
 def quick_to_settle(matrices: Matrices) -> Matrices:
     """Not stiff: the checks are of the coupling."""
     mass, damping, stiffness = matrices

@@ -25,9 +25,8 @@ from swashtwin.diagnosis.classifier_input import (
     windows_of_array,
     with_synthetic,
 )
-from swashtwin.diagnosis.diagnosing import diagnose, recording_probability
+from swashtwin.diagnosis.diagnosing import diagnose, make_known, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
-from swashtwin.diagnosis.own_reference import make_known
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import few_machines
 from swashtwin.diagnosis.resemblance import Resemblance, find_resemblance

@@ -37,13 +37,13 @@ from .memory import keep_freed_memory as keep_freed_memory
 from .memory import memory_limit as memory_limit
 from .memory import require_memory as require_memory
 from .memory import return_memory as return_memory
-from .printing import escape_controls as escape_controls
 from .processes import end_with as end_with
 from .processes import one_thread as one_thread
 from .processes import parallel as parallel
 from .seeding import derive_seed as derive_seed
 from .seeding import stream as stream
 from .texts import csv_text as csv_text
+from .texts import escape_controls as escape_controls
 from .texts import finite_values as finite_values
 from .texts import json_text as json_text
 from .texts import plain_text as plain_text

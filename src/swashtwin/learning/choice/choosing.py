@@ -340,31 +340,29 @@ def _trials(
         right = likeliest_class(pooled / count) == target
         return float(np.mean([right[mask & (target == index)].mean() for index in np.unique(target[mask])]))
 
-    by_group: dict[str, np.ndarray] = {}
-    whole: dict[str, tuple[float, float]] = {}
-    everything = np.ones(len(first), dtype=bool)
-    for candidate in candidates:
-        views = log_probability[candidate.name]
-        table = np.array([[recall(view, mask) for view in views] for mask in masks])
-        by_group[candidate.name] = (table[:, 0] + table[:, 1:].mean(axis=1)) / 2
-        whole[candidate.name] = (
-            recall(views[0], everything),
-            float(np.mean([recall(view, everything) for view in views[1:]])),
+    def error(scores: np.ndarray) -> float:
+        return float(scores.std(ddof=1) / np.sqrt(len(scores))) if len(scores) > 1 else 0.0
+
+    tables = {
+        candidate.name: np.array(
+            [
+                [recall(view, mask) for view in log_probability[candidate.name]]
+                for mask in (*masks, np.ones(len(first), dtype=bool))
+            ]
         )
+        for candidate in candidates
+    }
+    by_group = {name: (table[:-1, 0] + table[:-1, 1:].mean(axis=1)) / 2 for name, table in tables.items()}
     best = max(by_group.values(), key=np.mean)
-    least = best.mean() - (best.std(ddof=1) / np.sqrt(len(best)) if len(best) > 1 else 0.0)
-    trials = []
-    for candidate in candidates:
-        scores = by_group[candidate.name]
-        clean, disturbed = whole[candidate.name]
-        trials.append(
-            Trial(
-                candidate=candidate.name,
-                score=float(scores.mean()),
-                standard_error=float(scores.std(ddof=1) / np.sqrt(len(scores))) if len(scores) > 1 else 0.0,
-                clean=clean,
-                disturbed=disturbed,
-                is_tied=bool(scores.mean() >= least - 1e-12),
-            )
+    least = best.mean() - error(best)
+    return [
+        Trial(
+            candidate=name,
+            score=float(scores.mean()),
+            standard_error=error(scores),
+            clean=float(tables[name][-1, 0]),
+            disturbed=float(tables[name][-1, 1:].mean()),
+            is_tied=bool(scores.mean() >= least - 1e-12),
         )
-    return trials
+        for name, scores in by_group.items()
+    ]

@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32, Float64, Int
 from torch import Tensor, nn
 
 from swashtwin.foundation import InputError, TorchStream
-from swashtwin.learning.networks.settings import require_sizes
+from swashtwin.learning.networks.settings import Configured, require_sizes
 
 
 def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:
@@ -29,7 +29,7 @@ def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chos
 N = TypeVar("N", bound="Network")
 
 
-class Network(nn.Module):
+class Network(Configured, nn.Module):
     """Base of the networks: windows in, one score per class out (softmax makes them probabilities).
 
     A subclass sets `name`, hands every argument of its constructor to this one, and defines `encode` and `head`; and
@@ -41,8 +41,6 @@ class Network(nn.Module):
         A whole number among the settings is below 1, or `dropout` is no share.
     """
 
-    name: ClassVar[str]
-    """Key in the registry; saved models name their network by it."""
     has_gradients: ClassVar[bool] = True
     """Whether its answer can be traced to bands and moments (`explain`)."""
     head: nn.Module
@@ -52,22 +50,6 @@ class Network(nn.Module):
         super().__init__()
         require_sizes(self.name, settings)
         self.settings = settings
-        """Arguments that build this network again; numbers, words, and tuples of these."""
-
-    @property
-    def n_channels(self) -> int:
-        """Channels of a window."""
-        return int(self.settings["n_channels"])
-
-    @property
-    def uses_speed(self) -> bool:
-        """Whether `represent_at` looks at the speed."""
-        return False
-
-    @property
-    def n_classes(self) -> int:
-        """Classes told apart."""
-        return int(self.settings["n_classes"])
 
     def represent(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window ..."]:
         """What `encode` takes of each window; it has no weights, so `fit` computes it once for all epochs."""

@@ -5,11 +5,35 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from swashtwin.foundation import InputError
+
+
+class Configured:
+    """What networks of both kinds have in common: a name, and the settings that build one again."""
+
+    name: ClassVar[str]
+    """Key in the registry; saved models name their network by it."""
+    settings: dict[str, Any]
+    """Arguments that build this network again; numbers, words, and tuples of these."""
+
+    @property
+    def n_channels(self) -> int:
+        """Channels of a window."""
+        return int(self.settings["n_channels"])
+
+    @property
+    def n_classes(self) -> int:
+        """Classes told apart."""
+        return int(self.settings["n_classes"])
+
+    @property
+    def uses_speed(self) -> bool:
+        """Whether `represent_at` looks at the speed."""
+        return False
 
 
 def require_sizes(name: str, settings: dict[str, Any]) -> None:

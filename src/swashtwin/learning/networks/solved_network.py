@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.learning.networks.settings import require_sizes
+from swashtwin.learning.networks.settings import Configured, require_sizes
 
 
-class SolvedNetwork:
+class SolvedNetwork(Configured):
     """Base of the networks that numpy computes: windows in, the logarithm of each class's probability out.
 
     A subclass sets `name`, hands every argument of its constructor to this one, and defines `represent_at`, `solve`,
@@ -21,32 +21,14 @@ class SolvedNetwork:
         A whole number among the settings is below 1, or `dropout` is no share.
     """
 
-    name: ClassVar[str]
-    """Key in the registry; saved models name their network by it."""
     has_gradients: ClassVar[bool] = False
     """Whether its answer can be traced to bands and moments (`explain`)."""
 
     def __init__(self, **settings: Any) -> None:
         require_sizes(self.name, settings)
         self.settings = settings
-        """Arguments that build this network again; numbers, words, and tuples of these."""
         self.weights: dict[str, np.ndarray] = {}
         """What `solve` found, by name; none before."""
-
-    @property
-    def n_channels(self) -> int:
-        """Channels of a window."""
-        return int(self.settings["n_channels"])
-
-    @property
-    def n_classes(self) -> int:
-        """Classes told apart."""
-        return int(self.settings["n_classes"])
-
-    @property
-    def uses_speed(self) -> bool:
-        """Whether `represent_at` looks at the speed."""
-        return False
 
     def represent_at(
         self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]

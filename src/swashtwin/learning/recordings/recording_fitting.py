@@ -12,8 +12,12 @@ from swashtwin.learning.evaluation.pooling import fit_pooling
 from swashtwin.learning.recordings.heads import Heads, fit_heads
 from swashtwin.learning.recordings.recording_levels import RecordingLevels
 from swashtwin.learning.recordings.recording_model import HEAD_NAMES, RecordingModel, joint
-from swashtwin.learning.recordings.recording_table import RecordingTable
-from swashtwin.learning.recordings.stretches import levels_of, recording_rows, shortest_stretch
+from swashtwin.learning.recordings.recording_table import (
+    RecordingTable,
+    levels_of,
+    recording_rows,
+    shortest_stretch,
+)
 from swashtwin.learning.training.train_transforms import with_noise
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy

@@ -271,15 +271,15 @@ def latency(folder: Path, count: int = 40) -> dict[str, Any]:
     return {"recordings": count, "median_s": statistics.median(times), "largest_s": max(times)}
 
 
-def plant(folder: Path, machines: int = 200, minutes: float = 5.0) -> dict[str, Any]:
+def plant(folder: Path) -> dict[str, Any]:
     """CPU time and memory of a plant with one recording a minute of each machine, and how far its verdicts lag."""
+    machines, count = 200, 1000
     names = [f"pump-{number:03}" for number in range(machines)]
     watch = WatchProcess(write_config(folder, names))
     files = [wav(samples(number)) for number in range(20)]
     watch.start()
     before, began, closed = watch.usage(), time.time(), {}
     largest = 0.0
-    count = int(machines * minutes)
     for number in range(count):
         time.sleep(max(0.0, began + 60 * number / machines - time.time()))
         content = bytearray(files[number % len(files)])
@@ -310,9 +310,9 @@ def plant(folder: Path, machines: int = 200, minutes: float = 5.0) -> dict[str, 
 class Deliveries:
     """Delivers recordings by all ways until it is stopped, and remembers their names."""
 
-    def __init__(self, watch: WatchProcess, broker: Broker, inbox: Path, pause: float) -> None:
+    def __init__(self, watch: WatchProcess, broker: Broker, inbox: Path) -> None:
         self.names: list[str] = []
-        self._watch, self._broker, self._inbox, self._pause = watch, broker, inbox, pause
+        self._watch, self._broker, self._inbox = watch, broker, inbox
         self._stop = threading.Event()
         ways: tuple[Callable[[str, bytes], None], ...] = (self._by_folder, self._by_broker, self._by_upload)
         self._threads = [
@@ -332,7 +332,7 @@ class Deliveries:
 
     def _run(self, number: int, way: Callable[[str, bytes], None]) -> None:
         count = 0
-        while not self._stop.wait(self._pause):
+        while not self._stop.wait(0.3):
             name = f"{'fmu'[number]}{count:05}.wav"
             way(name, wav(samples(3 * count + number, rate=SLOW, seconds=1.0, channels=1), SLOW))
             self.names.append(name)
@@ -390,9 +390,9 @@ def fill(folder: Path) -> Path:
     return path
 
 
-def torment(folder: Path, kills: int, pause: float, seed: int, is_small: bool) -> dict[str, Any]:
+def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
     """What became of the recordings."""
-    moments, events = random.Random(seed), Counter[str]()
+    moments, events = random.Random(0), Counter[str]()
     database, broker = Database(), Broker(folder / "broker")
     broker.start()
     text = f'[[source]]\nkind = "mqtt"\nhost = "127.0.0.1"\nport = {broker.port}\ntopic = "plant/+/raw"\n'
@@ -400,7 +400,7 @@ def torment(folder: Path, kills: int, pause: float, seed: int, is_small: bool) -
     machines = ["by-folder", "by-broker", "by-upload"]
     config = write_config(folder, machines, text=text, history=database.url, data="disk/data")
     watch = WatchProcess(config)
-    deliveries = Deliveries(watch, broker, folder / "incoming", pause)
+    deliveries = Deliveries(watch, broker, folder / "incoming")
     watch.start()
     deliveries.start()
     for number in range(kills):
@@ -459,10 +459,10 @@ def settle(history: Any, names: list[str], events: Counter[str], seconds: float 
     }
 
 
-def kills(folder: Path, count: int = 50, seed: int = 0) -> dict[str, Any]:
+def kills(folder: Path, count: int = 50) -> dict[str, Any]:
     """What became of the recordings of a watch that was killed so often."""
     with small_disk(folder / "disk") as is_small:
-        return torment(folder, count, 0.3, seed, is_small)
+        return torment(folder, count, is_small)
 
 
 QUESTIONS: dict[str, Callable[..., dict[str, Any]]] = {
@@ -477,16 +477,10 @@ def main() -> None:
     """Answer the questions that are named."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("questions", nargs="+", choices=QUESTIONS)
-    parser.add_argument("--machines", type=int, default=200, help="of the plant")
-    parser.add_argument("--minutes", type=float, default=5.0, help="of the plant")
     parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0, help="of the kills")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
-    sizes = {
-        "plant": {"machines": options.machines, "minutes": options.minutes},
-        "kills": {"count": options.kills, "seed": options.seed},
-    }
+    sizes = {"kills": {"count": options.kills}}
     with tempfile.TemporaryDirectory() as folder:
         for question in options.questions:
             answer = QUESTIONS[question](Path(folder) / question, **sizes.get(question, {}))

@@ -52,7 +52,26 @@ class Contender(ABC):
         """Velocities (step, sensor) of the sensors [m/s], from the start on, without the mean."""
 
 
-class TorchTrajectory(Contender):
+class TorchLoss(Contender):
+    """A loss in PyTorch; a subclass says which."""
+
+    @abstractmethod
+    def _loss(self, values: Tensor) -> Tensor:
+        """Loss at the six values."""
+
+    def value(self, values: np.ndarray) -> float:
+        """Loss at the six values."""
+        with torch.no_grad():
+            return self._loss(torch.as_tensor(values)).item()
+
+    def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
+        """Loss and its slopes."""
+        at = torch.tensor(values, requires_grad=True)
+        loss = self._loss(at)
+        return loss.item(), torch.autograd.grad(loss, at)[0].numpy()
+
+
+class TorchTrajectory(TorchLoss):
     """A loop over the states in PyTorch; a subclass says which."""
 
     def __init__(self, problem: Problem) -> None:
@@ -79,17 +98,6 @@ class TorchTrajectory(Contender):
         gains = torch.diff(self._velocities(values), dim=0)
         amplitude = torch.fft.rfft(gains, dim=0)[1 : len(self.target) + 1].abs() * self.bin_scale
         return ((amplitude - self.target).square().mean() / self.target.square().mean()).sqrt()
-
-    def value(self, values: np.ndarray) -> float:
-        """Loss at the six values."""
-        with torch.no_grad():
-            return self._loss(torch.as_tensor(values)).item()
-
-    def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss and its slopes."""
-        at = torch.tensor(values, requires_grad=True)
-        loss = self._loss(at)
-        return loss.item(), torch.autograd.grad(loss, at)[0].numpy()
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
         """Velocities of the sensors after each step [m/s]."""

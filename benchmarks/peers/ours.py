@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from peers.contender import Contender
+from peers.contender import TorchLoss
 from peers.problem import FACTORS, Problem, in_time, pump_twin
 from swashtwin.physics import RK4, SteadySolver
 
 
-class Steady(Contender):
+class Steady(TorchLoss):
     """The loss of the settled pump: what a trajectory comes near to after several revolutions."""
 
     grows = False
@@ -41,17 +41,6 @@ class Steady(Contender):
     def _loss(self, values: Tensor) -> Tensor:
         difference = self.twin.acceleration(values, solver=self.solver()).abs() - self.target
         return (difference.square().mean() / self.target.square().mean()).sqrt()
-
-    def value(self, values: np.ndarray) -> float:
-        """Loss at the six values."""
-        with torch.no_grad():
-            return self._loss(torch.as_tensor(values)).item()
-
-    def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss and its slopes."""
-        at = torch.tensor(values, requires_grad=True)
-        loss = self._loss(at)
-        return loss.item(), torch.autograd.grad(loss, at)[0].numpy()
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
         """Velocities of the sensors after each step [m/s]."""

@@ -10,7 +10,7 @@ from typing import Any
 from swashtwin.calibration.methods.search import History
 from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
 from swashtwin.calibration.severity.law import FaultLaw
-from swashtwin.calibration.uncertainty.posterior import Estimate, Posterior, is_in_doubt
+from swashtwin.calibration.uncertainty.posterior import LARGE, Estimate, Posterior, is_in_doubt
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
@@ -85,8 +85,9 @@ class Calibration:
 
     @property
     def is_in_doubt(self) -> bool:
-        """Whether nothing that rests on it may be called identified (`uncertainty.posterior.is_in_doubt`)."""
-        return is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
+        """Whether nothing that rests on it, such as a severity, may be called identified: where the misfit is above 1,
+        or the fit strains a bound or a prior (`uncertainty.posterior.is_in_doubt`)."""
+        return self.misfit > LARGE or is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
 
     @property
     def fit_before(self) -> Agreement:

@@ -23,11 +23,9 @@ from swashtwin.calibration.methods.gauss_newton import GaussNewton
 from swashtwin.calibration.objective.measurement import GRAVITY
 from swashtwin.calibration.objective.spectrum_objective import Objective
 from swashtwin.calibration.objective.unknowns import SCALES, Nuisances, Unknowns
-from swashtwin.calibration.uncertainty.posterior import is_in_doubt, misfit_of
+from swashtwin.calibration.uncertainty.posterior import LARGE, is_in_doubt, misfit_of
 from swashtwin.physics import Topology
 
-LARGE = 1.0
-"""Misfit, in what noise and model error make expected, above which simple mistakes are sought that would explain it."""
 EXPLAINED = 0.7
 """Share of the misfit that is left at most where a mistake is suspected."""
 BEYOND_CHANCE = 20.0

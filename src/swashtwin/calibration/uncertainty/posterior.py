@@ -36,9 +36,11 @@ UNIDENTIFIED_SHARE = 0.7
 
 STRAINED = 2.5
 """Standard deviations of its prior by which a constant that is right is hardly ever off: the search ends at 4."""
+LARGE = 1.0
+"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected, above which mistakes
+are sought that would explain it, and what rests on the twin is not called identified."""
 MISFIT = 2.0
-"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected, from which the twin
-lacks something."""
+"""The same from which the twin lacks something, so that its own values are not."""
 
 
 @dataclass(frozen=True)

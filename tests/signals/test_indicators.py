@@ -17,6 +17,7 @@ from swashtwin.recordings import Recording
 from swashtwin.signals import (
     Band,
     ShaftAngle,
+    defect_orders,
     indicator_table,
     indicators_of,
     spectrum_of,
@@ -244,3 +245,19 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=1e-9)
     for name in ("velocity_rms", "band_rms 10-1000 Hz", "order_amplitude 1x"):
         assert parts.column(name)[1] == pytest.approx(whole.column(name)[1], rel=0.05)
+
+
+def test_the_orders_are_those_that_the_maker_prints() -> None:
+    # CWRU's page, drive end (SKF 6205) and fan end (SKF 6203)
+    assert defect_orders(9, 0.3126 / 1.537) == pytest.approx((5.4152, 3.5848, 4.7135, 0.39828), rel=1e-4)
+    assert defect_orders(8, 0.2656 / 1.122) == pytest.approx((4.9469, 3.0530, 3.9874, 0.3817), rel=2e-4)
+
+
+def test_a_contact_angle_slows_the_ball_less_than_the_other_rhythms() -> None:
+    assert defect_orders(8, 0.3, math.radians(40)).ball == pytest.approx(3.157, rel=1e-3)
+
+
+@pytest.mark.parametrize(("bodies", "ratio"), [(2, 0.2), (9, 0.0), (9, 1.2)])
+def test_a_bearing_that_cannot_be_is_refused(bodies: int, ratio: float) -> None:
+    with pytest.raises(InputError, match="bearing"):
+        defect_orders(bodies, ratio)

@@ -245,7 +245,7 @@ def test_items_of_one_kind_do_not_overwrite_each_other(diagnosis, tmp_path):
 def test_a_full_disk_leaves_the_old_report_and_no_debris(diagnosis, study, tmp_path, monkeypatch):
     write_report(diagnosis, folder=tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-    write, left = Path.write_text, iter(range(4))
+    write, left = Path.write_text, iter(range(3))
 
     def until_full(path: Path, text: str, **options: str) -> int:
         if next(left, None) is None:

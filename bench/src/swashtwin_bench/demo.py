@@ -17,7 +17,6 @@ from swashtwin.recordings import Recording, load_recordings
 from swashtwin.report import (
     Cell,
     Group,
-    Paragraph,
     Part,
     Section,
     SectionOrder,
@@ -194,7 +193,7 @@ def _part(demo: Demo) -> Part:
     verdict = part_of(demo.with_twin[0], "diagnosis")
     study = study_part(demo.study, "study")
     lead = Section(SectionOrder.VERDICT, "With the twin and without", (_comparison(demo),))
-    paper = Section(SectionOrder.SCORES, "Case II of the paper", tuple(map(Paragraph, study.answer)))
+    paper = Section(SectionOrder.SCORES, "Case II of the paper", tuple(study.answer))
     behind = [
         replace(section, blocks=(Group("Details", section.blocks, is_open=False),))
         if section.position in (SectionOrder.CALIBRATION, SectionOrder.TRAINING)

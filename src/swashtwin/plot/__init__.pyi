@@ -2,7 +2,6 @@
 
 from .figures import confusion as confusion
 from .recess_figure import excitation as excitation
-from .signal_figures import marked_spectrum as marked_spectrum
 from .signal_figures import spectrum as spectrum
 from .signal_figures import unit_words as unit_words
 from .signal_figures import waveform as waveform
@@ -15,9 +14,8 @@ from .style import ON_DARK as ON_DARK
 from .style import ON_SHADE as ON_SHADE
 from .style import WIDTH as WIDTH
 from .style import figure_style as figure_style
-from .style import name_decades as name_decades
+from .style import log_axis as log_axis
 from .style import panels as panels
-from .style import ratio_axis as ratio_axis
 from .style import series_colors as series_colors
 from .style import spread_labels as spread_labels
 from .style import words as words

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from swashtwin.foundation import InputError
-from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style, name_decades, panels, spread_labels, words
+from swashtwin.plot.style import CALIBRATED, LIGHT, MEASURED, figure_style, log_axis, panels, spread_labels, words
 from swashtwin.recordings import Recording, stated_speed
 from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
 
@@ -70,9 +70,10 @@ def spectrum(
     kind: LineSpectrumKind = "amplitude",
     *,
     pistons: int | None = None,
-    top: float | None = None,
 ) -> Figure:
     """A spectrum of each channel, with the lines that are expected of the shaft and of the pistons.
+
+    The axis ends a little beyond the last line of the pistons; where their number is not known, with the spectrum.
 
     Parameters
     ----------
@@ -80,36 +81,22 @@ def spectrum(
     kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of the shaft's
         frequency.
     pistons : of a recording: number of pistons, to mark their lines.
-    top : end of the axis, in its unit; by default a little beyond the last marked line, or the whole axis.
 
     Raises
     ------
     InputError
-        A `top` that leaves nothing to draw, or orders of a recording that states no speed.
+        Orders of a recording that states no speed.
 
     Examples
     --------
     >>> wave = np.sin(np.arange(4000) / 10)[None]
-    >>> spectrum(Recording(wave, 1000.0, "a"), top=50.0).axes[0].get_xlabel()
+    >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
     'frequency [Hz]'
     """
     spectrum = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
-    figure, _ = marked_spectrum(spectrum, top)
-    return figure
-
-
-@figure_style()
-def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, list[Mark]]:
-    """(the figure, the lines that it marks)."""
     start, last = spectrum.position[1], float(spectrum.position[-1])
-    beyond = 1.1 * max((mark.at for mark in spectrum.marks), default=last)
-    end = min(beyond if top is None else top, last)
+    end = min(1.1 * max((mark.at for mark in spectrum.marks if mark.of_pistons), default=last), last)
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
-    if top is not None and not (end > 0 and is_shown.any()):
-        raise InputError(
-            f"top ({top:g}{' ' * bool(spectrum.axis_unit)}{spectrum.axis_unit}) leaves nothing to draw; "
-            f"the {spectrum.axis} has lines from {start:.4g} to {last:.4g}."
-        )
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
@@ -131,7 +118,7 @@ def marked_spectrum(spectrum: LineSpectrum, top: float | None) -> tuple[Figure, 
     if looks := [_MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})]:
         lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
         figure.legend(lines, [name for _, name in looks], loc="outside upper right", ncols=2)
-    return figure, marks
+    return figure
 
 
 def unit_words(unit: str) -> str:
@@ -158,7 +145,7 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
     panel.set_yscale("log")
     if positive.size:
         panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
-        name_decades(panel)
+        log_axis(panel.yaxis)
 
 
 def _name_marks(panel: Axes, marks: Sequence[Mark], width: float) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from swashtwin.foundation import escape_controls
 
@@ -122,29 +122,13 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
     return [round(float(spot), 12) for spot in moved]
 
 
-def ratio_axis(axes: Axes, along: str, label: str) -> None:
-    """Logarithmic axis of values over a reference, with ticks such as 0.1, 0.2, 0.5, 1, 2."""
-    axes.set(**{f"{along}scale": "log", f"{along}label": label})
-    axis = axes.xaxis if along == "x" else axes.yaxis
-    low, high = axes.get_xlim() if along == "x" else axes.get_ylim()
-    ticks = [
-        step * 10.0**decade
-        for decade in range(-6, 7)
-        for step in ((1, 2, 5) if high / low < 200 else (1, 3) if high / low < 2000 else (1,))
-    ]
-    axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+def log_axis(axis: Axis) -> None:
+    """Label a logarithmic axis 0.1, 1, 10, and between them where it spans few decades."""
+    low, high = axis.get_view_interval()
+    steps = (1,) if high / low > 200 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
-
-
-def name_decades(axes: Axes) -> None:
-    """Label a logarithmic vertical axis 0.1, 1, 10, and between them if it spans few decades."""
-    low, high = axes.get_ylim()
-    steps = (1,) if high / low > 100 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-    ticks = [step * 10.0**decade for decade in range(-12, 13) for step in steps]
-    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def words(label: str) -> str:

@@ -11,9 +11,7 @@ from .indicator_figures import trend_drawing as trend_drawing
 from .page import Bullets as Bullets
 from .page import Cell as Cell
 from .page import Group as Group
-from .page import Paragraph as Paragraph
 from .page import Part as Part
-from .page import Picture as Picture
 from .page import Section as Section
 from .page import SectionOrder as SectionOrder
 from .page import Table as Table

@@ -3,10 +3,10 @@
 import numpy as np
 
 from swashtwin.diagnosis import Diagnosis, next_checks
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, ratio_axis, words
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, log_axis, panels, words
 from swashtwin.report.diagnosis_part import NO_VERDICT_ACTIONS, glance, spectrum_sentences
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table, Tone
+from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table, Tone
 from swashtwin.report.wording import fact_entries, number, rig_notice, sentence
 
 _NOT_CHECKED = (
@@ -22,7 +22,7 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
     """Part of the page about one verdict."""
     blocks: tuple = (Bullets("Channels that moved as a whole", verdict.shifts),)
     if verdict.deviation is not None:
-        blocks += (_change_table(verdict), Picture(level_drawing(verdict, key)))
+        blocks += (_change_table(verdict), level_drawing(verdict, key))
     blocks += (Bullets("What was not checked", _NOT_CHECKED),)
     spectrum = spectrum_sentences(verdict.spectrum)
     shown: dict[bool | None, tuple[str, Tone, tuple[str, ...], tuple[str, ...]]] = {
@@ -57,7 +57,7 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
 
 def _change_table(verdict: Diagnosis) -> Table:
     rows = tuple(
-        (Cell(change.level), Cell(words(change.channel)), Cell(f"{change.change:+.1f}"), Cell(number(change.spreads)))
+        (change.level, words(change.channel), f"{change.change:+.1f}", number(change.spreads))
         for change in verdict.changes
     )
     caption = (
@@ -91,7 +91,8 @@ def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
             panel.plot(center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1)
             panel.set_title(words(channel), loc="left")
             if not column:
-                ratio_axis(panel, "x", "")
+                panel.set_xscale("log")
+                log_axis(panel.xaxis)
     axes[len(channels) // 2, 0].set_ylabel("change [dB]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
     if has_orders:

@@ -1,70 +1,40 @@
-"""Figures of one calibration: excitation, waveforms, spectra, search, estimates."""
+"""Figures of one calibration: waveforms, spectra, search, estimates."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
-from swashtwin.physics import Twin, recess_of, slipper_displacements
 from swashtwin.plot import (
     CALIBRATED,
     INTERFACE_COLORS,
     LIGHT,
     MEASURED,
     NOMINAL,
-    excitation,
     figure_style,
-    name_decades,
+    log_axis,
     panels,
-    ratio_axis,
-    spread_labels,
     words,
 )
 from swashtwin.pump import PARAMETERS
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.wording import parameter_words
 
-_POINTS = 701
-"""Points over one revolution of the excitation."""
 _RANGE_DB = 60.0
 """Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is less."""
 
 
-def calibration_drawings(calibration: Calibration, key: str, *, with_excitation: bool = True) -> list[Drawing]:
-    """Every figure of a calibration, in the order of the page.
-
-    Parameters
-    ----------
-    key : start of each file name.
-    with_excitation : draw the defect's displacement, if the twin has a swash plate defect.
-    """
-    figures = [] if not with_excitation else excitation_drawing(calibration.nominal, key)
+def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:
+    """Every figure of a calibration, in the order of the page; the name of each file begins with `key`."""
+    figures: list[Drawing] = []
     band = calibration.settings.get("band", (math.nan, math.nan))
     for fit in calibration.fits:
         prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
         figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
     return [*figures, estimates(calibration, key), search_drawing(calibration, key)]
-
-
-@figure_style()
-def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
-    """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
-    recess = recess_of(twin.fault)
-    if recess is None:
-        return []
-    time = np.linspace(0, twin.condition.period, _POINTS)
-    each = slipper_displacements(twin.pump, twin.condition, recess, time)
-    columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
-    size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
-    caption = (
-        f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
-        "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
-    )
-    name, title = f"{key}_excitation", "Excitation by the defect"
-    return [render_drawing(name, excitation(twin), columns, title=title, caption=caption)]
 
 
 @figure_style()
@@ -97,7 +67,7 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
 
 @figure_style()
 def spectra(fit: Fit, key: str) -> Drawing:
-    """Line amplitudes measured, before and after, a panel for each sensor, in decibels and m/s^2."""
+    """Line amplitudes measured, before and after, a panel for each sensor, in decibels."""
     record = fit.spectra
     count, values = len(record.channels), ("measured", "deviation", "nominal", "calibrated", "low", "high")
     columns = {
@@ -146,11 +116,6 @@ def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
     panel.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
     panel.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
     panel.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
-    beside = panel.twinx()
-    beside.set(ylim=(floor - 2, top + 5), ylabel="m/s²")
-    beside.yaxis.set_major_locator(MultipleLocator(20))
-    beside.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{10 ** (value / 20):g}"))
-    beside.grid(False)
 
 
 @figure_style()
@@ -170,7 +135,8 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
     names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
     panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
     panel.grid(axis="y", visible=False)
-    ratio_axis(panel, "x", "value over nominal value")
+    panel.set(xscale="log", xlabel="value over nominal value")
+    log_axis(panel.xaxis)
     caption = (
         "Dot: estimate. Line: 90 % interval, if the model is right. Gray: "
         "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
@@ -209,23 +175,17 @@ def search_drawing(calibration: Calibration, key: str) -> Drawing:
     above.plot(step, history.loss, color="#000000")
     above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
     above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
-    name_decades(above)
+    log_axis(above.yaxis)
     low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
-    below.set(yscale="log", ylim=(low, high))
+    below.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
     below.set_xlabel("epoch" if calibration.method == "IPINN" else "simulation from the best start")
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ratio_axis(below, "y", "value over nominal value")
-    ends = spread_labels(np.log(ratio[-1]).tolist(), gap=math.log(high / low) / 15)
-    for i, (estimate, end) in enumerate(zip(calibration.estimates, ends, strict=True)):
+    log_axis(below.yaxis)
+    for i, estimate in enumerate(calibration.estimates):
         interface, entry = estimate.name.split(".")
-        color = INTERFACE_COLORS[interface]
-        below.plot(step, ratio[:, i], "-" if entry == "damping" else "--", color=color)
-        line = {"arrowstyle": "-", "color": color, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
-        spot = (1.03, (end - math.log(low)) / math.log(high / low))
-        below.annotate(
-            estimate.letter, (step[-1], ratio[-1, i]), xytext=spot, textcoords="axes fraction", color=color,
-            va="center", fontsize=9, arrowprops=line,
-        )  # fmt: skip
+        style = "-" if entry == "damping" else "--"
+        below.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.letter)
+    figure.legend(loc="outside right lower")
     caption = (
         f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
         f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best + 1} of "

@@ -10,7 +10,7 @@ from swashtwin.foundation import plural
 from swashtwin.plot import words
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.calibration_figures import calibration_drawings
-from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import (
     also_in_bar,
     facts_table,
@@ -120,9 +120,9 @@ def condition_words(calibration: Calibration) -> str:
     return "; ".join(f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items())
 
 
-def calibration_blocks(calibration: Calibration, key: str, *, with_excitation: bool = True) -> tuple:
+def calibration_blocks(calibration: Calibration, key: str) -> tuple:
     """Notes, tables and figures of one calibration."""
-    pictures = [Picture(drawing) for drawing in calibration_drawings(calibration, key, with_excitation=with_excitation)]
+    pictures = calibration_drawings(calibration, key)
     left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
     title = f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out"
     recordings = (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out))
@@ -138,7 +138,7 @@ def fit_table(calibration: Calibration) -> Table:
     for name, label in FIGURES.items():
         share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
         change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
-        rows.append((Cell(label), number_cell(before[name]), number_cell(after[name]), Cell(change)))
+        rows.append((label, number_cell(before[name]), number_cell(after[name]), change))
     return Table(
         "Difference between the twin and the recordings it was calibrated on. Errors: smaller is better. Correlation: "
         "1 is a spectrum of the same shape, whatever its level.",
@@ -153,9 +153,9 @@ def estimates_table(calibration: Calibration) -> Table:
     for estimate in calibration.estimates:
         traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
         unit = estimate.unit.replace("*", "·")
-        name = Cell(f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]")
+        name = f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]"
         values = number_cell(estimate.nominal), number_cell(estimate.value)
-        rows.append((name, *values, Cell(interval_words(estimate)), Cell(f"{estimate.verdict}{traded}")))
+        rows.append((name, *values, interval_words(estimate), f"{estimate.verdict}{traded}"))
     return Table(
         "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
         "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "

@@ -12,8 +12,8 @@ from swashtwin.plot import (
     LIGHT,
     MEASURED,
     figure_style,
+    log_axis,
     panels,
-    ratio_axis,
     series_colors,
     unit_words,
     words,
@@ -22,7 +22,7 @@ from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.cutaway import Cutaway, cutaway_of
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Group, Part, Picture, Section, SectionOrder, Tone
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Tone
 from swashtwin.report.training_part import choice_blocks
 from swashtwin.report.wording import fact_entries, number, percent, rig_notice, sentence
 
@@ -84,8 +84,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     chosen = choice_blocks(diagnosis.choice)
     blocks = (
         Bullets("More to know before trusting it", notes[_MOST_NOTES:]),
-        Picture(probability_drawing(diagnosis, key)),
-        *(() if diagnosis.kind == "prior" else (Picture(window_drawing(diagnosis, key)),)),
+        probability_drawing(diagnosis, key),
         *((Group("How the model was chosen", chosen, is_open=False),) if chosen else ()),
         Bullets("What was not checked", _NOT_CHECKED_BY_PRIOR if diagnosis.kind == "prior" else not_checked),
     )
@@ -142,10 +141,10 @@ def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     return (nearest, *spectrum_sentences(diagnosis.spectrum))
 
 
-def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Picture | Cutaway, ...]:
+def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Drawing | Cutaway, ...]:
     """The spectrum over healthy recordings, and the pump with the part of each label marked."""
     facts, spectrum = verdict.facts, verdict.spectrum
-    pictures = () if spectrum is None else (Picture(spectrum_over_healthy(spectrum, facts, key)),)
+    pictures = () if spectrum is None else (spectrum_over_healthy(spectrum, facts, key),)
     return (*(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)), *pictures)
 
 
@@ -178,23 +177,6 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
         )
     columns: dict[str, list] = {"class": classes, "score": shares}
     return render_drawing(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
-
-
-@figure_style()
-def window_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
-    """Class of each window in order of time."""
-    classes, number = list(diagnosis.probabilities), list(range(1, diagnosis.n_windows + 1))
-    colors = series_colors(classes)
-    figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
-    panel = axes[0, 0]
-    labels = [name or "" for name in diagnosis.window_labels]
-    heights = [classes.index(name) for name in labels]
-    panel.scatter(number, heights, c=[colors[name] for name in labels], marker="s", s=22)
-    panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes])
-    panel.set(ylim=(len(classes) - 0.5, -0.5), xlim=(0.3, len(number) + 0.7), xlabel="window, in order of time")
-    panel.xaxis.get_major_locator().set_params(integer=True)
-    title, caption = "Class of each window", "The likeliest class of each window alone."
-    return render_drawing(f"{key}_windows", figure, {"window": number, "class": labels}, title=title, caption=caption)
 
 
 _MARKS = 4  # multiples of the piston-pass line
@@ -234,7 +216,8 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     axes[0, 0].set(xscale="log", xlim=(max(edges[0], lowest), edges[-1]))
     unit = unit_words(spectrum.unit)
     axes[count // 2, 0].set_ylabel(f"level [dB re 1 ({unit})²/Hz]")
-    ratio_axis(axes[-1, 0], "x", "frequency [Hz]")
+    axes[-1, 0].set_xlabel("frequency [Hz]")
+    log_axis(axes[-1, 0].xaxis)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     marked = " Dashed: the piston-pass line and its multiples." if passing else ""

@@ -5,7 +5,7 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,6 +25,7 @@ _PAGE_COLORS = {
 class Drawing:
     """One figure of a report."""
 
+    kind: ClassVar[str] = "picture"
     name: str
     """File name without suffix."""
     title: str

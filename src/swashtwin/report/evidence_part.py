@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from swashtwin.diagnosis import Band, Evidence, hertz
 from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Cell, Paragraph, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
 _AGAINST = "#d55e00"
@@ -35,17 +35,17 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         f"speaks most for the verdict. Compared with {evidence.baseline}, these samples change the network's score of "
         f"{words(evidence.label)} over that of {words(evidence.rival)} by {number(evidence.margin)}"
     )
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[Drawing, ...] = ()
     if evidence.adds_up:
         gap = percent(evidence.gap) if evidence.gap else "0 %"
         introduction += ". The figures below divide that change between lines and moments (by integrated gradients; "
         introduction += f"{gap} of it is left over)."
-        pictures = Picture(line_drawing(evidence, key)), Picture(moment_drawing(evidence, key))
+        pictures = line_drawing(evidence, key), moment_drawing(evidence, key)
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
     blocks = (
-        *(Paragraph(sentence) for sentence in evidence.sentences()[1:]),
-        Paragraph(introduction),
+        *evidence.sentences()[1:],
+        introduction,
         *pictures[:1],
         _line_table(evidence),
         *pictures[1:],
@@ -159,19 +159,16 @@ def _line_table(evidence: Evidence) -> Table:
     rows = []
     for channel, band, share in evidence.strongest(6):
         level = evidence.rms[evidence.channels.index(channel), evidence.bands.index(band)]
-        shown = (Cell(percent(share)),) if evidence.adds_up else ()
+        shown = (percent(share),) if evidence.adds_up else ()
         cell = number_cell(float(level), "no band" if math.isnan(level) else "")
-        rows.append((Cell(evidence.describe(band)), Cell(words(channel)), *shown, cell))
+        rows.append((evidence.describe(band), words(channel), *shown, cell))
     header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{unit_words(evidence.unit)}]")
     shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
     return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))
 
 
 def _neighbor_table(evidence: Evidence) -> Table:
-    rows = tuple(
-        (Cell(recording.recording_id), Cell(words(recording.label)), number_cell(recording.distance))
-        for recording in evidence.nearest
-    )
+    rows = tuple((near.recording_id, words(near.label), number_cell(near.distance)) for near in evidence.nearest)
     caption = (
         "The training recordings nearest by their vibration features, independent of the network; distances in "
         "standard deviations between training recordings."

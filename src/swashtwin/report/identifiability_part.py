@@ -6,7 +6,7 @@ from swashtwin.calibration import VALUES, IdentifiabilityReport
 from swashtwin.plot import ON_DARK, ON_SHADE, figure_style, panels, words
 from swashtwin.pump import LETTERS
 from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Cell, Group, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
 
 _NEXT = ("To tell more of them, record more: swashtwin twin next says at which speed and pressure, and how long.",)
@@ -23,7 +23,7 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
         Bullets("In words", report.words),
         directions_table(report),
         table,
-        Picture(correlations(report, key)),
+        correlations(report, key),
     )
     return Part(
         title="What the measurement can tell",
@@ -51,7 +51,7 @@ def _answer(report: IdentifiabilityReport) -> str:
 def coordinates_table(report: IdentifiabilityReport) -> Table:
     """Posterior and prior width of each coordinate."""
     rows = [
-        (Cell(coordinate_words(name)), number_cell(post), number_cell(prior), Cell(percent(post / prior)), Cell(word))
+        (coordinate_words(name), number_cell(post), number_cell(prior), percent(post / prior), word)
         for name, post, prior, word in zip(report.names, report.std, report.prior_std, report.standing, strict=True)
     ]
     return Table(
@@ -66,7 +66,7 @@ def coordinates_table(report: IdentifiabilityReport) -> Table:
 def directions_table(report: IdentifiabilityReport) -> Table:
     """Independent combinations of the six values."""
     rows = [
-        (Cell(item.words), Cell(number(item.share)), *(Cell(f"{weight:+.2f}") for _, weight in item.weights))
+        (item.words, number(item.share), *(f"{weight:+.2f}" for _, weight in item.weights))
         for item in report.directions
     ]
     return Table(

@@ -2,14 +2,13 @@
 
 import math
 
-from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+import numpy as np
 
+from swashtwin import plot
 from swashtwin.foundation import plural
-from swashtwin.plot import LIGHT, MEASURED, figure_style, marked_spectrum, panels, unit_words, words
+from swashtwin.plot import LIGHT, MEASURED, figure_style, panels, unit_words, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
-from swashtwin.report.wording import indicator_words, sentence
+from swashtwin.report.wording import sentence
 from swashtwin.signals import LineSpectrum, Trend
 
 _ABOVE, _BELOW = "#d55e00", "#aa4499"
@@ -18,14 +17,14 @@ _ABOVE, _BELOW = "#d55e00", "#aa4499"
 @figure_style()
 def spectrum_drawing(spectrum: LineSpectrum) -> Drawing:
     """A spectrum of each channel with the expected lines of the shaft and the pistons."""
-    figure, marks = marked_spectrum(spectrum, None)
+    figure = plot.spectrum(spectrum)
     rows = zip(spectrum.channels, spectrum.amplitude, strict=True)
     columns = {f"{spectrum.axis} [{spectrum.axis_unit or '1'}]": spectrum.position}
     columns |= {f"{name} [{spectrum.unit or '1'}]": row for name, row in rows}
     caption = "One-sided peak amplitudes, Hann taper corrected."
     if spectrum.angle_from:
         caption += f" Along the shaft's angle, from {spectrum.angle_from}."
-    if marks:
+    if any(mark.at <= spectrum.position[-1] for mark in spectrum.marks):
         caption += " Dashed: where lines of the shaft and of the pistons are expected."
     caption += " The CSV file holds every line."
     title = f"{spectrum.kind.capitalize()} spectrum of {spectrum.recording_id}"
@@ -36,32 +35,37 @@ _STATUS = {
     "within": ("o", MEASURED, "within its baseline"),
     "above": ("^", _ABOVE, "above"),
     "below": ("v", _BELOW, "below"),
-    "no baseline": ("x", "#888888", "no baseline"),
+    "no baseline": ("X", "#888888", "no baseline"),
 }
 
 
 @figure_style()
 def trend_drawing(trend: Trend) -> Drawing:
     """An indicator over recordings, each with the range of its baseline."""
-    factor, unit = trend.indicator.shown
+    (factor, unit), name = trend.indicator.shown, words(trend.indicator.name).replace("rms", "RMS")
     figure, axes = panels(1, 1, 4.6)
     panel = axes[0, 0]
-    for x, point in enumerate(trend.points):
-        if math.isfinite(point.median):
-            middle, reach = factor * point.median, factor * trend.k * point.spread
-            panel.bar(x, 2 * reach, bottom=middle - reach, width=0.8, color=LIGHT, linewidth=0, zorder=1)
-            panel.plot([x - 0.4, x + 0.4], [middle, middle], color="#888888", linewidth=1, zorder=2)
-        marker, color, _ = _STATUS[point.status]
-        face = "white" if point.healthy and marker != "x" else color
-        panel.plot(x, factor * point.value, marker, color=face, markeredgecolor=color, markersize=5, zorder=3)
+    value, median, reach = (
+        factor * np.array([getattr(point, name) for point in trend.points]) for name in ("value", "median", "spread")
+    )
+    x, reach = np.arange(value.size), trend.k * reach
+    if (has := np.isfinite(median)).any():
+        label = f"baseline ± {trend.k:g} spreads"
+        panel.bar(x[has], 2 * reach[has], bottom=(median - reach)[has], color=LIGHT, linewidth=0, label=label)
+        panel.hlines(median[has], x[has] - 0.4, x[has] + 0.4, color="#888888", linewidth=1)
+    for status, (marker, color, meaning) in _STATUS.items():
+        members = [n for n, point in enumerate(trend.points) if point.status == status]
+        if members:
+            face = ["white" if trend.points[n].healthy else color for n in members]
+            panel.scatter(members, value[members], 25, face, marker=marker, edgecolors=color, label=meaning, zorder=3)
+    figure.legend(loc="outside upper center", ncols=len(_STATUS) + 1)
     every = math.ceil(len(trend.points) / 40)  # names under the axis, as many as fit, shortened in the middle
-    names = [point.row.recording_id for point in trend.points]
-    names = [name if len(name) <= 26 else f"{name[:13]}…{name[-12:]}" for name in names]
-    panel.set_xticks(range(0, len(names), every), names[::every], rotation=90, fontsize=7.5)
-    panel.set_xlim(-0.8, len(names) - 0.2)
+    ids = [point.row.recording_id for point in trend.points]
+    ids = [text if len(text) <= 26 else f"{text[:13]}…{text[-12:]}" for text in ids]
+    panel.set_xticks(range(0, len(ids), every), ids[::every], rotation=90, fontsize=7.5)
+    panel.set_xlim(-0.8, len(ids) - 0.2)
     panel.grid(axis="x", visible=False)
-    panel.set_ylabel(f"{indicator_words(trend.indicator.name)} [{unit_words(unit)}]")
-    _trend_legend(panel, trend)
+    panel.set_ylabel(f"{name} [{unit_words(unit)}]")
     rows = [
         {
             "recording": point.row.recording_id, "class": point.row.label, "specimen": point.row.specimen,
@@ -79,25 +83,11 @@ def trend_drawing(trend: Trend) -> Drawing:
         f"speed and pressure, from {plural(least, 'recording')} on. "
     )
     caption = (
-        f"{sentence(trend.indicator.meaning)}. {baseline if least else ''}"
+        f"{sentence(trend.indicator.meaning)}. {baseline if least else ''}Hollow: stated healthy. "
         "No limit of a standard is drawn: none is made for axial piston pumps."
     )
-    title = f"{indicator_words(trend.indicator.name)} of {words(trend.channel)}"
+    title = f"{name} of {words(trend.channel)}"
     return render_drawing("trend", figure, tabulate(rows), title=title, caption=caption)
-
-
-def _trend_legend(panel: Axes, trend: Trend) -> None:
-    entries: list[tuple[Line2D | Patch, str]] = []
-    if any(math.isfinite(point.median) for point in trend.points):
-        entries.append((Patch(color=LIGHT), f"baseline ± {trend.k:g} spreads"))
-    for status, (marker, color, name) in _STATUS.items():
-        if any(point.status == status for point in trend.points):
-            entries.append((Line2D([], [], marker=marker, linestyle="", color=color), name))
-    if any(point.healthy and point.status != "no baseline" for point in trend.points):
-        mark = Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=MEASURED)
-        entries.append((mark, "hollow: stated healthy"))
-    handles, names = zip(*entries, strict=True)
-    panel.figure.legend(handles, names, loc="outside upper center", ncols=len(names))
 
 
 def _empty(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""What a page is made of: cards, and sections of blocks. `report.html.jinja` draws each kind of block."""
+"""What a page is made of: cards, and sections of blocks (a text is a paragraph), which `report.html.jinja` draws."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,15 +22,6 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Paragraph:
-    """Running text."""
-
-    kind: ClassVar[str] = "paragraph"
-    text: str
-    """The text."""
-
-
-@dataclass(frozen=True)
 class Bullets:
     """Short remarks under one heading."""
 
@@ -50,17 +41,13 @@ class Table:
     """What the table shows, and how to read it."""
     header: tuple[str, ...]
     """Names of the columns."""
-    rows: tuple[tuple[Cell, ...], ...]
-    """Entries."""
+    rows: tuple[tuple[Any, ...], ...]
+    """Entries: cells, or what becomes the text of one."""
 
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A figure, inlined."""
-
-    kind: ClassVar[str] = "picture"
-    drawing: Drawing
-    """The figure and its data."""
+    @property
+    def cells(self) -> list[list[Cell]]:
+        """Every entry as a cell."""
+        return [[entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row] for row in self.rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +118,8 @@ class Part:
 def drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:
     """Every figure among the blocks, those in groups included."""
     for block in blocks:
-        if isinstance(block, Picture):
-            yield block.drawing
+        if isinstance(block, Drawing):
+            yield block
         elif isinstance(block, Group):
             yield from drawings(block.blocks)
 
@@ -179,14 +166,10 @@ def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
     firsts = [next(part for part in parts if part.subject == subject) for subject in subjects]
     names = list(dict.fromkeys(name for part in firsts for name, _ in part.facts if name != "File"))
     rows = [
-        (
-            Cell(part.subject),
-            Cell(part.verdict),
-            *(Cell(dict(part.facts).get(name, "—")) for name in names),
-            Cell(part.certainty[0] if part.certainty else " ".join(part.answer)),
-        )
+        (part.subject, part.verdict, *(dict(part.facts).get(name, "—") for name in names),
+         part.certainty[0] if part.certainty else " ".join(part.answer))
         for part in firsts
-    ]
+    ]  # fmt: skip
     caption = f"What came out for {plural(len(rows), 'recording')}; the details are below, each to be unfolded."
     return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
 
@@ -197,7 +180,7 @@ def folded_section(parts: Sequence[Part], cards: Sequence[Part]) -> Section:
     for card, subject in zip(cards, dict.fromkeys(part.subject for part in parts), strict=True):
         sections = [section for part in parts if part.subject == subject for section in part.sections]
         blocks = (
-            *map(Paragraph, card.answer),
+            *card.answer,
             Bullets("How sure", card.certainty),
             Bullets("What to do", card.actions),
             *card.glance,

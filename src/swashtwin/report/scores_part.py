@@ -10,7 +10,7 @@ from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Scores
 from swashtwin.plot import confusion, figure_style, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
-from swashtwin.report.page import Bullets, Cell, Part, Picture, Section, SectionOrder, Table
+from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import also_in_bar, number, number_cell, percent
 
 _METRICS = {
@@ -46,7 +46,7 @@ def scores_part(scores: Scores, key: str) -> Part:
     )
     reasons = tuple(f"{_METRICS.get(name, words(name))}: {words(why)}" for name, why in scores.reasons.items())
     metrics = tuple(
-        (Cell(label), number_cell(getattr(scores, name), words(scores.reasons.get(name, ""))))
+        (label, number_cell(getattr(scores, name), words(scores.reasons.get(name, ""))))
         for name, label in _METRICS.items()
     )
     caption = "Windows of each actual class in percent; rows add up to 100."
@@ -56,7 +56,7 @@ def scores_part(scores: Scores, key: str) -> Part:
         Table("Scores over the test windows.", ("", scores.level or "level not stated"), metrics),
         Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
-        Picture(confusion_drawing(f"{key}_confusion", matrices, scores.classes, caption=caption)),
+        confusion_drawing(f"{key}_confusion", matrices, scores.classes, caption=caption),
     )
     weakest, right = _weakest(scores), round(scores.recording_accuracy * scores.n_recordings)
     count = "All" if right == scores.n_recordings else f"{right} of"
@@ -107,7 +107,7 @@ def levels_table(levels: Sequence[str]) -> Table:
     return Table(
         "How far the test data lie from the training data.",
         ("level", "test data are"),
-        tuple((Cell(level), Cell(LEVELS.get(level, "not described"))) for level in levels),
+        tuple((level, LEVELS.get(level, "not described")) for level in levels),
     )
 
 
@@ -116,12 +116,12 @@ def _class_table(scores: Scores) -> Table:
     for cell in scores.cells:
         pascals = cell.discharge_pressure
         pressure = "unknown" if pascals is None else also_in_bar(f"{pascals / 1e6:g} MPa")
-        rows.append((Cell(words(cell.label)), Cell(pressure), Cell(str(cell.n_windows)), number_cell(cell.recall)))
+        rows.append((words(cell.label), pressure, cell.n_windows, number_cell(cell.recall)))
     for index, label in enumerate(scores.classes):
         if [cell.label for cell in scores.cells].count(label) != 1:
             value, count = scores.recall[label], int(scores.confusion[index].sum())
             recall = number_cell(value, f"no test window of {words(label)}" if value != value else "")
-            rows.append((Cell(words(label)), Cell("all"), Cell(str(count)), recall))
+            rows.append((words(label), "all", count, recall))
     header = ("class", "absolute pressure", "windows", "recall")
     return Table("Recall by class and discharge pressure.", header, tuple(rows))
 
@@ -170,11 +170,11 @@ def alarms_part(scores: AlarmScores) -> Part:
     alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
     rows = tuple(
         (
-            Cell(words(item.label)),
-            *(Cell(str(count)) for count in (item.n_recordings, item.n_no_verdict, item.n_alarms)),
-            Cell("–" if item.share is None else percent(item.share)),
-            Cell(f"{percent(item.interval[0])} to {percent(item.interval[1])}"),
-            Cell("–" if item.auroc is None else number(item.auroc)),
+            words(item.label),
+            *(item.n_recordings, item.n_no_verdict, item.n_alarms),
+            "–" if item.share is None else percent(item.share),
+            f"{percent(item.interval[0])} to {percent(item.interval[1])}",
+            "–" if item.auroc is None else number(item.auroc),
         )
         for item in scores.classes
     )

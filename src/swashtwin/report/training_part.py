@@ -3,14 +3,12 @@
 from collections import Counter
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from swashtwin.diagnosis import AnomalyDetector, few_machines
 from swashtwin.foundation import plural
 from swashtwin.learning import Choice, FittedClassifier
-from swashtwin.plot import CALIBRATED, NOMINAL, figure_style, panels, words
-from swashtwin.report.drawing import Drawing, render_drawing
-from swashtwin.report.page import Bullets, Cell, Group, Paragraph, Part, Picture, Section, SectionOrder, Table
+from swashtwin.plot import words
+from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import facts_table, number, percent
 
 _NO_TEST = "Shares of a training are no test: evaluate the model on recordings that had no part in it."
@@ -23,7 +21,7 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
     if confidence is not None:
         rate = percent(confidence.error_rate)
         basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
-    pictures = (Picture(trials_drawing(choice, key)),) if choice is not None and choice.trials else ()
+    tried = (Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),) if choice and choice.trials else ()
     summary = {
         "classes": list(classifier.classes),
         "network": classifier.network.name,
@@ -36,7 +34,7 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
         answer=(() if choice is None else (choice.sentence(),)),
         notice="",
         sections=(
-            *((Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),) if pictures else ()),
+            *tried,
             Section(SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)),
         ),
         results={"trainings": [summary]},
@@ -46,7 +44,6 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
             "Test it on recordings that had no part in it: swashtwin evaluate MODEL INDEX --report FOLDER.",
             "Then diagnose new recordings: swashtwin diagnose MODEL FILE --report page.html.",
         ),
-        glance=pictures,
         facts=(("Classes", ", ".join(map(words, classifier.classes))),),
     )
 
@@ -98,7 +95,7 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     counts = Counter(zip(reference.label, reference.specimen, strict=True))
     machines = sorted(set(reference.specimen))
     rows = tuple(
-        (Cell(words(label)), *(Cell(str(counts[label, machine] or "–")) for machine in machines))
+        (words(label), *(counts[label, machine] or "–" for machine in machines))
         for label in dict.fromkeys(reference.label)
     )
     header = ("class", *(machine or "machine not stated" for machine in machines))
@@ -109,22 +106,18 @@ _FEW_TRIALS = 12
 """Candidates whose table is not folded away."""
 
 
-def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table | Group, ...]:
+def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
     """How a model was chosen, where training chose it."""
     if choice is None:
         return ()
     rows = tuple(
         (
-            Cell(f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate),
-            Cell(percent(trial.clean)),
-            Cell(percent(trial.disturbed)),
-            Cell("yes" if trial.is_tied else ""),
+            f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate,
+            *(percent(trial.clean), percent(trial.disturbed)),
+            "yes" if trial.is_tied else "",
         )
         for trial in choice.trials
-    ) + tuple(
-        (Cell(f"whole recordings: {name}"), Cell(percent(recall)), Cell("–"), Cell(""))
-        for name, recall in choice.whole.items()
-    )
+    ) + tuple((f"whole recordings: {name}", percent(recall), "–", "") for name, recall in choice.whole.items())
     caption = (
         f"What training tried: share of the recordings of {choice.group}s that were left out told right, mean over the "
         f"classes, {plural(choice.n_folds, 'fold')}. One of those as good as the best within one standard error was "
@@ -133,30 +126,4 @@ def choice_blocks(choice: Choice | None) -> tuple[Paragraph | Table | Group, ...
     header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
     table = Table(caption, header, rows)
     tried = (Group(f"All {len(rows)} candidates", (table,), is_open=False),) if len(rows) > _FEW_TRIALS else (table,)
-    return (Paragraph(choice.sentence()), *(tried if rows else ()))
-
-
-@figure_style()
-def trials_drawing(choice: Choice, key: str) -> Drawing:
-    """Score of each candidate, as measured and under noise, gain and speed, the best on top."""
-    trials = sorted(choice.trials, key=lambda trial: trial.score)[-12:]
-    figure, axes = panels(1, 1, 1.1 + 0.32 * len(trials))
-    panel = axes[0, 0]
-    for height, trial in enumerate(trials):
-        panel.plot([trial.disturbed, trial.clean], [height, height], color="#888888", linewidth=1)
-    spots = range(len(trials))
-    panel.plot([trial.clean for trial in trials], spots, "o", color=CALIBRATED, label="as measured")
-    panel.plot([trial.disturbed for trial in trials], spots, "D", color=NOMINAL, label="with noise, gain and speed")
-    names = [f"{trial.candidate}{' (chosen)' * (trial.candidate == choice.chosen)}" for trial in trials]
-    panel.set(yticks=list(spots), yticklabels=names, xlabel="mean share of each class that is told right")
-    panel.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
-    panel.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
-    panel.grid(axis="y", visible=False)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    columns = {name: [getattr(trial, name) for trial in choice.trials] for name in ("candidate", "clean", "disturbed")}
-    columns["as_good_as_the_best"] = [trial.is_tied for trial in choice.trials]
-    caption = (
-        f"Windows of {choice.group}s that were left out; the {len(trials)} best candidates of {len(choice.trials)}."
-    )
-    texts = {"title": "What training tried", "caption": caption, "description": choice.sentence()}
-    return render_drawing(f"{key}_trials", figure, columns, **texts)
+    return (choice.sentence(), *(tried if rows else ()))

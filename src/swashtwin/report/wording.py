@@ -72,17 +72,6 @@ def parameter_words(name: str) -> str:
     return f"{_INTERFACES[interface]} {quantity}"
 
 
-def indicator_words(name: str) -> str:
-    """Name of an indicator in words.
-
-    Examples
-    --------
-    >>> indicator_words("velocity_rms")
-    'velocity RMS'
-    """
-    return " ".join("RMS" if word == "rms" else word for word in name.split("_"))
-
-
 def sentence(text: str) -> str:
     """A text that begins as a sentence does."""
     return f"{text[:1].upper()}{text[1:]}"
@@ -90,7 +79,7 @@ def sentence(text: str) -> str:
 
 def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
     """Table of names and values."""
-    return Table(caption, ("", ""), tuple((Cell(name), Cell(_plain(value))) for name, value in entries))
+    return Table(caption, ("", ""), tuple((name, _plain(value)) for name, value in entries))
 
 
 def flatten_settings(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:

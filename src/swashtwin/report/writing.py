@@ -2,9 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, singledispatch
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,6 @@ from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.anomaly_part import anomaly_part
 from swashtwin.report.diagnosis_part import diagnosis_part
-from swashtwin.report.drawing import Drawing
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
 from swashtwin.report.page import Group, Part, Section, cards_of, drawings, folded_section, overview_of, shared_facts
@@ -48,7 +47,7 @@ def page_text(
     InputError
         No item, or an item of an unknown type.
     """
-    return _page(_contents(items, recordings, about), has_folder=False)
+    return _page(*_contents(items, recordings, about), has_folder=False)
 
 
 def write_report(
@@ -79,10 +78,12 @@ def write_report(
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
-    content = _contents(items, recordings, about)
-    figures = list(content.drawings())
-    texts = {folder / "report.html": _page(content, has_folder=True)}  # the first to open, so the last to be replaced
-    texts[folder / "results.json"] = _results(content.parts, [drawing.name for drawing in figures])
+    parts, shown = _contents(items, recordings, about)
+    blocks = (*(block for card in shown["cards"] for block in card.glance),
+              *(block for section in shown["sections"] for block in section.blocks))  # fmt: skip
+    figures = list(drawings(blocks))
+    texts = {folder / "report.html": _page(parts, shown, has_folder=True)}  # opens first, so is replaced last
+    texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
     for drawing in figures:
         texts[folder / "figures" / f"{drawing.name}.svg"] = drawing.svg
         texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
@@ -132,22 +133,10 @@ part_of.register(AnomalyDetector)(lambda detector, key: detector_part(detector))
 part_of.register(AlarmScores)(lambda scores, key: alarms_part(scores))
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """All that a page shows; its facts, notices, cards, overview and sections go by these names in the template."""
-
-    parts: list[Part]
-    shown: dict[str, Any]
-
-    def drawings(self) -> Iterator[Drawing]:
-        """Every figure, in the order of the page."""
-        for card in self.shown["cards"]:
-            yield from drawings(card.glance)
-        for section in self.shown["sections"]:
-            yield from drawings(section.blocks)
-
-
-def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Mapping[str, str]) -> _Content:
+def _contents(
+    items: Sequence[Item], recordings: Sequence[Recording], about: Mapping[str, str]
+) -> tuple[list[Part], dict[str, Any]]:
+    """The parts, and what the page shows of them by its name in the template."""
     if not items:
         raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
     parts = _told_apart([part_of(item, key) for item, key in zip(items, _keys(items), strict=True)])
@@ -163,12 +152,9 @@ def _contents(items: Sequence[Item], recordings: Sequence[Recording], about: Map
         "notices": list(dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))),
         "cards": [] if overview else cards,
         "overview": overview,
-        "sections": [folded_section(parts, cards)] if overview else _sections(items, parts),
+        "sections": [folded_section(parts, cards)] if overview else _sections(parts),
     }
-    return _Content(parts, shown)
-
-
-_ORDINALS = ("first", "second", "third", "fourth")
+    return parts, shown
 
 
 def _told_apart(parts: Sequence[Part]) -> list[Part]:
@@ -176,10 +162,9 @@ def _told_apart(parts: Sequence[Part]) -> list[Part]:
     total = Counter(part.title for part in parts if not part.subject)
     seen, named = Counter[str](), []
     for part in parts:
-        number = seen[part.title]
         seen[part.title] += 1
-        word = _ORDINALS[number] if number < len(_ORDINALS) else f"number {number + 1}"
-        named.append(replace(part, title=f"{part.title} ({word})") if total[part.title] > 1 else part)
+        is_alone = total[part.title] < 2
+        named.append(part if is_alone else replace(part, title=f"{part.title} (number {seen[part.title]})"))
     return named
 
 
@@ -191,17 +176,11 @@ def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[
     return [recording for recording in recordings if recording.recording_id in names] if names else recordings
 
 
-def _sections(items: Sequence[object], parts: Sequence[Part]) -> list[Section]:
-    """Every section by its position; several studies each keep their sections together, under their titles.
+def _sections(parts: Sequence[Part]) -> list[Section]:
+    """Every section by its position.
 
     Sections of one title, such as those of two calibrations, are told apart by what they are of, and folded away.
     """
-    if len(items) > 1 and all(isinstance(item, Part) for item in items):
-        return [
-            replace(section, title=f"{re.split('[,:]', part.title)[0]}: {section.title}")
-            for part in parts
-            for section in part.sections
-        ]
     total = Counter(section.title for part in parts for section in part.sections)
     sections = []
     for part in parts:
@@ -223,12 +202,11 @@ def _keys(items: Sequence[object]) -> list[str]:
     return keys
 
 
-def _page(content: _Content, *, has_folder: bool) -> str:
-    parts = content.parts
+def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) -> str:
     titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
     is_one = len(titles) == 1 or len({part.subject for part in parts}) == 1
     title = parts[0].title if is_one else _joint_title(parts)
-    page = _template().render(content.shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder)
+    page = _template().render(shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder)
     return escape_controls(page, keep="\n")
 
 

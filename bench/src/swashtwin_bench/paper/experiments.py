@@ -13,9 +13,7 @@ from swashtwin.recordings import Recording, load_recordings
 from swashtwin.report import (
     Bullets,
     Cell,
-    Paragraph,
     Part,
-    Picture,
     Section,
     SectionOrder,
     Table,
@@ -255,11 +253,9 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
                 SectionOrder.VERDICT,
                 "What is compared",
                 (
-                    Paragraph(
-                        "The paper: IPINN-BiTCN fault diagnosis of axial piston pump friction pairs under imbalanced "
-                        "samples, Measurement and Control, DOI 10.1177/00202940261419020. Its figures are as printed "
-                        "there; ours come from the runs of this folder."
-                    ),
+                    "The paper: IPINN-BiTCN fault diagnosis of axial piston pump friction pairs under imbalanced "
+                    "samples, Measurement and Control, DOI 10.1177/00202940261419020. Its figures are as printed "
+                    "there; ours come from the runs of this folder.",
                     Bullets("The same as in the paper", SAME),
                     Bullets("Different, and why", (*_smaller(size), *DIFFERENT)),
                     Table("Pictures of the paper, and ours: files in figures/.", ("picture", "figures"), pictures),
@@ -275,7 +271,7 @@ def _part(study: StudyTable) -> Part:
     part = replace(study_part(study, study.study.replace("-", "_")), notice="")
     if study.study != IDENTIFICATION:
         return part
-    blocks = (values_table(study), Picture(rates_drawing(study)))
+    blocks = (values_table(study), rates_drawing(study))
     return replace(part, sections=(*part.sections, Section(SectionOrder.CALIBRATION, "The six values", blocks)))
 
 

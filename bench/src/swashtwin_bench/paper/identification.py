@@ -15,7 +15,7 @@ import numpy as np
 from swashtwin.calibration import IPINN, PAPER_RATES, calibrate
 from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.physics import RK4, Twin
-from swashtwin.plot import figure_style, name_decades, panels, series_colors, words
+from swashtwin.plot import figure_style, log_axis, panels, series_colors, words
 from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
 from swashtwin.recordings import Recording
 from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
@@ -248,7 +248,7 @@ def rates_drawing(study: StudyTable) -> Drawing:
     panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
     if 0 < cut < panel.get_ylim()[1]:
         panel.set_ylim(top=cut)
-    name_decades(panel)
+    log_axis(panel.yaxis)
     if names:
         figure.legend(loc="outside upper center", ncols=3)
     rows = [

@@ -11,11 +11,13 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
 
 from swashtwin.foundation import plural
+from swashtwin.physics import Twin, recess_of, slipper_displacements
 from swashtwin.plot import (
     CALIBRATED,
     MEASURED,
+    excitation,
     figure_style,
-    name_decades,
+    log_axis,
     panels,
     series_colors,
     words,
@@ -157,7 +159,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
             for epoch, at in zip(run["history"], seconds.tolist(), strict=True)
         ]  # fmt: skip
     axes[0, 0].set(ylabel="cross-entropy [1]", yscale="log")
-    name_decades(axes[0, 0])
+    log_axis(axes[0, 0].yaxis)
     axes[1, 0].set(ylabel="accuracy", xlabel="epoch", ylim=(0, 1.03))
     axes[1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[1, 0].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
@@ -254,3 +256,21 @@ def _tsne(features: np.ndarray) -> np.ndarray:
     perplexity = min(30.0, (len(features) - 1) / 3)
     points: np.ndarray = TSNE(perplexity=perplexity, init="pca", random_state=0, n_jobs=1).fit_transform(features)
     return points.astype(np.float64)
+
+
+@figure_style()
+def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
+    """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
+    recess = recess_of(twin.fault)
+    if recess is None:
+        return []
+    time = np.linspace(0, twin.condition.period, 701)
+    each = slipper_displacements(twin.pump, twin.condition, recess, time)
+    columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
+    size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
+    caption = (
+        f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
+        "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
+    )
+    name, title = f"{key}_excitation", "Excitation by the defect"
+    return [render_drawing(name, excitation(twin), columns, title=title, caption=caption)]

@@ -14,9 +14,7 @@ from swashtwin.report import (
     Cell,
     Drawing,
     Group,
-    Paragraph,
     Part,
-    Picture,
     Section,
     SectionOrder,
     Table,
@@ -33,6 +31,7 @@ from swashtwin_bench.results.figures import (
     curve_drawings,
     embedded_runs,
     embedding_drawing,
+    excitation_drawing,
     rows_drawing,
     training_drawing,
 )
@@ -80,7 +79,7 @@ def study_part(study: StudyTable, key: str) -> Part:
             blocks = _calibration_blocks(study, key)
             further.append(Section(SectionOrder.CALIBRATION, "Calibration of the twins", blocks))
         further.append(Section(SectionOrder.TRAINING, "Training and features", _training_blocks(study, key)))
-    scores += [Picture(_with_origin(drawing, study)) for drawing in pictures]
+    scores += [_with_origin(drawing, study) for drawing in pictures]
     size = getattr(study, "size", "")
     return Part(
         title=study.title,
@@ -131,13 +130,11 @@ def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
     blocks += [notes, Bullets("Where a number is missing (—) or rests on less than it should (*)", tuple(reasons))]
     if is_reported(study.study):
         blocks.append(
-            Paragraph(
-                "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
-                "level nearest to what the paper tested, L2; they are no target that these scores could meet or miss. "
-                "Its G-means are of another definition: 0.9748 at an accuracy of 0.98 and 0.9029 at 0.9240 are below "
-                "0.9791 and 0.9088, the least that the geometric mean of five recalls can be on its 5 × 50 test "
-                "windows."
-            )
+            "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
+            "level nearest to what the paper tested, L2; they are no target that these scores could meet or miss. "
+            "Its G-means are of another definition: 0.9748 at an accuracy of 0.98 and 0.9029 at 0.9240 are below "
+            "0.9791 and 0.9088, the least that the geometric mean of five recalls can be on its 5 × 50 test "
+            "windows."
         )
     return [*blocks, differences_table(study)] if study.differences() else blocks
 
@@ -230,7 +227,9 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     blocks.append(Bullets("Used away from where they were calibrated", elsewhere))
     for index, calibration in enumerate(study.calibrations):
         own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
-        inner = calibration_blocks(calibration, own_key, with_excitation=index == 0)
+        inner = calibration_blocks(calibration, own_key)
+        if index == 0:
+            inner = (*inner, *excitation_drawing(calibration.nominal, own_key))
         title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
         blocks.append(Group(title, inner, is_open=not several))
     return tuple(blocks)
@@ -239,11 +238,11 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
 def _training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     blocks: list[Any] = [_cells_table(study)]
     if any(run["history"] for run in study.runs):
-        blocks.append(Picture(_with_origin(training_drawing(study, key), study)))
+        blocks.append(_with_origin(training_drawing(study, key), study))
     if embedded_runs(study):
-        blocks.append(Picture(_with_origin(embedding_drawing(study, key), study)))
+        blocks.append(_with_origin(embedding_drawing(study, key), study))
     else:
-        blocks.append(Paragraph("No t-SNE: no network was trained, or there are fewer than 10 test windows."))
+        blocks.append("No t-SNE: no network was trained, or there are fewer than 10 test windows.")
     return tuple(blocks)
 
 

@@ -224,8 +224,7 @@ def simulate_windows(
     twins = [twin] if isinstance(twin, Twin) else list(twin)
     require_count(count)
     _require_agreement(twins, like)
-    draw_values = _value_draws(twins, posterior, count, seed)
-    sources = [twins[i % len(twins)] for i in range(count)]
+    sources = _drawn(twins, posterior, count, seed)
     sensors = [_sensors(twin, like.channels) for twin in twins]
     noises = [background_noise(like, twin) for twin in twins] if background == "spectrum" else []
     gains = [noise.gains(twin, rows) for noise, twin, rows in zip(noises, twins, sensors, strict=False)]
@@ -234,8 +233,12 @@ def simulate_windows(
     signal = np.empty((count, len(like.channels), like.length), dtype=np.float32)
     for start in range(0, count, _CHUNK):
         chunk = range(start, min(start + _CHUNK, count))
-        varied = [draw_twin(draw_values(sources[i], i), variation, seed, i) for i in chunk]
-        varied = [_by_law(source, laws[i % len(twins)], seed, i) for i, source in zip(chunk, varied, strict=True)]
+        varied = []
+        for i in chunk:
+            one, own = draw_twin(sources[i], variation, seed, i), laws[i % len(twins)]
+            if own is not None:
+                one = one.with_fault(own.of(one.fault, stream(seed, "law", one.label, i).normal()))
+            varied.append(one)
         with torch.no_grad():
             batch = accelerations(varied)
         for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
@@ -262,31 +265,18 @@ def simulate_windows(
     )
 
 
-def _value_draws(
-    twins: Sequence[Twin], posteriors: Sequence[Posterior] | None, count: int, seed: int
-) -> Callable[[Twin, int], Twin]:
-    """Function from a window's twin and number to the twin with values drawn for that window."""
+def _drawn(twins: Sequence[Twin], posteriors: Sequence[Posterior] | None, count: int, seed: int) -> list[Twin]:
+    """Twin of each window, in turns, with values drawn for that window where there are posteriors."""
+    kinds, sources = len(twins), [twins[i % len(twins)] for i in range(count)]
     if posteriors is None:
-        return lambda twin, index: twin
-    if len(posteriors) != len(twins):
-        raise InputError(f"{len(posteriors)} posteriors for {len(twins)} twins; give one for each.")
+        return sources
+    if len(posteriors) != kinds:
+        raise InputError(f"{len(posteriors)} posteriors for {kinds} twins; give one for each.")
     points = [
-        item.draws(-(-count // len(twins)), derive_seed(seed, "posterior", twins[0].label, number))
+        item.draws(-(-count // kinds), derive_seed(seed, "posterior", twins[0].label, number))
         for number, item in enumerate(posteriors)
     ]
-
-    def draw_values(twin: Twin, index: int) -> Twin:
-        turn, number = divmod(index, len(twins))
-        return posteriors[number].twin_at(twin, points[number][turn])
-
-    return draw_values
-
-
-def _by_law(twin: Twin, law: FaultLaw | None, seed: int, index: int) -> Twin:
-    """`twin` with its fault under `law`, how far slippers follow drawn anew."""
-    if law is None:
-        return twin
-    return twin.with_fault(law.of(twin.fault, stream(seed, "law", twin.label, index).normal()))
+    return [posteriors[i % kinds].twin_at(twin, points[i % kinds][i // kinds]) for i, twin in enumerate(sources)]
 
 
 def _class_among(classes: Sequence[str], twin: Twin) -> str:

@@ -15,9 +15,11 @@ from swashtwin.recordings import (
     Manifest,
     Recording,
     Recordings,
+    recording_groups,
     repeated_recordings,
     say_seen,
     seen_recordings,
+    usual_window,
 )
 
 _ERROR_RATE = 0.1
@@ -199,6 +201,38 @@ def _renamed(windows: WindowSet, names: Mapping[str, str]) -> WindowSet:
     classes = tuple(dict.fromkeys(names.get(name, name) for name in windows.classes))
     target = [classes.index(names.get(label, label)) if label else -1 for label in windows.label.tolist()]
     return replace(windows, classes=classes, target=np.array(target, dtype=np.int64))
+
+
+_WINDOWS = {"bitcn": 2048}
+"""Samples per window of a network that has its own by default: the paper's."""
+
+
+def windows_to_train(
+    classifier: Any, recordings: Sequence[Recording], further: Sequence[WindowSet], classes: Sequence[str] | None
+) -> tuple[WindowSet, Mapping[str, str]]:
+    """(windows of labeled recordings by the parameters of a `FaultClassifier`, group of each recording).
+
+    Parameters
+    ----------
+    further : synthetic windows, whose length and classes are taken where nothing else is said.
+    classes : class names in the order wanted, or None.
+    """
+    group = classifier.group
+    if not isinstance(group, Mapping):
+        group = recording_groups(recordings, group)
+    if further and classes is None:
+        labels = {str(item.label) for item in recordings if item.label}
+        made = further[0].classes
+        classes = made if labels <= set(made) else sorted(labels)
+    length = classifier.window or (further[0].length if further else _WINDOWS.get(classifier.network or ""))
+    windows = learning.cut_windows(
+        recordings,
+        length=length or usual_window(recordings),
+        stride=classifier.stride,
+        classes=classes,
+        allow_partial_revolution=classifier.allow_partial_revolution,
+    )
+    return windows, group
 
 
 def windows_of_array(

@@ -16,7 +16,6 @@ from swashtwin.learning import (
     FittedClassifier,
     WindowLayout,
     WindowSet,
-    cut_windows,
     level_features,
     likeliest_class,
     pooled_probabilities,
@@ -262,8 +261,7 @@ def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tu
                 field="healthy",
             )
     sound = [recording.relabeled(None) for recording in healthy]
-    windows = cut_windows(sound, length=classifier.length, classes=classifier.classes, allow_partial_revolution=True)
-    informed = classifier.with_healthy(windows)
+    informed = classifier.with_healthy(classifier.cut_windows(sound))
     notes = []
     for name in dict.fromkeys(str(recording.specimen) for recording in sound):
         of_machine = [recording for recording in sound if recording.specimen == name]

@@ -13,7 +13,7 @@ from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
 from swashtwin.diagnosis.evidence_bands import Band, band_rms
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError, to_table
-from swashtwin.learning import FittedClassifier, cut_windows
+from swashtwin.learning import FittedClassifier
 from swashtwin.recordings import Recording, stated_speed
 
 MOST_WINDOWS = 24
@@ -185,7 +185,7 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     first = _best_run(logarithm[:, label] - logarithm[:, rival])
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
-    windows = cut_windows([piece], length=length, classes=classifier.classes, allow_partial_revolution=True)
+    windows = classifier.cut_windows([piece])
     adds = contributions(classifier, windows, label, rival, stated_speed(recording))
     samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
     n_samples, n_moments = samples.shape[1], adds["moments"].shape[1]

@@ -23,13 +23,14 @@ from swashtwin.diagnosis.classifier_input import (
     require_recordings,
     synthetic_sets,
     windows_of_array,
+    windows_to_train,
     with_synthetic,
 )
 from swashtwin.diagnosis.diagnosing import diagnose, make_known, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import few_machines
-from swashtwin.diagnosis.resemblance import Resemblance, find_resemblance
+from swashtwin.diagnosis.resemblance import find_resemblance
 from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import InputError
@@ -39,12 +40,9 @@ from swashtwin.learning import (
     WindowSet,
     require_verdicts,
 )
-from swashtwin.recordings import Manifest, Recording, join_manifests, recording_groups, usual_window
+from swashtwin.recordings import Manifest, Recording, join_manifests
 
 Progress = Callable[[str, int, int], None]
-
-_WINDOWS = {"bitcn": 2048}
-"""Samples per window of a network that has its own by default: the paper's."""
 
 
 class FaultClassifier(Estimator):
@@ -227,12 +225,14 @@ class FaultClassifier(Estimator):
         if validation is not None:
             fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
-        self.resemblance_, of_prior = self._resemblance(X, y, training)
+        self.resemblance_, of_prior = None, ""
+        if self.prior is not None:
+            self.resemblance_, of_prior = find_resemblance(self.prior, X, y, training, self.fault_of or {})
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
         few = [few_machines(fitted.training_reference)] if as_recordings(X) is not None else []
-        self.notes_ = (*notes, *unlike, *copy_notes(windows), *of_prior, *filter(None, few))
+        self.notes_ = (*notes, *unlike, *copy_notes(windows), *filter(None, (of_prior, *few)))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)
         return self
@@ -302,9 +302,7 @@ class FaultClassifier(Estimator):
     def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:
         """Windows of recordings as the trained classifier takes them."""
         self._require_fitted()
-        return learning.cut_windows(
-            recordings, length=self.fitted_.length, classes=self.fitted_.classes, allow_partial_revolution=True
-        )
+        return self.fitted_.cut_windows(recordings)
 
     @property
     def manifest(self) -> Manifest:
@@ -370,19 +368,6 @@ class FaultClassifier(Estimator):
         classifier.classes_ = np.array(fitted.classes, dtype=np.str_)
         return classifier
 
-    def _resemblance(self, X: Any, y: Any, training: WindowSet) -> tuple[Resemblance | None, tuple[str, ...]]:
-        """(what the prior says of faults that the training does not hold, notes on it)."""
-        if self.prior is None:
-            return None, ()
-        recordings = as_recordings(X)
-        if recordings is None:
-            raise InputError("a pump prior needs recordings; windows and arrays are too short.", field="prior")
-        prior = self.prior if isinstance(self.prior, PriorClassifier) else PriorClassifier.load(self.prior)
-        trained = set(training.recording_id[~training.synthetic].tolist())
-        measured = [item for item in relabeled(recordings, y) if item.recording_id in trained]
-        found, note = find_resemblance(prior, measured, training.classes, dict(self.fault_of or {}))
-        return found, (note,)
-
     def _training_windows(
         self, X: Any, y: Any, groups: Any, further: Sequence[WindowSet], classes: Sequence[str] | None
     ) -> tuple[WindowSet, str | Mapping[str, str]]:
@@ -394,21 +379,7 @@ class FaultClassifier(Estimator):
         if recordings is None:
             return self._array_windows(X, y, groups, training=True), self.group
         require_none(None, groups, "each recording is a group")
-        recordings = relabeled(recordings, y)
-        group = self.group if isinstance(self.group, Mapping) else recording_groups(recordings, self.group)
-        if further and classes is None:
-            labels = {str(item.label) for item in recordings if item.label}
-            made = further[0].classes
-            classes = made if labels <= set(made) else sorted(labels)
-        length = self.window or (further[0].length if further else _WINDOWS.get(self.network or ""))
-        windows = learning.cut_windows(
-            recordings,
-            length=length or usual_window(recordings),
-            stride=self.stride,
-            classes=classes,
-            allow_partial_revolution=self.allow_partial_revolution,
-        )
-        return windows, group
+        return windows_to_train(self, relabeled(recordings, y), further, classes)
 
     def _array_windows(self, X: Any, y: Any = None, groups: Any = None, *, training: bool = False) -> WindowSet:
         from sklearn.utils.multiclass import check_classification_targets

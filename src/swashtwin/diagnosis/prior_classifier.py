@@ -8,7 +8,7 @@ docs/bench/evidence.md how far it can be trusted.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,18 +18,14 @@ from jaxtyping import Bool, Float64, Int64
 from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
+from swashtwin.diagnosis.prior_file import load_prior, save_prior
 from swashtwin.diagnosis.prior_head import UNKNOWN_RATE, PriorHead, VirtualChanges, fit_head
 from swashtwin.diagnosis.shaft_orders import order_levels, shaft_frequency
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,
     InputError,
-    from_table,
     plural,
-    read_artifact,
-    refuse_misfits,
-    to_table,
-    write_artifact,
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, canonical_label, is_healthy, values_match
 from swashtwin.recordings import (
@@ -43,11 +39,7 @@ from swashtwin.recordings import (
 )
 from swashtwin.signals import OrderBands
 
-VERSION = 2
-_MAY_BE_NAN = ("levels", "speed", "pressure")
 _ANY = (0.0, 1e12)
-SHIPPED = Path(__file__).parent / "priors"
-"""Folder of the shipped priors, one for each design."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +144,10 @@ class PriorClassifier:
         adapted = replace(self.narrowed(sound[0].channels, sound[0].unit, pistons), fault_of=dict(fault_of or {}))
         for recording in recordings:
             adapted._require_fit(recording, sound[0].unit)
-        target = [adapted._class_of(str(item.label)) for item in faulty]
+        known = {str(item.label): adapted.class_of(str(item.label)) for item in faulty}
+        for label in (label for label, name in known.items() if name is None):
+            raise DataError(f"the prior knows {', '.join(self.classes[:-1])}, and no {label!r}; leave it out.")
+        target = [str(known[str(item.label)]) for item in faulty]
         adapted = replace(
             adapted,
             levels=np.stack([order_levels(recording, adapted.bands) for recording in sound]),
@@ -232,14 +227,12 @@ class PriorClassifier:
             manifest=join_manifests([self.manifest, manifest_of(healthy)]),
         )
 
-    def _class_of(self, label: str) -> str:
-        """Class of the prior that a recording's label stands for."""
+    def class_of(self, label: str) -> str | None:
+        """Class of the prior that a recording's label stands for, if any."""
         try:
             return canonical_label(self.fault_of.get(label, label), self.classes[:-1])
         except InputError:
-            raise DataError(
-                f"the prior knows {', '.join(self.classes[:-1])}, and no {label!r}; leave it out."
-            ) from None
+            return None
 
     def change(self, recording: Recording) -> tuple[Float64[np.ndarray, "channel level"], tuple[str, ...]]:
         """Change of a recording's levels [log10] against its machine's healthy ones, and notes on what was compared.
@@ -307,15 +300,8 @@ class PriorClassifier:
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
         """False alarms, alarms and names of faults, on recordings that had no part in it (`evaluate_alarms`)."""
-
-        def of_prior(label: str | None) -> str | None:
-            try:
-                return label if label is None else self._class_of(label)
-            except DataError:
-                return label
-
         recordings = relabeled(require_recordings(X), y)
-        labels = [of_prior(recording.label) for recording in recordings]
+        labels = [item.label and (self.class_of(item.label) or item.label) for item in recordings]
         return evaluate_alarms(self.diagnose, self.manifest, recordings, labels, None)
 
     def _adapted(self) -> PriorHead:
@@ -335,10 +321,9 @@ class PriorClassifier:
             )
         if unit and recording.unit != unit:
             raise DataError(f"{name} is in {recording.unit}, the healthy recordings are in {unit}; bring them to one.")
-        pressure = stated_pressure(recording)
         for what, value, (low, high), scale, word in (
             ("speed", 2 * math.pi * shaft_frequency(recording), self.speed, 30 / math.pi, "rev/min"),
-            ("discharge pressure", pressure, self.pressure, 1e-6, "MPa"),
+            ("discharge pressure", stated_pressure(recording), self.pressure, 1e-6, "MPa"),
         ):
             if not (math.isnan(value) or low <= value <= high):
                 raise DataError(
@@ -397,13 +382,7 @@ class PriorClassifier:
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the classifier was written to it whole."""
-        arrays = {"levels": self.levels, "speed": self.point_speed, "pressure": self.point_pressure}
-        parts = {"virtual": self.virtual, "head": self.head}
-        names = {item.name for item in fields(self)} - {"levels", "point_speed", "point_pressure", *parts}
-        card = to_table({name: getattr(self, name) for name in sorted(names)})
-        for part, values in parts.items():
-            arrays |= {f"{part}_{name}": value for name, value in vars(values).items()} if values is not None else {}
-        return write_artifact(path, self.KIND, VERSION, card, arrays, may_be_nan=_MAY_BE_NAN)
+        return save_prior(self, path, self.KIND)
 
     @classmethod
     def load(cls, path: Path | str) -> "PriorClassifier":
@@ -418,25 +397,4 @@ class PriorClassifier:
         ArtifactError
             The file is damaged, edited, something else, or of another version.
         """
-        if not Path(path).suffix:
-            path = _shipped(str(path))
-        advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
-        card, tensors = read_artifact(path, cls.KIND, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
-        with refuse_misfits(path, cls.KIND):
-            levels, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
-            arrays: dict[str, Any] = {"levels": levels, "point_speed": speed, "point_pressure": pressure}
-            for part in ("virtual", "head"):
-                own = {name.removeprefix(f"{part}_"): tensors[name] for name in tensors if name.startswith(f"{part}_")}
-                arrays |= {part: own} if own else {}
-            return from_table({**card, **arrays}, cls)
-
-
-def _shipped(design: str) -> Path:
-    """File of the prior of a design."""
-    shipped = {path.stem: path for path in sorted(SHIPPED.glob("*.safetensors"))}
-    if design not in shipped:
-        raise InputError(
-            f"no prior of the design {design} is shipped (there is {', '.join(shipped)}); make one with swashtwin twin "
-            "prior --pump FILE, and give its file."
-        )
-    return shipped[design]
+        return load_prior(path, cls, cls.KIND)

@@ -1,15 +1,19 @@
 """Faults that a classifier's training did not hold: what a pump prior says of a recording that may be one of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64
 
+from swashtwin.diagnosis.classifier_input import as_recordings, relabeled
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.pump import canonical_label, is_healthy
+from swashtwin.learning import WindowSet
+from swashtwin.pump import is_healthy
 from swashtwin.recordings import Recording
 
 LEAST = 9
@@ -72,26 +76,30 @@ class Resemblance:
 
 
 def find_resemblance(
-    prior: PriorClassifier, recordings: Iterable[Recording], classes: Sequence[str], fault_of: dict[str, str]
+    prior: PriorClassifier | str | Path, X: Any, y: Any, training: WindowSet, fault_of: Mapping[str, str]
 ) -> tuple[Resemblance | None, str]:
     """(what the prior says of faults that recordings of a training do not hold, or None; a note that says so).
 
     Parameters
     ----------
-    prior : a pump prior; where it is of no machine yet, it is adapted to the healthy recordings.
-    recordings : measured ones of the training, labeled.
-    classes : of the training.
+    prior : a pump prior, or its file; where it is of no machine yet, it is adapted to the healthy recordings.
+    X, y : recordings and their classes (`FaultClassifier.fit`), of which the measured ones of the training are taken.
+    training : windows that are trained on.
     fault_of : fault that a class stands for.
 
     Raises
     ------
     InputError
-        No class of the training is one of the prior's.
+        No class of the training is one of the prior's, or `X` is of windows.
     DataError
         The prior cannot be adapted to the healthy recordings (`PriorClassifier.fit`).
     """
-    recordings = list(recordings)
-    names = {name: _of_prior(fault_of.get(name, name), prior) for name in classes}
+    if (given := as_recordings(X)) is None:
+        raise InputError("a pump prior needs recordings; windows and arrays are too short.", field="prior")
+    prior, classes = prior if isinstance(prior, PriorClassifier) else PriorClassifier.load(prior), training.classes
+    trained = set(training.recording_id[~training.synthetic].tolist())
+    recordings = [item for item in relabeled(given, y) if item.recording_id in trained]
+    names = {name: prior.class_of(fault_of.get(name, name)) for name in classes}
     if not any(names.values()):
         raise InputError(
             f"the prior knows {', '.join(prior.classes[:-1])}, and none of the classes {', '.join(classes)}; say which "
@@ -102,7 +110,7 @@ def find_resemblance(
     if not missing:
         return None, "The training holds every class of the prior, which adds nothing."
     if prior.head is None:
-        prior = prior.fit([item for item in recordings if is_healthy(str(item.label))], fault_of=fault_of)
+        prior = prior.fit([item for item in recordings if is_healthy(str(item.label))], fault_of=dict(fault_of))
     assert prior.head is not None
     changes = list[Float[np.ndarray, "channel level"]](prior.healthy_changes())
     for recording in recordings:
@@ -120,10 +128,3 @@ def find_resemblance(
     score = np.sort(prior.head.predict_proba(np.stack(changes))[:, columns].sum(axis=1))
     listed = ", ".join(name.replace("_", " ") for name in missing)
     return Resemblance(prior, missing, score), f"Of {listed}, never trained, the pump prior tells unknown recordings."
-
-
-def _of_prior(label: str, prior: PriorClassifier) -> str | None:
-    try:
-        return canonical_label(label, prior.classes[:-1])
-    except InputError:
-        return None

@@ -1,6 +1,6 @@
 """A trained network together with everything needed to use it honestly."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,8 +15,9 @@ from swashtwin.learning.training.confidence import Confidence
 from swashtwin.learning.training.normalization import Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
 from swashtwin.learning.training.training_reference import TrainingReference
+from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
-from swashtwin.recordings import Manifest
+from swashtwin.recordings import Manifest, Recording
 
 TOGETHER = 32
 """Windows that pass a network together where nothing is learned: they stay in the processor's cache."""
@@ -91,6 +92,10 @@ class FittedClassifier:
             return probability
         with np.errstate(over="ignore", invalid="ignore"):
             return self.recordings.combined(np.log(np.maximum(probability, 1e-12)), windows)
+
+    def cut_windows(self, recordings: Iterable[Recording]) -> WindowSet:
+        """Windows of recordings as the classifier takes them."""
+        return cut_windows(recordings, length=self.length, classes=self.classes, allow_partial_revolution=True)
 
     def confidence_of(self, specimen: str) -> Confidence | None:
         """The confidence of answers to a machine."""

@@ -1,0 +1,51 @@
+"""Files of pump priors, a card with arrays beside under the names of version 2, and those that are shipped."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from swashtwin.foundation import InputError, from_table, read_artifact, refuse_misfits, to_table, write_artifact
+
+P = TypeVar("P")
+
+VERSION = 2
+_MAY_BE_NAN = ("levels", "speed", "pressure")
+SHIPPED = Path(__file__).parent / "priors"
+"""Folder of the shipped priors, one for each design."""
+
+
+def save_prior(prior: Any, path: Path | str, kind: str) -> Path:
+    """`path`, after a `PriorClassifier` was written to it whole."""
+    arrays = {"levels": prior.levels, "speed": prior.point_speed, "pressure": prior.point_pressure}
+    parts = {"virtual": prior.virtual, "head": prior.head}
+    names = {item.name for item in fields(prior)} - {"levels", "point_speed", "point_pressure", *parts}
+    card = to_table({name: getattr(prior, name) for name in sorted(names)})
+    for part, values in parts.items():
+        arrays |= {f"{part}_{name}": value for name, value in vars(values).items()} if values is not None else {}
+    return write_artifact(path, kind, VERSION, card, arrays, may_be_nan=_MAY_BE_NAN)
+
+
+def load_prior(path: Path | str, form: type[P], kind: str) -> P:
+    """What `save_prior` wrote, or the shipped prior of a design; errors: `PriorClassifier.load`."""
+    if not Path(path).suffix:
+        path = _shipped(str(path))
+    advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
+    card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
+    with refuse_misfits(path, kind):
+        levels, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
+        arrays: dict[str, Any] = {"levels": levels, "point_speed": speed, "point_pressure": pressure}
+        for part in ("virtual", "head"):
+            own = {name.removeprefix(f"{part}_"): tensors[name] for name in tensors if name.startswith(f"{part}_")}
+            arrays |= {part: own} if own else {}
+        return from_table({**card, **arrays}, form)
+
+
+def _shipped(design: str) -> Path:
+    """File of the prior of a design."""
+    shipped = {path.stem: path for path in sorted(SHIPPED.glob("*.safetensors"))}
+    if design not in shipped:
+        raise InputError(
+            f"no prior of the design {design} is shipped (there is {', '.join(shipped)}); make one with swashtwin twin "
+            "prior --pump FILE, and give its file."
+        )
+    return shipped[design]

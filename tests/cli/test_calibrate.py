@@ -114,7 +114,10 @@ def test_bounds_that_say_nothing_are_refused(rig: Path, tmp_path: Path, text: st
     ("words", "said"),
     [
         ((), "recordings of 2 machines (A, B): a calibration belongs to one pump"),
-        (("--specimen", "A", "--pressure", "20 MPa"), "20 MPa; there are 860 rpm and 10 MPa; 860 rpm and 15 MPa."),
+        (
+            ("--specimen", "A", "--pressure", "20 MPa"),
+            "the pressure 20 MPa; there are pressures [MPa] 10, 15.",
+        ),
     ],
 )
 def test_recordings_of_no_one_machine_and_a_pressure_of_none_name_what_there_is(

@@ -151,7 +151,7 @@ def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
         ("signal spectrum loud.h5", ("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),
         ("signal spectrum loud.h5", ("--band", "100-900 Hz"), 2, "Invalid value for --band"),
         ("inspect .", ("--unit", "g"), 2, "Invalid value for --unit"),
-        ("data split .", ("--folds", 2, "--test-fraction", 0.3), 2, "Invalid value for --test-fraction"),
+        ("data split .", ("--test-fraction", 0.7), 3, "at most 0.5"),
     ],
 )
 def test_what_cannot_be_told_is_refused(

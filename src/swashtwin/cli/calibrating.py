@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from enum import StrEnum
-from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,9 +45,6 @@ class Method(StrEnum):
 
     gauss_newton = "gauss-newton"
     ipinn = "ipinn"
-
-
-_SPEED_TOLERANCE = 0.01  # as in a calibration, whose lines move with the speed
 
 
 @reads_files
@@ -118,8 +114,7 @@ def calibrate(
     label = "normal" if defect is None else defect.label
     if law is not None and not is_collection(source, reading):
         raise typer.BadParameter("takes an index of healthy recordings and of the fault's.", param_hint="--law")
-    wanted = label if law is None else None
-    there = _recordings(source, reading, speed, pressure or [], label, specimen, wanted)
+    there = _recordings(source, reading, speed, pressure or [], label, specimen, label if law is None else None)
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
     with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
         result = calibration.calibrate(
@@ -160,11 +155,11 @@ def _recordings(
 
     if is_collection(source, reading):
         return load_recordings(source, label=wanted, specimen=specimen)
-    (recording,) = load_sources([source], **reading)
-    if recording.condition is None and speed is not None and pressures:
+    if speed is not None and pressures:
         if len(pressures) > 1:
             raise typer.BadParameter(f"{source} is one recording, at one pressure.", param_hint="--pressure")
-        (recording,) = load_sources([source], speed=speed, pressure=pressures[0], **reading)
+        reading = {**reading, "speed": speed, "pressure": pressures[0]}
+    (recording,) = load_sources([source], **reading)
     if recording.label is None:
         note(f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class.")
         recording = recording.relabeled(label)
@@ -172,37 +167,22 @@ def _recordings(
 
 
 def _start(
-    pump: "Pump", fault: "Fault | None", recordings: "Sequence[Recording]", speed: str | None, pressures: Sequence[str]
+    pump: "Pump", fault: "Fault | None", recordings: "Recordings", speed: str | None, pressures: Sequence[str]
 ) -> "tuple[Pump | Sequence[Twin], Sequence[Recording]]":
     """Where the search starts, and the recordings: twins at the points that are named wholly, so that no recording has
-    to state one, or the pump, with the recordings within 1 % of the speed or 6 % of a pressure that is named alone."""
-    from swashtwin.foundation import DataError
+    to state one, or the pump, with the recordings at a speed or pressures that are named alone."""
     from swashtwin.physics import Twin
-    from swashtwin.pump import PRESSURE_TOLERANCE, read_condition, values_match
+    from swashtwin.pump import read_condition
 
     if speed is not None and pressures:
         points = [read_condition(speed=speed, discharge_pressure=text) for text in pressures]
         return [Twin(pump, point, fault) for point in points], recordings
-    turning = None if speed is None else parse(speed, "rad/s", name="--speed")
-    limits = [parse(text, "Pa", name="--pressure") for text in pressures]
-    if turning is None and not limits:
-        return pump, recordings
-    chosen = [
-        recording
-        for recording in recordings
-        if (condition := recording.condition) is not None
-        and (turning is None or values_match(condition.speed, turning, _SPEED_TOLERANCE))
-        and (not limits or any(values_match(condition.discharge_pressure, at, PRESSURE_TOLERANCE) for at in limits))
-    ]
-    if not chosen:
-        points = [item.condition for item in recordings if item.condition is not None]
-        there = dict.fromkeys(
-            f"{at.speed * 30 / pi:.4g} rpm and {at.discharge_pressure / 1e6:.4g} MPa" for at in points
-        )
-        raise DataError(
-            f"no {recordings[0].label} recording is at {', '.join(pressures) or speed}; there are "
-            f"{'; '.join(sorted(there)) or 'none that state an operating point'}."
-        )
+    chosen: Sequence[Recording] = recordings
+    if speed is not None:
+        chosen = recordings = recordings.where(speed=parse(speed, "rad/s", name="--speed"))
+    if pressures:
+        limits = [parse(text, "Pa", name="--pressure") for text in pressures]
+        chosen = [recording for limit in limits for recording in recordings.where(pressure=limit)]
     return pump, chosen
 
 

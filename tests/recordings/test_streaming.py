@@ -70,7 +70,7 @@ def test_a_file_written_block_by_block_reads_as_one_written_whole(
     if speed:
         np.testing.assert_array_equal(streamed.speed, whole.speed)
     for name in FACTS:
-        assert getattr(streamed, name) == getattr(whole, name) == getattr(facts, name)
+        assert getattr(streamed, name) == getattr(whole, name) == getattr(facts, name) == getattr(blocks[0], name)
     assert facts.n_samples == sum(lengths)
 
 

@@ -335,20 +335,20 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
         if dimensions:
             raise InputError(f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate.")
         return None
-    types = {item.name: get_type_hints(type(fault))[item.name] for item in fields(fault)}
-    numbers = {item: kind for item, kind in types.items() if kind in (float, int)}
-    words = [item for item, kind in types.items() if get_origin(kind) is Literal]
+    forms = get_type_hints(type(fault))
     values: dict[str, Any] = {}
     for key, text in dimensions.items():
-        if key in words:
+        form = forms.get(key)
+        if get_origin(form) is Literal:
             values[key] = text
-            continue
-        if key not in numbers:
-            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join([*numbers, *words])}.")
-        number = parse(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
-        if numbers[key] is int and number != int(number):
-            raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
-        values[key] = int(number) if numbers[key] is int else number
+        elif form in (float, int):
+            number = parse(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
+            if form is int and number != int(number):
+                raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
+            values[key] = int(number) if form is int else number
+        else:
+            known = [item for item, form in forms.items() if form in (float, int) or get_origin(form) is Literal]
+            raise InputError(f"{name} has no dimension {key!r}; it has {', '.join(known)}.")
     return replace(fault, **values)
 
 

@@ -143,15 +143,6 @@ def test_healthy_recordings_show_a_finding_less_often_than_one_in_a_thousand() -
     assert scipy.stats.beta.ppf(0.975, found + 1, count - found) < 1e-3
 
 
-def test_a_sensor_alarm_is_cleared_after_five_good_recordings(rig: list[Recording], watched: PointState) -> None:
-    state, changes = watched, []
-    for recording in [rig[10].replace(signal=flat(rig[10].signal))] * 2 + [rig[11]] * 5:
-        point_judgment = MONITOR.judge(recording, state)
-        state = point_judgment.state
-        changes.append(point_judgment.sensor)
-    assert changes == [None, "raised", None, None, None, None, "cleared"]
-
-
 @pytest.mark.parametrize("break_sensor", [flat, spiky, first(saturated), first(loose)])
 def test_a_baseline_does_not_learn_from_a_sensor_at_fault(
     machine: Machine, break_sensor: Callable[[np.ndarray], np.ndarray]

@@ -61,29 +61,23 @@ def test_csv_holds_every_row_and_no_formula(filled: History, tmp_path: Path) -> 
     assert [line["x kurtosis"] for line in tables["indicators/_pump"]] == ["", "", "3.0"]
 
 
-def test_the_command_exports_what_a_configuration_names(tmp_path: Path) -> None:
-    (tmp_path / "watch.toml").write_text(
-        'folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n', encoding="utf-8"
-    )
+def test_the_command_exports_what_a_configuration_or_a_url_names_and_makes_no_database(
+    tmp_path: Path, postgresql_url: str
+) -> None:
+    config, out, url = tmp_path / "watch.toml", tmp_path / "tables", f"sqlite:///{tmp_path}/data/history.sqlite"
+    config.write_text('folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n', encoding="utf-8")
+    for nowhere, words in ((url, "does not exist"), (postgresql_url, "has no history yet")):
+        assert words in run("history", "export", nowhere, "--out", str(out), code=3).stderr
+    assert not (tmp_path / "data").exists()
     history = History.open("", tmp_path / "data")
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1))
     history.close()
-    config, out = str(tmp_path / "watch.toml"), tmp_path / "tables"
-    answer = json.loads(run("history", "export", config, "--out", str(out), "--json").stdout)
+    answer = json.loads(run("history", "export", str(config), "--out", str(out), "--json").stdout)
     assert answer["rows"]["recordings"] == 1
     assert (out / "recordings.csv").is_file()
-    url = f"sqlite:///{tmp_path / 'data' / 'history.sqlite'}"
     assert "--force" in run("history", "export", url, "--out", str(out), code=3).stderr
     assert "recordings.csv" in run("history", "export", url, "--out", str(out), "--force").stdout
-
-
-def test_exporting_makes_no_database(tmp_path: Path, postgresql_url: str) -> None:
-    missing = run("history", "export", f"sqlite:///{tmp_path}/none.sqlite", "--out", str(tmp_path / "out"), code=3)
-    assert "does not exist" in missing.stderr
-    assert not (tmp_path / "none.sqlite").exists()
-    empty = run("history", "export", postgresql_url, "--out", str(tmp_path / "out"), code=3)
-    assert "has no history yet" in empty.stderr
 
 
 def test_without_its_extra_a_watch_says_what_to_install(tmp_path: Path) -> None:

@@ -62,8 +62,7 @@ class Plant:
             wear = max(0, index - wear_from + 1)
             recording = _recording(name, index, wear=wear, is_flat=index >= flat_from)
             label = "swash_plate" if wear else "normal"
-            classes = sorted(_CLASSES, key=lambda other, label=label: other != label)
-            shares = dict(zip(classes, (0.93, 0.03, 0.02, 0.01, 0.01), strict=True))
+            shares = dict.fromkeys(_CLASSES, 0.0175) | {label: 0.93}
             verdict = {"label": label, "probability": 0.93, "confidence": 0.97, "model": "1c09f2a7d1e0b3c4"}
             answer = {**verdict, "answer": {"probabilities": shares}}
             pipeline._models = SimpleNamespace(diagnose=lambda *_, answer=answer: dict(answer))

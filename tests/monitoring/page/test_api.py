@@ -97,17 +97,6 @@ def test_a_wrong_request_is_refused_in_json(
     assert isinstance(answer.json()["detail"], str)
 
 
-def test_a_program_acknowledges_and_silences(client: TestClient) -> None:
-    def silenced() -> bool:
-        return client.get("/api/machines/pump-1").json()["silenced_until"] is not None
-
-    assert [client.post("/api/alarms/1/acknowledge").status_code for _ in range(2)] == [204, 409]
-    assert client.post("/api/machines/pump-1/silence", data={"hours": 2}).status_code == 204
-    assert silenced()
-    assert client.post("/api/machines/pump-1/silence/end").status_code == 204
-    assert not silenced()
-
-
 def test_a_form_with_a_file_is_handed_on_with_its_facts(sender: TestClient, spool: Spool, plant) -> None:
     facts = {"machine": "pump-1", "speed": "1500 rpm", "temperature": "313 K"}
     answer = sender.post("/api/recordings", data=facts, files={"file": ("../../evil/a b.csv", b"1,2\n")})

@@ -191,8 +191,14 @@ def test_a_program_reads_and_with_control_it_changes(guarded: TestClient, users:
         assert guarded.post(address).status_code == 403
     assert plant.history.read.alarm(1).state == "open"
     headers = {"authorization": f"Bearer {add_token(users, 'scada', control=True)}"}
-    guarded.post("/api/alarms/1/acknowledge", data={"note": "by scada"}, headers=headers)
+    for address, hours, code in (
+        ("alarms/1/acknowledge", 1, 204), ("alarms/1/acknowledge", 1, 409), ("machines/pump-1/silence", 2, 204)
+    ):  # fmt: skip
+        assert guarded.post(f"/api/{address}", data={"hours": hours}, headers=headers).status_code == code
     assert guarded.get("/api/alarms/1", headers=headers).json()["who"] == "scada"
+    assert guarded.get("/api/machines/pump-1", headers=headers).json()["silenced_until"]
+    assert guarded.post("/api/machines/pump-1/silence/end", headers=headers).status_code == 204
+    assert guarded.get("/api/machines/pump-1", headers=headers).json()["silenced_until"] is None
 
 
 def test_wrong_passwords_make_the_next_attempt_wait(guarded: TestClient) -> None:

@@ -125,41 +125,24 @@ def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(deliver: Deliver, 
     assert note in contents.notes[0]
 
 
-def test_a_line_of_tags_that_is_half_written_is_not_used(tmp_path: Path) -> None:
-    path = tmp_path / "tags.csv"
-    path.write_text("time,speed\n2026-11-23T13:50:00Z,1200\n2026-11-23T13:55:00Z,149")
-    time = datetime(2026, 11, 23, 14, tzinfo=UTC)
-    tags = Tags(path)
-    assert tags.at(time) == {"speed": "1200.0 rpm"}
-    with path.open("a") as file:
-        file.write("8")
-    assert tags.at(time) == {"speed": "1200.0 rpm"}
-    os.utime(path, (path.stat().st_mtime - 11,) * 2)
-    assert tags.at(time) == {"speed": "1498.0 rpm"}
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "must begin with a line"),
-        ("when,speed\n", "must begin with a line"),
-        ("time,speed\nyesterday,5\n", "line 2"),
-        ("time,speed\n2026-11-23,fast\n", "line 2"),
-    ],
-)
-def test_a_tag_file_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "tags.csv"
-    path.write_text(text)
-    with pytest.raises(DataError, match=message):
-        Tags(path).at(NOW)
-
-
-def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed(tmp_path: Path) -> None:
+def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed_but_no_half_line(tmp_path: Path) -> None:
     path = tmp_path / "tags.csv"
     path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n")
     tags = Tags(path)
     assert tags.at(NOW) == {"speed": "900 rpm"}
-    assert tags.at(NOW + timedelta(seconds=1)) == {}
-    assert tags.at(NOW - timedelta(hours=2)) == {}
-    path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n2026-11-23T13:30:00Z,1000\n")
-    assert tags.at(NOW) == {"speed": "1000.0 rpm"}
+    assert tags.at(NOW + timedelta(seconds=1)) == tags.at(NOW - timedelta(hours=2)) == {}
+    for line in ("2026-11-23T13:30:00Z,1200\n2026-11-23T13:55:00Z,149", "8"):
+        with path.open("a") as file:
+            file.write(line)
+        assert tags.at(NOW) == {"speed": "1200.0 rpm"}
+    os.utime(path, (path.stat().st_mtime - 11,) * 2)
+    assert tags.at(NOW) == {"speed": "1498.0 rpm"}
+    for text, message in (
+        ("", "must begin with a line"),
+        ("when,speed\n", "must begin with a line"),
+        ("time,speed\nyesterday,5\n", "line 2"),
+        ("time,speed\n2026-11-23,fast\n", "line 2"),
+    ):
+        path.write_text(text)
+        with pytest.raises(DataError, match=message):
+            Tags(path).at(NOW)

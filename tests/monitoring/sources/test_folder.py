@@ -98,39 +98,30 @@ def forbid(monkeypatch: pytest.MonkeyPatch, method: str, name: str) -> None:
     monkeypatch.setattr(Path, method, refused)
 
 
-def test_a_file_that_cannot_be_removed_is_taken_once_and_holds_nothing_up(
-    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("method", "taken_first", "problem"),
+    [
+        ("rename", ["a.wav", "b.wav"], "a.wav was taken, but cannot be removed: Permission denied"),
+        ("open", ["b.wav"], "a.wav cannot be read: Permission denied"),
+    ],
+)
+def test_a_file_that_cannot_be_removed_or_read_is_a_problem_and_holds_nothing_up(
+    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, method: str, taken_first: list[str], problem: str
 ) -> None:
     watch = folder_watch(tmp_path, deliveries, remove=True)
     put(tmp_path, "a.wav", "b.wav")
-    forbid(monkeypatch, "rename", "a.wav")
-    take(watch)
-    take(watch)
-    assert sorted(taken(deliveries)) == ["a.wav", "b.wav"]
-    assert "a.wav was taken, but cannot be removed: Permission denied" in str(watch.standing.problem)
+    forbid(monkeypatch, method, "a.wav")
+    for _ in range(2):
+        thread = threading.Thread(target=watch.drain, args=(threading.Event(),), daemon=True)
+        thread.start()
+        thread.join(5)
+        assert not thread.is_alive()
+    assert sorted(taken(deliveries)) == taken_first
+    assert problem in str(watch.standing.problem)
     monkeypatch.undo()
     (tmp_path / "inbox" / "a.wav").unlink()
     watch.poll()
     assert watch.standing.problem is None
-
-
-def test_a_file_that_cannot_be_read_is_a_problem_and_draining_ends(
-    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    watch = folder_watch(tmp_path, deliveries)
-    put(tmp_path, "a.wav", "b.wav")
-    forbid(monkeypatch, "open", "a.wav")
-    thread = threading.Thread(target=watch.drain, args=(threading.Event(),), daemon=True)
-    thread.start()
-    thread.join(5)
-    assert not thread.is_alive()
-    assert taken(deliveries) == ["b.wav"]
-    assert "a.wav cannot be read: Permission denied" in str(watch.standing.problem)
-    assert watch.standing.received == 1
-    monkeypatch.undo()
-    watch.poll()
-    assert watch.standing.problem is None
-    assert len(deliveries.items) == 2
 
 
 def test_a_file_that_is_too_large_is_not_read_and_stays(

@@ -86,14 +86,14 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 
 
 def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
-    card, tensors = read_artifact(saved, "classifier", 7, advice="")
+    card, tensors = read_artifact(saved, "classifier", 8, advice="")
     for name in card:
-        write_artifact(saved, "classifier", 7, {key: value for key, value in card.items() if key != name}, tensors)
+        write_artifact(saved, "classifier", 8, {key: value for key, value in card.items() if key != name}, tensors)
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
     del tensors["network.weights.head.weight"]
-    write_artifact(saved, "classifier", 7, card, tensors)
+    write_artifact(saved, "classifier", 8, card, tensors)
     with pytest.raises(ArtifactError, match="does not fit this swashtwin"):
         load_classifier(saved)
 
@@ -104,13 +104,6 @@ def test_other_files_are_refused(tmp_path):
         load_classifier(path)
     with pytest.raises(MissingFileError, match=r"gone.* swashtwin train, or its method save"):
         load_classifier(tmp_path / "gone.safetensors")
-
-
-def test_weights_that_are_not_finite_are_not_saved(classifier, tmp_path):
-    network = copy.deepcopy(classifier.network)
-    network.head.bias.data[0] = np.nan
-    with pytest.raises(ArtifactError, match=r"network\.weights\.head\.bias holds NaN or infinity"):
-        save_classifier(replace(classifier, network=network), tmp_path / "x.safetensors")
 
 
 def test_a_file_whose_network_is_not_registered_is_refused_with_what_to_call(saved, monkeypatch):
@@ -137,13 +130,6 @@ def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
     assert sum(diagnosis.probabilities.values()) == pytest.approx(1)
     assert max(diagnosis.probabilities, key=diagnosis.probabilities.get) == label
     assert diagnosis.notes == ()
-
-
-def test_the_diagnosis_decides_as_the_evaluation_does(classifier):
-    new = [recording(f"again {label} {n}", label) for label in CLASSES for n in range(2)]
-    scores = evaluate(classifier, cut_windows(new, length=80))
-    hits = [diagnose(classifier, recording).label == recording.label for recording in new]
-    assert scores.recording_accuracy == np.mean(hits)
 
 
 def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(classifier):

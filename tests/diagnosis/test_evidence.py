@@ -64,16 +64,6 @@ def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence
     assert any("to silence the network answers valve plate even more firmly" in said for said in against.sentences())
 
 
-def test_more_points_on_the_way_leave_a_smaller_gap(classifier: FittedClassifier) -> None:
-    windows = cut_windows([recording("new", "valve_plate").relabeled(None)], length=128, classes=LABELS)
-    signal = classifier.normalization.apply(windows)
-    gaps = []
-    for steps in (2, 128):
-        gradient, change = mean_gradients(classifier.network, signal, 1, 0, steps=steps)
-        gaps.append(np.abs((signal * gradient).sum(axis=(1, 2)) - change).max())
-    assert gaps[1] < 0.2 * gaps[0]
-
-
 def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() -> None:
     class Line(torch.nn.Module):
         def forward(self, x: torch.Tensor) -> torch.Tensor:

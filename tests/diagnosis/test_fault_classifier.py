@@ -151,14 +151,6 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
         FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(train, synthetic=sets)
 
 
-def test_validation_recordings_give_the_diagnosis_a_prediction_set():
-    classifier = FaultClassifier("levels", window=128, validation_fraction=0.5, error_rate=0.25)
-    classifier.fit(recordings("train", per_class=4))
-    assert classifier.diagnose(recordings("new")[0]).n_basis == 4
-    with pytest.raises(LeakError):
-        classifier.score(recordings("train", per_class=4))
-
-
 def test_validation_recordings_have_no_part_in_the_synthetic_windows():
     classifier = FaultClassifier("levels", window=128, validation_fraction=0.5, error_rate=0.25)
     train = recordings("train", per_class=6)
@@ -212,10 +204,6 @@ def test_what_is_saved_comes_back_with_its_parameters_and_answers(tmp_path):
     np.testing.assert_array_equal(loaded.predict_proba(new), classifier.predict_proba(new))
     assert loaded.get_params() == classifier.get_params() | {"sample_rate": 1000.0}
     assert clone(loaded).get_params() == loaded.get_params()
-
-
-def test_its_repr_shows_what_differs_from_the_defaults():
-    assert repr(FaultClassifier(epochs=3)) == "FaultClassifier(epochs=3)"
 
 
 @pytest.mark.wrong_types

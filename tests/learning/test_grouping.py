@@ -45,16 +45,6 @@ def test_folds_share_no_group_where_windows_overlap(n_folds, seed, stride):
     assert len(folds) == n_folds
 
 
-def test_another_seed_deals_other_folds_and_the_same_seed_the_same():
-    recordings = rows([f"day {number}" for number in range(8)])
-    windows = cut_windows(recordings, length=100)
-    dealt = [
-        [tested.tolist() for _, tested in group_folds(windows, group=recording_groups(recordings, "day"), seed=seed)]
-        for seed in (0, 0, 1)
-    ]
-    assert dealt[0] == dealt[1] != dealt[2]
-
-
 def test_a_fold_that_leaves_nothing_of_a_class_to_train_on_is_refused_with_the_group():
     recordings = [*rows(["mon", "tue"]), recording("odd", "crack", attributes={"day": "wed"})]
     windows = cut_windows(recordings, length=100)

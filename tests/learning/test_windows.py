@@ -223,15 +223,6 @@ def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split()
         split_by_recording(windows, keep_in_training=ids(windows))
 
 
-def test_each_window_is_in_its_cell_and_eight_pressures_are_no_single_one():
-    pressures = tuple(np.arange(10, 14, 0.5).tolist())
-    windows = cut_windows(rig(per_cell=1, pressures=pressures), length=100)
-    assert len(windows.counts()) == 4 * len(CLASSES)
-    for (label, pressure), count in windows.counts().items():
-        mask = (windows.label == label) & (windows.cell_pressure == pressure)
-        assert mask.sum() == count
-
-
 def test_a_leak_is_named():
     first, second = cut_windows([recording("a")], length=100), cut_windows([recording("b")], length=100)
     check_disjoint(first, second)

@@ -17,7 +17,6 @@ from .page import SectionOrder as SectionOrder
 from .page import Table as Table
 from .page import drawings as drawings
 from .scores_part import confusion_drawing as confusion_drawing
-from .scores_part import levels_table as levels_table
 from .wording import facts_table as facts_table
 from .wording import flatten_settings as flatten_settings
 from .wording import number as number

@@ -38,6 +38,7 @@ FIGURES = MappingProxyType(
 def calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
+    change = _change(calibration, "spectrum_value_error")
     has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
     more = Bullets("More to know", tuple(map(sentence, calibration.notes[_MOST_NOTES:])))
     return Part(
@@ -49,7 +50,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (_provenance(calibration),)),
         ),
         results={"calibrations": [calibration.to_dict()]},
-        verdict=f"Spectrum error {_change(calibration)}; {counts['identified']} of 6 values identified",
+        verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
         tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
         certainty=(*calibration_answer(calibration)[:0:-1], *map(sentence, calibration.notes[:_MOST_NOTES])),
         actions=_actions(calibration, has_improved),
@@ -65,12 +66,6 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
 _ENOUGH, _MOST_NOTES = 3, 3
 
 
-def _change(calibration: Calibration) -> str:
-    """Change of the spectrum's error, such as ``fell by 51 %``."""
-    share = calibration.improvement.get("spectrum_value_error", math.nan)
-    return f"{'fell' if share > 0 else 'rose'} by {percent(abs(share))}" if math.isfinite(share) else "not known"
-
-
 def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
     """What to do with the result."""
     if not has_improved:
@@ -84,7 +79,7 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
 
 def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
     """What came out, in plain words."""
-    spectrum, waveform = (_change_words(calibration, name) for name in ("spectrum_value_error", "rmse"))
+    spectrum, waveform = (_change(calibration, name) for name in ("spectrum_value_error", "rmse"))
     return (
         f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
@@ -94,7 +89,7 @@ def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
     )
 
 
-def _change_words(calibration: Calibration, name: str) -> str:
+def _change(calibration: Calibration, name: str) -> str:
     before, after = (getattr(fit, name) for fit in (calibration.fit_before, calibration.fit_after))
     verb = "fell" if after < before else "ROSE" if after > before else "stayed"
     return f"{verb} from {number(before)} to {number(after)}"

@@ -2,22 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.pump import propose_class
-from swashtwin.report.wording import number
 
 Family = Literal["pistons", "shaft"]
 
 _PISTONS = "Lines at the number of pistons times the shaft, and at multiples of that"
 _SHAFT = "Lines at every multiple of the shaft, between the piston-pass lines"
-_MULTIPLES = 3
-"""Multiples of the piston-pass line that the strip of orders reaches beyond."""
-_UNKNOWN_PISTONS = 7
-
 
 _MARKS: Mapping[str, tuple[tuple[str, ...], Family, str]] = MappingProxyType(
     {
@@ -81,37 +77,18 @@ class Cutaway:
         marked = f"; marked: {' and '.join(self.parts)}. {self.sentence}" if self.parts else "."
         return f"Section through an axial piston pump{marked}"
 
-    @property
-    def bars(self) -> list[tuple[int, bool, str]]:
-        """(order, whether the part excites it, what stands below it) of each order in the strip."""
-        count = self.pistons or _UNKNOWN_PISTONS
-        return [
-            (order, (order % count == 0) == (self.family == "pistons"), self._name(order, count))
-            for order in range(1, _MULTIPLES * count + count // 2 + 1)
-        ]
 
-    def _name(self, order: int, count: int) -> str:
-        if order % count:
-            return "1×" if order == 1 else ""
-        if self.pistons is None:
-            return "z×" if order == count else f"{order // count}z×"
-        return f"{order}×"
-
-    @property
-    def legend(self) -> str:
-        """What the strip shows."""
-        text = "Orders of the shaft: orange ones rise with this fault, gray ones hardly."
-        if self.pistons is None:
-            text += " z is the number of pistons."
-        if self.shaft is not None:
-            text += f" 1× is {number(self.shaft)} Hz."
-        return text
+@cache
+def template(name: str) -> Template:
+    """A template of this folder."""
+    loader = PackageLoader("swashtwin.report", "")
+    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    return Environment(loader=loader, **options).get_template(name)  # type: ignore[arg-type]
 
 
 def cutaway_html(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
     """The drawing for a class as HTML, to be colored by the page's style; where `cutaway_of` has none, of no part."""
-    environment = Environment(loader=PackageLoader("swashtwin.report", ""), autoescape=True)
-    macro = environment.get_template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
+    macro = template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
     return "".join(macro(drawing) for drawing in cutaway_of(label, pistons, shaft) or (Cutaway("", pistons),))
 
 

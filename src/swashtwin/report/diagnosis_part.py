@@ -55,9 +55,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
     frame = Part(
         title=f"Diagnosis of {diagnosis.recording_id}",
-        answer=(),
         notice=rig_notice(diagnosis.facts),
-        sections=(),
         results={"diagnoses": [diagnosis.to_dict()]},
         subject=diagnosis.recording_id,
         facts=fact_entries(diagnosis.facts),

@@ -57,7 +57,6 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     return Part(
         title=f"Evidence for {evidence.recording_id}",
         answer=evidence.sentences()[:1],
-        notice="",
         sections=(Section(SectionOrder.VERDICT, f"{title}: evidence in {evidence.recording_id}", blocks),),
         results={"evidence": [evidence.to_dict()]},
         subject=evidence.recording_id,

@@ -28,7 +28,6 @@ def identifiability_part(report: IdentifiabilityReport, key: str) -> Part:
     return Part(
         title="What the measurement can tell",
         answer=(_answer(report),),
-        notice="",
         sections=(Section(SectionOrder.CALIBRATION, "What the measurement can tell", blocks),),
         results={"identifiability": [report.to_dict()]},
         verdict=f"The measurement tells {report.standing[VALUES].count('identified') or 'none'} of 6 values clearly",

@@ -1,7 +1,7 @@
 """What a page is made of: cards, and sections of blocks (a text is a paragraph), which `report.html.jinja` draws."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, ClassVar, Literal
 
@@ -91,13 +91,13 @@ class Part:
 
     title: str
     """Title of a page with this item alone."""
-    answer: tuple[str, ...]
+    answer: tuple[str, ...] = ()
     """The result in plain words, shown first."""
-    notice: str
+    notice: str = ""
     """Warning that no reader may miss, or empty."""
-    sections: tuple[Section, ...]
+    sections: tuple[Section, ...] = ()
     """Everything else."""
-    results: dict[str, list[Any]]
+    results: dict[str, list[Any]] = field(default_factory=dict)
     """The same as JSON values, by kind."""
     verdict: str = ""
     """The result in a few words, in large type."""
@@ -146,6 +146,7 @@ def cards_of(parts: Sequence[Part]) -> list[Part]:
                 certainty=tuple(text for part in group for text in part.certainty),
                 actions=tuple(dict.fromkeys(text for part in group for text in part.actions)),
                 glance=tuple(block for part in group for block in part.glance),
+                sections=tuple(section for part in group for section in part.sections),
             )
         )
     return cards
@@ -172,19 +173,3 @@ def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
     ]  # fmt: skip
     caption = f"What came out for {plural(len(rows), 'recording')}; the details are below, each to be unfolded."
     return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
-
-
-def folded_section(parts: Sequence[Part], cards: Sequence[Part]) -> Section:
-    """One section with a group for each of many subjects, folded away: its card and all of its sections."""
-    groups = []
-    for card, subject in zip(cards, dict.fromkeys(part.subject for part in parts), strict=True):
-        sections = [section for part in parts if part.subject == subject for section in part.sections]
-        blocks = (
-            *card.answer,
-            Bullets("How sure", card.certainty),
-            Bullets("What to do", card.actions),
-            *card.glance,
-            *(Group(section.title, section.blocks) for section in sections),
-        )
-        groups.append(Group(f"{subject}: {card.verdict}", blocks, is_open=False))
-    return Section(SectionOrder.VERDICT, "Each recording", tuple(groups))

@@ -52,7 +52,6 @@ def scores_part(scores: Scores, key: str) -> Part:
     caption = "Windows of each actual class in percent; rows add up to 100."
     matrices = {(scores.level or "", ""): scores.confusion}
     blocks = (
-        levels_table([scores.level] if scores.level else []),
         Table("Scores over the test windows.", ("", scores.level or "level not stated"), metrics),
         Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
@@ -66,7 +65,6 @@ def scores_part(scores: Scores, key: str) -> Part:
     return Part(
         title="Test of a model",
         answer=(f"Weakest class: {weakest}.",) if weakest else (),
-        notice="",
         sections=(Section(SectionOrder.SCORES, "Scores", blocks),),
         results={"scores": [scores.to_dict()]},
         verdict=f"{count} {plural(scores.n_recordings, 'recording')} classified correctly",
@@ -100,15 +98,6 @@ def _actions(scores: Scores) -> tuple[str, ...]:
         name = weakest.split(",")[0]
         actions.append(f"Record more of the class {name}, or add synthetic windows of it (swashtwin synthesize).")
     return (*actions, "Use it: swashtwin diagnose MODEL FILE --report page.html.")
-
-
-def levels_table(levels: Sequence[str]) -> Table:
-    """Meaning of the levels of generalization on the page."""
-    return Table(
-        "How far the test data lie from the training data.",
-        ("level", "test data are"),
-        tuple((level, LEVELS.get(level, "not described")) for level in levels),
-    )
 
 
 def _class_table(scores: Scores) -> Table:
@@ -187,7 +176,6 @@ def alarms_part(scores: AlarmScores) -> Part:
             for item in healthy
         )
         or ("No healthy recording was tested, so this test says nothing about false alarms.",),
-        notice="",
         sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
         results={"alarms": [scores.to_dict()]},
         verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",

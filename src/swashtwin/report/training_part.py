@@ -32,7 +32,6 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
     return Part(
         title="Training of a model",
         answer=(() if choice is None else (choice.sentence(),)),
-        notice="",
         sections=(
             *tried,
             Section(SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)),
@@ -62,7 +61,6 @@ def detector_part(detector: AnomalyDetector) -> Part:
     return Part(
         title="Training of a detector of deviations",
         answer=("It was made from healthy recordings alone: it raises an alarm, and names no fault.",),
-        notice="",
         sections=(Section(SectionOrder.TRAINING, "What it was made of", blocks),),
         results={"detectors": [{"error_rate": detector.error_rate_, "recordings": sorted(detector.manifest)}]},
         verdict=f"A detector from {plural(healthy.n_recordings, 'healthy recording')}",

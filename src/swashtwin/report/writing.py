@@ -5,22 +5,21 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cache, singledispatch
+from functools import singledispatch
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
-
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidence, FaultClassifier
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, json_text, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.anomaly_part import anomaly_part
+from swashtwin.report.cutaway import template
 from swashtwin.report.diagnosis_part import diagnosis_part
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.glossary import Glossary
-from swashtwin.report.page import Group, Part, Section, cards_of, drawings, folded_section, overview_of, shared_facts
+from swashtwin.report.page import Group, Part, Section, cards_of, drawings, overview_of, shared_facts
 from swashtwin.report.scores_part import alarms_part, scores_part
 from swashtwin.report.training_part import detector_part, training_part
 from swashtwin.report.wording import fact_entries, rig_notice
@@ -79,9 +78,9 @@ def write_report(
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; name a folder for the report.")
     parts, shown = _contents(items, recordings, about)
-    blocks = (*(block for card in shown["cards"] for block in card.glance),
-              *(block for section in shown["sections"] for block in section.blocks))  # fmt: skip
-    figures = list(drawings(blocks))
+    cards: list[Part] = shown["cards"]
+    blocks = [(*card.glance, *(block for section in card.sections for block in section.blocks)) for card in cards]
+    figures = [drawing for each in blocks for drawing in drawings(each)]
     texts = {folder / "report.html": _page(parts, shown, has_folder=True)}  # opens first, so is replaced last
     texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
     for drawing in figures:
@@ -150,22 +149,25 @@ def _contents(
     shown = {
         "facts": list(facts.items()),
         "notices": list(dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))),
-        "cards": [] if overview else cards,
+        "cards": cards,
         "overview": overview,
-        "sections": [folded_section(parts, cards)] if overview else _sections(parts),
+        "sections": [] if overview else _sections(parts),
     }
     return parts, shown
 
 
+def _numbers(names: Sequence[str]) -> list[int]:
+    """Number of each among those of its name, from 1 on; 0 for a name that stands alone."""
+    return [names[: index + 1].count(name) if names.count(name) > 1 else 0 for index, name in enumerate(names)]
+
+
 def _told_apart(parts: Sequence[Part]) -> list[Part]:
     """The parts, those of one title and no subject, such as two calibrations, with their number in it."""
-    total = Counter(part.title for part in parts if not part.subject)
-    seen, named = Counter[str](), []
-    for part in parts:
-        seen[part.title] += 1
-        is_alone = total[part.title] < 2
-        named.append(part if is_alone else replace(part, title=f"{part.title} (number {seen[part.title]})"))
-    return named
+    numbers = _numbers([part.title for part in parts])
+    return [
+        replace(part, title=f"{part.title} (number {number})") if number and not part.subject else part
+        for part, number in zip(parts, numbers, strict=True)
+    ]
 
 
 def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[Recording]:
@@ -193,20 +195,18 @@ def _sections(parts: Sequence[Part]) -> list[Section]:
 
 
 def _keys(items: Sequence[object]) -> list[str]:
-    """Name of each item, numbered if there are several of its kind; several studies go by their own names."""
+    """Name of each item, numbered if there are several of its kind."""
     kinds = [type(item).__name__.lower() for item in items]
-    total, seen, keys = Counter(kinds), Counter[str](), []
-    for kind in kinds:
-        seen[kind] += 1
-        keys.append(f"{kind}_{seen[kind]}" if total[kind] > 1 else kind)
-    return keys
+    return [f"{kind}_{number}" if number else kind for kind, number in zip(kinds, _numbers(kinds), strict=True)]
 
 
 def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) -> str:
     titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
     is_one = len(titles) == 1 or len({part.subject for part in parts}) == 1
     title = parts[0].title if is_one else _joint_title(parts)
-    page = _template().render(shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder)
+    page = template("report.html.jinja").render(
+        shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder
+    )
     return escape_controls(page, keep="\n")
 
 
@@ -216,15 +216,6 @@ def _joint_title(parts: Sequence[Part]) -> str:
     if "" not in subjects:
         return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
     return " and ".join(list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3])
-
-
-@cache
-def _template() -> Template:
-    loader = PackageLoader("swashtwin.report", "")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("report.html.jinja")
 
 
 def _results(parts: Sequence[Part], figures: list[str]) -> str:

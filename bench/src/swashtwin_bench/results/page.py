@@ -21,7 +21,6 @@ from swashtwin.report import (
     calibration_blocks,
     facts_table,
     flatten_settings,
-    levels_table,
     number,
     verdict_counts,
     write_report,
@@ -120,7 +119,7 @@ def _rows_table(study: StudyTable) -> Table:
 
 def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
     """Tables of scores and of differences."""
-    blocks: list[Any] = [levels_table(sorted({trial.factors["level"] for trial in study.trials})), scores_table(study)]
+    blocks: list[Any] = [_levels_table(sorted({trial.factors["level"] for trial in study.trials})), scores_table(study)]
     reasons = {
         f"{row['level']}, {METRICS[metric]}: {reason}": None
         for run, row in study.tests()
@@ -244,6 +243,15 @@ def _training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     else:
         blocks.append("No t-SNE: no network was trained, or there are fewer than 10 test windows.")
     return tuple(blocks)
+
+
+def _levels_table(levels: Sequence[str]) -> Table:
+    """Meaning of the levels of generalization on the page."""
+    return Table(
+        "How far the test data lie from the training data.",
+        ("level", "test data are"),
+        tuple((level, LEVELS.get(level, "not described")) for level in levels),
+    )
 
 
 def _cells_table(study: StudyResult) -> Table:

@@ -15,6 +15,7 @@ intervals, the sum of ln(greatest / least), because narrow intervals of single v
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -195,7 +196,7 @@ class _Forecast:
             )
             for fit in fits
         ]
-        self._twins: dict[OperatingCondition, Twin] = {}
+        self._twin = cache(self._twin_at)  # its chamber pressures take long
         self._linear: dict[tuple[OperatingCondition, tuple[str, ...]], Linearization] = {}
         seconds = [fit.duration for fit in fits]
         self.duration = sum(seconds) / len(calibration.recording_ids)
@@ -276,14 +277,12 @@ class _Forecast:
         )
         return Comparison(self._twin(part.condition), measurement, searched=self.channels)
 
-    def _twin(self, condition: OperatingCondition) -> Twin:
-        """The nominal twin at a condition, kept, since its chamber pressures take long."""
-        if condition not in self._twins:
-            twin = self.calibration.nominal.at(condition)
-            lowest = twin.pump.rotating_group.piston_count * condition.shaft_frequency
-            highest = max(self.calibration.settings["band"][1], lowest) + condition.shaft_frequency
-            self._twins[condition] = replace(twin, bandwidth=highest, path=None)
-        return self._twins[condition]
+    def _twin_at(self, condition: OperatingCondition) -> Twin:
+        """The nominal twin at a condition."""
+        twin = self.calibration.nominal.at(condition)
+        lowest = twin.pump.rotating_group.piston_count * condition.shaft_frequency
+        highest = max(self.calibration.settings["band"][1], lowest) + condition.shaft_frequency
+        return replace(twin, bandwidth=highest, path=None)
 
     def _noise_density(self, channel: str, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] of all lines of a channel, and their variance times the time recorded [(m/s^2)^2 s]."""

@@ -77,22 +77,17 @@ def replacing(path: Path) -> Iterator[Path]:
 @contextmanager
 def _held_name(folder: Path) -> Iterator[str]:
     """Hidden name in `folder` whose lock file is held."""
-    name, file = _hold(folder)
-    try:
-        yield name
-    finally:
-        file.close()  # Windows removes no open file
-        (folder / f"{name}.lock").unlink(missing_ok=True)
-
-
-def _hold(folder: Path) -> tuple[str, IO[bytes]]:
     while True:
         name = f"{_HIDDEN}{secrets.token_hex(6)}"
         lock = folder / f"{name}.lock"
         file = lock.open("xb")
-        if _is_locked(file) and lock.exists():
-            return name, file
-        file.close()  # another process took it for a leftover before it was locked
+        try:
+            if _is_locked(file) and lock.exists():  # else another process took it for a leftover before
+                yield name
+                return
+        finally:
+            file.close()  # Windows removes no open file
+            lock.unlink(missing_ok=True)
 
 
 def _is_locked(file: IO[bytes]) -> bool:
@@ -111,22 +106,15 @@ def _is_locked(file: IO[bytes]) -> bool:
 @cache
 def _remove_leftovers(folder: Path) -> None:
     """Remove what killed processes left in a folder; once for each folder."""
-    names = {match[0] for file in folder.glob(f"{_HIDDEN}*") if (match := _NAME.match(file.name))}
-    for name in names:
-        with suppress(OSError):
-            _remove_leftover(folder, name)
-
-
-def _remove_leftover(folder: Path, name: str) -> None:
-    lock = folder / f"{name}.lock"
-    with lock.open("ab") as file:
-        if fcntl is not None:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            lock.unlink()
-    if fcntl is None:
-        lock.unlink()  # refused as long as the process lives that has it open
-    for leftover in folder.glob(f"{name}.*"):
-        leftover.unlink()
+    for name in {match[0] for file in folder.glob(f"{_HIDDEN}*") if (match := _NAME.match(file.name))}:
+        lock = folder / f"{name}.lock"
+        with suppress(OSError):  # a living process holds the lock, or Windows removes no file that it has open
+            with lock.open("ab") as file:
+                if fcntl is not None:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    lock.unlink()
+            for leftover in (*([lock] if fcntl is None else []), *folder.glob(f"{name}.*")):
+                leftover.unlink(missing_ok=True)
 
 
 def _replace(temporary: Path, path: Path) -> None:

@@ -97,20 +97,15 @@ def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Mo
     else:
         from swashtwin.learning.networks.network import OwnModule
 
-        _require_arguments(name, network)
+        signature = inspect.signature(network)
+        try:
+            signature.bind(1, 2, 64)
+        except TypeError as cause:
+            raise InputError(
+                f"network {name!r} is called with (n_channels, n_classes, length), but takes {signature}: {cause}; "
+                "give further arguments defaults."
+            ) from None
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
-
-
-def _require_arguments(name: str, network: Callable[..., object]) -> None:
-    """Refuse what cannot be called with channels, classes and length."""
-    signature = inspect.signature(network)
-    try:
-        signature.bind(1, 2, 64)
-    except TypeError as cause:
-        raise InputError(
-            f"network {name!r} is called with (n_channels, n_classes, length), but takes {signature}: {cause}; give "
-            "further arguments defaults."
-        ) from None
 
 
 def has_network(name: str) -> bool:

@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from commandline import one_line, run, run_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import check_recordings, cut_windows, group_folds, split_by_recording, without_overlap
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, load_recordings, recording_groups, write_index, write_recording
+from swashtwin.recordings import Recording, recording_groups
 
 CLASSES = ("normal", "leak")
 
@@ -103,19 +102,6 @@ def test_thinned_windows_do_not_overlap_and_none_could_be_added(stride):
         assert (np.diff(start) >= 50).all()
         assert (np.diff(start) < 50 + stride).all()
         assert start[0] == 0
-
-
-def test_folds_are_written_one_folder_each_and_test_every_recording_once(tmp_path):
-    recordings = rows(["mon", "tue", "wed"])
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    index = write_index(recordings, files, tmp_path)
-    answer = run_json("data", "split", index, "--group", "day", "--folds", 3, "--out", tmp_path / "folds")
-    tested = [recording.recording_id for fold in answer["folds"] for recording in load_recordings(fold["test"])]
-    assert len(answer["folds"]) == 3
-    assert len(tested) == len(set(tested)) == 12
-    assert (tmp_path / "folds" / "fold-3" / "train.toml").is_file()
-    again = run("data", "split", index, "--folds", "2", "--out", tmp_path / "folds", code=3)
-    assert "exists; replace it with --force" in one_line(again)
 
 
 @pytest.mark.parametrize("ring", ["ab ab", "ab cd", "ab ac", "ab bc ca", "a b", "ab b"])

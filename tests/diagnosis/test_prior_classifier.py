@@ -265,7 +265,7 @@ def heard() -> list[Recording]:
 
 def informed(**settings: Any) -> FaultClassifier:
     """A classifier that asks the prior of what it was not trained on."""
-    settings = {"prior": trained(), "validation_fraction": 0.4, "error_rate": 0.3, "epochs": 1, **settings}
+    settings = {"prior": trained(), "validation_fraction": 0.4, "error_rate": 0.15, "epochs": 1, **settings}
     return FaultClassifier("levels", window=4096, **settings)
 
 

@@ -38,7 +38,8 @@ def test_a_model_is_dropped_and_anything_else_refused_by_name(client: TestClient
 
 @pytest.mark.nightly
 def test_the_shipped_prior_is_adapted_to_the_healthy_recordings(client: TestClient) -> None:
-    assert re.search(r"adapted to \d+ healthy recordings", send(client, "/api/prior", {}).json()["model"])
+    answer = send(client, "/api/prior", {}).json()
+    assert re.search(r"adapted to \d+ healthy recordings", answer.get("model", "")), answer
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["kind"] == "prior"
 
 

@@ -43,7 +43,7 @@ class Resemblance:
     def joined(self, answer: Diagnosis, recording: Recording) -> Diagnosis:
         """A classifier's answer, unknown too where the prior takes the recording for a fault that was never trained.
 
-        Either may err in half of the error rate, so that both together keep it (Bonferroni). The prior's p-value is
+        Each of both may err in the error rate, so that together they err in twice of it at most. The prior's p-value is
         conformal: the share of the training's recordings whose probability of such a fault is as high.
         """
         if answer.label is None or answer.error_rate is None or answer.p_value is None:
@@ -57,7 +57,7 @@ class Resemblance:
         missing = {name: shares[name] for name in self.classes}
         likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
         p_value = (self.score.size - int(np.searchsorted(self.score, total)) + 1) / (self.score.size + 1)
-        is_new = p_value <= answer.error_rate / 2
+        is_new = p_value <= answer.error_rate
         reasons = answer.reasons
         if is_new or (answer.unknown and shares[likeliest] > 0.5):
             reasons = (
@@ -68,8 +68,7 @@ class Resemblance:
             )
         return replace(
             answer,
-            unknown=is_new or answer.p_value <= answer.error_rate / 2,
-            p_value=min(1.0, 2 * min(answer.p_value, p_value)),
+            unknown=is_new or answer.unknown,
             reasons=reasons,
             notes=(*answer.notes, *(text for text in reasons if text not in answer.notes)),
         )

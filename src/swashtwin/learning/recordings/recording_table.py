@@ -22,7 +22,7 @@ _SAME = 0.06
 _ROUNDS = 4
 
 
-Rows = Int64[np.ndarray, " window"]
+Rows = Int64[np.ndarray, " _window"]
 Change = Callable[[Float32[np.ndarray, "channel time"]], Float32[np.ndarray, "channel time"]]
 
 

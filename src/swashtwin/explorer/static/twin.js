@@ -74,7 +74,8 @@ export async function twinRoom(place, values) {
       const isSame = charts[n].limits[1] === end;
       charts[n].set({ title: `Lines of ${name}`, series, limits: [0, end], view: isSame ? charts[n].view : [0, end] });
     });
-    misfit.replaceChildren(...(lines.reason ? [h("p", { class: "notice" }, lines.reason)] : []), ...(measured ? [table(measured)] : lines.reason ? [] : [h("p", { class: "soft" }, "Choose a recording to lay the twin's lines over.")]));
+    clearTimeout(show.timer); // while a slider moves, the figures go first
+    show.timer = setTimeout(() => misfit.replaceChildren(...(lines.reason ? [h("p", { class: "notice" }, lines.reason)] : []), ...(measured ? [table(measured)] : lines.reason ? [] : [h("p", { class: "soft" }, "Choose a recording to lay the twin's lines over.")])), 100);
   }
   function table({ channels, orders, misfit: off }) {
     const least = Math.max(0, orders.length - 12) && orders.length > 40 ? orders.map((_, n) => n).sort((a, b) => Math.max(...off.map((row) => Math.abs(row[b]))) - Math.max(...off.map((row) => Math.abs(row[a])))).slice(0, 12).sort((a, b) => a - b) : orders.map((_, n) => n);

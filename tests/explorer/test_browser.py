@@ -1,13 +1,13 @@
 """The explorer in a real Chromium: rooms opened, dragged, played, edited, undone, calibrated, stopped, diagnosed."""
 
 import shutil
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from explored import HEALTHY, WORN
+from mqtt_broker import free_port
 from plant import Plant
 
 from swashtwin.explorer import Workspace, build_explorer
@@ -32,12 +32,6 @@ pytestmark = [
     pytest.mark.nightly,
     pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}"),
 ]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +111,8 @@ def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served
     tab.keyboard.press("3")  # normal, piston, swash_plate
     tab.get_by_text("Class of 2 recordings").wait_for()
     assert labels()["recordings/B_normal_15MPa_2.h5"] == "swash_plate"
+    tab.get_by_label("Select all shown").check()
+    playwright.expect(tab.locator("tbody input:checked")).to_have_count(9)
     for _ in range(2):
         with tab.expect_response("**/api/facts"):
             tab.get_by_role("button", name="Undo").click()

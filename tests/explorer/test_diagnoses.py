@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from explored import HEALTHY, WORN, send
+from explored import HEALTHY, WORN, send, token
 from plant import Plant
 from starlette.testclient import TestClient
 
@@ -23,9 +23,7 @@ def test_the_verdict_is_that_of_the_command_with_its_evidence(workspace: Workspa
 
 
 def test_a_model_is_dropped_and_anything_else_refused_by_name(client: TestClient, plant: Plant) -> None:
-    token = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
-    assert token
-    headers = {"x-explorer": token[1]}
+    headers = {"x-explorer": token(client)}
     assert client.get("/api/diagnosis", params={"name": WORN}).status_code == 422
     refused = client.post("/api/drop?name=mine.safetensors", content=b"nothing", headers=headers)
     assert refused.status_code == 422

@@ -2,7 +2,6 @@
 
 import base64
 import re
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from explored import HEALTHY, WORN, send
+from mqtt_broker import free_port
 from starlette.testclient import TestClient
 
 from swashtwin.explorer import Workspace, build_explorer
@@ -139,9 +139,7 @@ def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
 
 @pytest.mark.nightly
 def test_the_command_serves_until_it_is_ended(folder: Path) -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = str(probe.getsockname()[1])
+    port = str(free_port())
     command = [sys.executable, "-m", "swashtwin", "explore", str(folder), "--port", port]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None

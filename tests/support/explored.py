@@ -8,8 +8,13 @@ from starlette.testclient import TestClient
 HEALTHY, WORN = "recordings/A_normal_15MPa_1.h5", "recordings/A_swash_plate_15MPa_1.h5"
 
 
+def token(client: TestClient) -> str:
+    """What the page's script sends with each change."""
+    found = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
+    assert found
+    return found[1]
+
+
 def send(client: TestClient, path: str, content: object) -> Response:
     """Answer to a change, sent with the page's token."""
-    token = re.search(r'name="token" content="([\w-]+)"', client.get("/").text)
-    assert token
-    return client.post(path, json=content, headers={"x-explorer": token[1]})
+    return client.post(path, json=content, headers={"x-explorer": token(client)})

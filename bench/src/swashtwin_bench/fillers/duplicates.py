@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int64
 
-from swashtwin.foundation import stream
+from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning import WindowSet
+from swashtwin.signals import add_noise
 from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.filler import fill_cell, sources_of
 
@@ -20,6 +21,25 @@ class Duplicate:
         sources = draw_sources(train, label, pressure, count, seed)
         return fill_cell(
             train.signal[sources], sources, train=train, name="duplicate", label=label, pressure=pressure, seed=seed
+        )
+
+
+@dataclass(frozen=True)
+class NoisyDuplicate:
+    """Copies of measured windows, each with different white noise."""
+
+    snr_db: float = 30.0
+    """Power of the window over that of the noise, per channel [dB]."""
+
+    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+        """`count` windows of the cell, each a copy of a measured one with noise (`Filler`)."""
+        sources = draw_sources(train, label, pressure, count, seed)
+        noise = derive_seed(seed, "noisy duplicate", label)
+        signal = np.stack(
+            [add_noise(train.signal[source].astype(float), self.snr_db, noise, i) for i, source in enumerate(sources)]
+        )
+        return fill_cell(
+            signal, sources, train=train, name="noisy_duplicate", label=label, pressure=pressure, seed=seed
         )
 
 

@@ -4,12 +4,19 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from swashtwin_bench.fillers.cvae import CVAE
-from swashtwin_bench.fillers.duplicates import Duplicate
+from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
 from swashtwin_bench.fillers.filler import Filler
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
 from swashtwin_bench.fillers.wgan_gp import WGANGP
 
 FILLERS: Mapping[str, Filler] = MappingProxyType(
-    {"duplicate": Duplicate(), "smote": SMOTE(), "adasyn": ADASYN(), "cvae": CVAE(), "wgan_gp": WGANGP()}
+    {
+        "duplicate": Duplicate(),
+        "noisy_duplicate": NoisyDuplicate(),
+        "smote": SMOTE(),
+        "adasyn": ADASYN(),
+        "cvae": CVAE(),
+        "wgan_gp": WGANGP(),
+    }
 )
 """Fillers by name."""

@@ -324,6 +324,9 @@ def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
     assert index["recording"][0]["attributes"] == {"serial": "1797"}
     with pytest.raises(DataError, match="no column 'label' for label; it has path, class, n"):
         propose_index(rig, table=rig / "files.csv", columns={"file": "path"})
+    both = {"table": rig / "files.csv", "label_pattern": r"(?P<specimen>A\d+)/(?P<label>[a-z]+)_(?P<pressure>\d+MPa)"}
+    entry = propose_index(rig, **both, columns=columns, sample_rate="1 kHz", unit="g").index["recording"][0]
+    assert (entry["label"], entry["specimen"], entry["pressure"]) == ("ok", "A01", "15 MPa")
 
 
 def test_files_of_one_name_in_two_folders_get_ids(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def propose_index(
         stands beside it in the name. Without a pattern the label is the parent folder's name, or the file name's words
         that hold no digit.
     table : CSV table with one row per file, as public data sets have; its files are relative to the table, to `folder`
-        or to the current folder.
+        or to the current folder. `label_pattern` adds what it lacks.
     columns : which column of the table holds which key of an entry, such as ``{"specimen": "bearing_id"}``; keys that
         no entry has become attributes. ``file`` and ``label`` need no naming. A number takes the unit in the heading.
     include : patterns of relative paths to keep, such as ``"normal_48k/*"``; all where empty.
@@ -173,7 +173,10 @@ class _Survey:
 
     def _add(self, name: str, raw: RawFile) -> None:
         """Take up a file: what it states itself counts for more than its name, and for less than a table."""
-        fact, found = facts_of_name(name, self.pattern) if self.stated is None else (self.stated[name], frozenset())
+        fact, found = facts_of_name(name, self.pattern) if self.stated is None or self.pattern else ({}, frozenset())
+        if self.stated is not None:  # a pattern adds what the table lacks
+            found = frozenset(found - self.stated[name].keys())
+            fact = {**{key: fact[key] for key in found}, **self.stated[name]}
         values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
         values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
         header, counts = facts_of_header(raw), "header's" if self.stated is None else "table's"

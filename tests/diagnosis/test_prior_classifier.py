@@ -288,9 +288,12 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
     resemblance = classifier.resemblance_
     assert resemblance is not None
     answer, new = classifier.diagnose(recording("piston", 20)), replace(recording("piston", 21), specimen="B")
-    assert resemblance.joined(answer, new) is answer
+    assert "was not asked of faults that were never trained" in resemblance.joined(answer, new).notes[-1]
     told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
     assert "resembles piston" in told.joined(answer, new).reasons[0]
+    near = told.joined(replace(answer, unknown=False, p_value=0.6), new)
+    assert near.is_near
+    assert near.sentence().startswith("Unknown: It resembles piston, which was never trained")
     with pytest.raises(DataError, match="is no healthy recording"):
         resemblance.with_healthy([new])
 
@@ -300,9 +303,8 @@ def test_a_prior_without_a_use_is_refused_or_said() -> None:
     everything = [*heard(), *pistons[:6], *(replace(item, label="swash_plate") for item in pistons[6:])]
     few = informed(validation_fraction=0.0, error_rate=None)
     assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
-    labels = {"normal": "A1", "cylinder_block": "A2", "valve_plate": "A3"}
-    with pytest.raises(InputError, match="none of the classes A1, A2, A3"):
-        few.fit([replace(item, label=labels[str(item.label)]) for item in heard()])
+    with pytest.raises(InputError, match=r"and no riss, .* --fault-of \"riss=piston\""):
+        few.fit([replace(item, label="riss") if item.label == "valve_plate" else item for item in heard()])
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
     assert few.fit(everything).resemblance_ is None

@@ -39,8 +39,8 @@ at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, 
 trees. By window unless said; other [terms](../reference/nomenclature.md).
 
 Pictures of the paper's experiments (medium, fleets 20 to 22): {_PICTURES}. The confusion matrix and t-SNE are of Case
-I; those of Case II stand on the page that `swashtwin bench study paper --set experiments=case2` writes; its runs were
-not kept.
+I; those of Case II stand on the page that `swashtwin bench study paper --set experiments=case2 --out paper` writes;
+its runs were not kept.
 """
 
 

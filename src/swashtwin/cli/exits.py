@@ -74,8 +74,8 @@ def _printable_error() -> Iterator[None]:
     except _CLICK_ERROR as cause:
         cause.message = escape_controls(cause.message, keep="\n")
         key = getattr(cause, "option_name", "").lstrip("-").replace("-", "_")
-        if key in LAYOUT:
-            cause.possibilities = [f"--read {key}=..."]
+        if key in LAYOUT or key == "device":
+            cause.possibilities = [f"--read {key}=..." if key in LAYOUT else "--set device=..."]
         raise
 
 

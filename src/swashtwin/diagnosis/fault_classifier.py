@@ -33,7 +33,7 @@ from swashtwin.diagnosis.reasons import few_machines
 from swashtwin.diagnosis.resemblance import find_resemblance
 from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import InputError
+from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import (
     RECOMMENDED_TRAINING,
     FittedClassifier,
@@ -121,7 +121,7 @@ class FaultClassifier(Estimator):
         group: str | Mapping[str, str] = "recording",
         error_rate: float | None = None,
         fault_of: Mapping[str, str] | None = None,
-        prior: PriorClassifier | str | None = None,
+        prior: PriorClassifier | str | Path | None = None,
         sample_rate: float = 1.0,
         device: str = "cpu",
         seed: int = 0,
@@ -204,6 +204,9 @@ class FaultClassifier(Estimator):
         refuse_seen(held_out, manifest)
         training = with_synthetic(training, further)
         learning.check_disjoint(training, held_out)
+        resemblance, of_prior = None, ""
+        if self.prior is not None:
+            resemblance, of_prior = find_resemblance(self.prior, X, y, training, self.fault_of or {})
         fitted: FittedClassifier
         if self.network is None:
             rate_of_folds = None if validation is not None else self.error_rate
@@ -225,9 +228,7 @@ class FaultClassifier(Estimator):
         if validation is not None:
             fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
-        self.resemblance_, of_prior = None, ""
-        if self.prior is not None:
-            self.resemblance_, of_prior = find_resemblance(self.prior, X, y, training, self.fault_of or {})
+        self.resemblance_ = resemblance
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())
         self.held_out_ = tuple(np.unique(held_out.recording_id).tolist())
         self.validation_ = () if validation is None else tuple(np.unique(validation.recording_id).tolist())
@@ -331,7 +332,10 @@ class FaultClassifier(Estimator):
         other = copy(self)
         recordings = require_recordings(healthy)
         other.fitted_, other.notes_ = make_known(self.fitted_, recordings)
-        other.resemblance_ = self.resemblance_ and self.resemblance_.with_healthy(recordings)
+        try:
+            other.resemblance_ = self.resemblance_ and self.resemblance_.with_healthy(recordings)
+        except DataError as cause:
+            other.notes_ = (*other.notes_, f"The pump prior does not compare with these healthy recordings: {cause}")
         return other
 
     def save(self, path: Path | str) -> Path:

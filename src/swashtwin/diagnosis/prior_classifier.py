@@ -172,8 +172,9 @@ class PriorClassifier:
         if missing := [name for name in channels if name not in self.channels]:
             raise DataError(
                 f"the recordings have the channels {', '.join(channels)}, and the prior of {self.pump} has no "
-                f"{missing[0]} but {', '.join(self.channels)}. Name yours so, as far as you have them, with --channels "
-                "and --names, or make a prior of a pump file with your sensors (swashtwin twin prior)."
+                f"{missing[0]} but {', '.join(self.channels)}. Name yours so, as far as you have them (--channels and "
+                "--names, or channels of a [[machine]]), or make a prior of a pump file with your sensors (swashtwin "
+                "twin prior)."
             )
         pumps, prior = np.ones(self.n_pumps, dtype=bool), self
         if pistons is not None:

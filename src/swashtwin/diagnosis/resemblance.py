@@ -50,20 +50,21 @@ class Resemblance:
             return answer
         try:
             change, _ = self.prior.change(recording)
-        except DataError:
-            return answer
+        except DataError as cause:
+            note = f"The pump prior was not asked of faults that were never trained: {cause}"
+            return replace(answer, notes=(*answer.notes, note))
         assert self.prior.head is not None
         shares = dict(zip(self.prior.classes, self.prior.head.predict_proba(change[None])[0].tolist(), strict=True))
         missing = {name: shares[name] for name in self.classes}
         likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
-        p_value = (self.score.size - int(np.searchsorted(self.score, total)) + 1) / (self.score.size + 1)
-        is_new = p_value <= answer.error_rate
+        as_high, n = self.score.size - int(np.searchsorted(self.score, total)), self.score.size
+        is_new = (as_high + 1) / (n + 1) <= answer.error_rate
         reasons = answer.reasons
         if is_new or (answer.unknown and shares[likeliest] > 0.5):
             reasons = (
                 f"It resembles {likeliest.replace('_', ' ')}, which was never trained: the pump prior gives that "
-                f"{shares[likeliest]:.2f}; of {plural(self.score.size, 'recording')} of the training "
-                f"{100 * p_value:.2g} % look as much like a fault that was not trained.",
+                f"{shares[likeliest]:.2f}, and {as_high or 'none'} of {n} recordings that it was compared on look as "
+                "much like a fault that was not trained.",
                 *reasons,
             )
         return replace(
@@ -89,7 +90,7 @@ def find_resemblance(
     Raises
     ------
     InputError
-        No class of the training is one of the prior's, or `X` is of windows.
+        A fault of the training is none of the prior's, or `X` is of windows.
     DataError
         The prior cannot be adapted to the healthy recordings (`PriorClassifier.fit`).
     """
@@ -98,11 +99,12 @@ def find_resemblance(
     prior, classes = prior if isinstance(prior, PriorClassifier) else PriorClassifier.load(prior), training.classes
     trained = set(training.recording_id[~training.synthetic].tolist())
     recordings = [item for item in relabeled(given, y) if item.recording_id in trained]
-    names = {name: prior.class_of(fault_of.get(name, name)) for name in classes}
-    if not any(names.values()):
+    names = {name: prior.class_of(fault_of.get(name, name)) for name in classes if not is_healthy(name)}
+    if foreign := [name for name, known in names.items() if known is None]:
         raise InputError(
-            f"the prior knows {', '.join(prior.classes[:-1])}, and none of the classes {', '.join(classes)}; say which "
-            "fault a class is, such as --fault-of Kolbenverschleiss=piston, or leave the prior out.",
+            f"the prior knows the faults {', '.join(prior.classes[1:-1])}, and no {foreign[0]}, so that it cannot tell "
+            "which of them were never trained; say which fault a class is, such as --fault-of "
+            f'"{foreign[0]}=piston", or leave the prior out.',
             field="prior",
         )
     missing = tuple(name for name in prior.classes[1:-1] if name not in names.values())

@@ -86,6 +86,13 @@ class Diagnosis:
         return "no verdict" if self.label is None else "unknown" if self.unknown else self.label
 
     @property
+    def is_near(self) -> bool:
+        """Whether it resembles the training, and is unknown since a pump prior takes it for a fault not in it."""
+        if not self.unknown or self.p_value is None or self.error_rate is None:
+            return False
+        return self.p_value > self.error_rate
+
+    @property
     def alarm(self) -> bool | None:
         """Whether the recording is called abnormal, faulty or unknown; None without a verdict."""
         return None if self.label is None else self.unknown or not is_healthy(self.label)
@@ -106,7 +113,7 @@ class Diagnosis:
             return f"no verdict: {self.no_verdict}"
         if self.kind == "detector":
             return self._detector_sentence()
-        if self.kind == "prior" and self.unknown:
+        if self.unknown and (self.kind == "prior" or self.is_near):
             return f"Unknown: {self.reasons[0]}"
         if self.error_rate is None:
             ranked = sorted(self.probabilities.items(), key=lambda item: -item[1])

@@ -76,7 +76,7 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
     far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
     far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
-    certainty = (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
+    certainty = sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
     chosen = choice_blocks(diagnosis.choice)
@@ -116,6 +116,8 @@ def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
 def _verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     """The verdict in a few words, and its color."""
     assert diagnosis.label is not None
+    if diagnosis.is_near:
+        return "Unknown: like a fault that was never trained", "unsure"
     if diagnosis.unknown:
         return "Unknown: unlike every recording of the training", "unsure"
     if len(diagnosis.prediction_set) > 1:
@@ -129,7 +131,9 @@ def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
     """The verdict in a sentence, and how the spectrum differs from healthy ones."""
     if diagnosis.unknown:
         return (
-            "It names no class: the recording does not resemble those trained.",
+            diagnosis.reasons[0]
+            if diagnosis.is_near
+            else "It names no class: the recording does not resemble those trained.",
             *spectrum_sentences(diagnosis.spectrum),
         )
     name = words(diagnosis.label or "")

@@ -123,7 +123,7 @@ def run_paper(
     if size not in plans.SIZES[PAPER]:
         raise InputError(f"no size {size!r}; there are {', '.join(plans.SIZES[PAPER])}.")
     if (folder := work.out) is None:
-        raise InputError("the paper needs a folder, which the fleets are built into.")
+        raise InputError("the paper needs a folder (--out), which the fleets are built into.")
     chosen: PlanSettings = read_settings(PlanSettings, settings or {}, "the paper")
     rig, recordings = "small" if size == "quick" else "paper", None if source is None else load_recordings(source)
 

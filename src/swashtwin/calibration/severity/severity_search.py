@@ -148,7 +148,8 @@ def _of_recording(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
-    """Severity under the stated law; where a recess is deeper than films reach, also with slippers that lift off."""
+    """Severity under the stated law; where a recess is deeper than films reach, also with slippers that lift off, but
+    where the calibration found a law of its own."""
     shared = _under_one_law(calibration, recording, space, healthy, settings)
     fault = space.reference
     if not isinstance(fault, SwashPlateDefect) or fault.contact != "shared" or calibration.law is not None:

@@ -68,7 +68,7 @@ class MisfitHypothesis:
     before: float
     """The same as it is."""
     start: Float[np.ndarray, " unknown"] | None = None
-    """Coordinates of the same search that it leads to; None where it is about something that is not searched."""
+    """Coordinates of the same search that it leads to; None where it leads to no other place."""
 
     @property
     def words(self) -> str:

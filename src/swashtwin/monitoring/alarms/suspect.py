@@ -10,6 +10,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import time
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -36,6 +37,8 @@ _KEPT = 128
 """Adapted priors that are kept; one takes 0.2 MB."""
 _PATIENCE = 120.0
 """Time [s] that adapting a prior may take."""
+_RETRY = 3600.0
+"""Time [s] after which adapting is tried again where it failed."""
 _COMMAND = "from swashtwin.monitoring.alarms.suspect import serve; serve()"
 _log = logging.getLogger("swashtwin.watch")
 
@@ -125,6 +128,7 @@ class Suspects:
 
     def __init__(self) -> None:
         self._adapted: OrderedDict[str, PriorClassifier | str] = OrderedDict()
+        self._failed: dict[str, float] = {}
 
     def name(self, machine: Machine, point: OperatingPoint, baseline: "PointBaseline", recording: Recording) -> Suspect:
         """The suspect of a recording that moved far from a complete baseline.
@@ -145,6 +149,8 @@ class Suspects:
         if baseline.pistons != machine.piston_count or not len(rows):
             return _none(_unmeasured(recording, machine.piston_count))
         healthy = HealthyOrders(machine, recording.channels, recording.unit, point, rows)
+        if time.monotonic() - self._failed.get(healthy.key, math.inf) > _RETRY:
+            del self._failed[healthy.key], self._adapted[healthy.key]
         prior = self._adapted.get(healthy.key)
         if prior is None:
             raise UnadaptedError(healthy)
@@ -169,12 +175,14 @@ class Suspects:
                 },
             )
             answer = pickle.loads(process.stdout)
-        except (OSError, subprocess.SubprocessError, pickle.UnpicklingError, EOFError) as cause:
-            _log.warning("the prior of %s was not adapted: %s", healthy.machine.name, cause)
-            answer = f"its prior could not be adapted ({type(cause).__name__}); see the log."
+        except Exception as cause:  # a suspect is no reason to lose a judgment
+            said = getattr(cause, "stderr", None) or b""
+            _log.warning("the prior of %s was not adapted: %s %s", healthy.machine.name, cause, said[-2000:].decode())
+            answer = f"its prior could not be adapted ({type(cause).__name__}); the watch's log says more."
+            self._failed[healthy.key] = time.monotonic()
         self._adapted[healthy.key] = answer
         while len(self._adapted) > _KEPT:
-            self._adapted.popitem(last=False)
+            self._failed.pop(self._adapted.popitem(last=False)[0], None)
 
 
 def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:

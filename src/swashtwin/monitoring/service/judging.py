@@ -297,7 +297,7 @@ class RejectedFiles:
         folder.mkdir(parents=True, exist_ok=True)
 
     def keep(self, file: SpoolFile) -> str | None:
-        """Name of a copy of a file in the spool; None where the disk has no space for it."""
+        """Name of a copy of a file in the spool; None where there is no space for it."""
         path = self._folder / f"{file.key}-{safe_name(file.delivery.file)}"
         try:
             if not path.exists():
@@ -309,11 +309,11 @@ class RejectedFiles:
             return None
         size = 0
         for number, old in enumerate(sorted(self._folder.iterdir(), reverse=True), 1):  # the newest first
-            size += old.stat().st_size
-            if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
-                with suppress(OSError):
+            with suppress(OSError):
+                size += old.stat().st_size
+                if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
                     old.unlink()
-        return path.name
+        return path.name if path.exists() else None
 
 
 def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:

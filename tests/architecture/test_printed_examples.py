@@ -12,7 +12,6 @@ import swashtwin
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
 from swashtwin.recordings.formats.registry import _registered
-from swashtwin_bench import FILLERS
 
 pytestmark = pytest.mark.nightly
 
@@ -30,7 +29,6 @@ def _own_registries(monkeypatch: pytest.MonkeyPatch) -> None:
         (NETWORKS, "small_cnn"),
         (_faults, "cracked_plate"),
         (_registered, ".counts"),
-        (FILLERS, "reversed"),
     )
     for registry, name in names:
         monkeypatch.setitem(registry, name, None)

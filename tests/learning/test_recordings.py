@@ -51,7 +51,7 @@ def test_windows_are_put_together_to_the_recording_they_were_cut_from(stride: in
     (stretch,) = joined(windows, recording_rows(windows)[0])
     np.testing.assert_array_equal(stretch, whole[:, : stretch.shape[1]].astype(np.float32))
     first, second = joined(
-        windows.subset(windows.start != 2000) if stride == 1000 else windows.subset([0, 5]),
+        windows.subset(windows.start != 2000) if stride == 1000 else windows.subset(np.array([0, 5])),
         np.r_[0, 1] if stride == 400 else np.arange(4),
     )
     assert first.shape[1] + second.shape[1] == (4000 if stride == 1000 else 2000)
@@ -62,7 +62,7 @@ def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None
     of_point = {5e6: np.zeros(shape), 15e6: draw.normal(size=shape)}
     of_machine = {name: draw.normal(size=shape) for name in "ABC"}
     keys = [(name, pressure, number) for name in "ABC" for pressure in of_point for number in (1, 2)]
-    levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys])
+    levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys]).astype(np.float32)
     condition = np.array([(90.0, pressure) for _, pressure, _ in keys])
     specimen, ids = tuple(key[0] for key in keys), tuple(map(str, keys))
     healthy = RecordingTable(levels, specimen, condition, ids)

@@ -64,6 +64,7 @@ RECORDINGS = st.builds(
 )
 
 
+@pytest.mark.filterwarnings("ignore:Do not use the `random` module")  # the checker of types draws what it looks at
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(recording=RECORDINGS, suffix=st.sampled_from(["h5", "mat"]))
 def test_an_index_gives_back_whatever_was_written(recording: Recording, suffix: str, tmp_path: Path) -> None:

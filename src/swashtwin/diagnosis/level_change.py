@@ -77,4 +77,4 @@ def _overlap(first: Level, second: Level, shaft: float | None) -> bool:
     if (first.order is None) is (second.order is None):
         return False
     edges = first.edges(shaft), second.edges(shaft)
-    return edges[0][0] < edges[1][1] and edges[1][0] < edges[0][1]
+    return bool(edges[0][0] < edges[1][1] and edges[1][0] < edges[0][1])

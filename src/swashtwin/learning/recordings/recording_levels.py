@@ -127,7 +127,7 @@ class RecordingLevels:
             edges = bands[:-1], bands[1:]
         return np.maximum(between(sums, *edges), 1e-12)
 
-    def shapes(self, levels: Float[np.ndarray, "row channel level"]) -> Float[np.ndarray, "row channel level"]:
+    def shapes(self, levels: Float[np.ndarray, "*row channel level"]) -> Float[np.ndarray, "*row channel level"]:
         """Levels less the mean of each channel's third octaves where they rise with its gain."""
         shaped = levels.copy()
         shaped[..., : self.n_scaled] -= levels[..., :_THIRDS].mean(axis=-1, keepdims=True)

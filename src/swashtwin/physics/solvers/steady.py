@@ -18,11 +18,11 @@ class SteadySolver(Protocol):
     def steady_state(
         self,
         mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*batch 13 13"],
-        stiffness: Float[Tensor, "*batch 13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
         frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*batch line 13"],
-    ) -> Complex[Tensor, "*batch line 13"]:
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
         """Displacement lines [m, rad] under `force` lines [N, N m] at angular frequencies `frequency` [rad/s]."""
         ...
 
@@ -34,11 +34,11 @@ class HarmonicBalance:
     def steady_state(
         self,
         mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*batch 13 13"],
-        stiffness: Float[Tensor, "*batch 13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
         frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*batch line 13"],
-    ) -> Complex[Tensor, "*batch line 13"]:
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
         """Displacement lines; see `SteadySolver`."""
         return receptance(mass, damping, stiffness, 1j * frequency, force)
 
@@ -57,11 +57,11 @@ class RK4:
     def steady_state(
         self,
         mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*batch 13 13"],
-        stiffness: Float[Tensor, "*batch 13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
         frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*batch line 13"],
-    ) -> Complex[Tensor, "*batch line 13"]:
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
         """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability limit."""
         state = state_matrix(mass.detach(), damping.detach(), stiffness.detach())
         if self.step is None:

@@ -1,0 +1,103 @@
+"""The explorer in a real Chromium: first picture of a folder, moving a long recording, and from drag to picture.
+
+    python benchmarks/explorer.py
+
+A virtual rig of 270 recordings is served. First picture: from the address to the table's rows. Moving: frames a second
+over a minute at 50 kHz. Sliders: time from a drag to its picture, 50th and 95th percentile. One line of JSON each, with
+the machine's load beside, on which all depend. Needs playwright and /usr/bin/chromium.
+"""
+
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+from swashtwin.explorer import Workspace, build_explorer
+from swashtwin.monitoring import serving_page
+from swashtwin.recordings import Recording, write_recording
+from swashtwin_bench import build_rig
+
+PORT = 18765
+RECESS = {"depth": 6e-4, "length": 0.03, "width": 0.024, "angle": 4.71, "corner": 0, "fall": 2, "gain": 1, "leakage": 1}
+SLIDERS: list[tuple[str, str, dict[str, float]]] = [
+    ("", "K_v: block", {}), ("", "Discharge pressure", {}), ("swash_plate", "Fault: depth", RECESS),
+    ("piston", "Fault: clearance", {"clearance": 4e-5}), ("loose_slipper", "Fault: clearance", {"clearance": 1e-4}),
+]  # fmt: skip
+PAN = """async () => {
+  const chart = document.querySelector("section[aria-label=wave]").chart;
+  const begin = performance.now(), frames = chart.frames;
+  while (performance.now() - begin < 2000) {
+    const start = 10 + (performance.now() - begin) / 200;
+    chart.show([start, start + 4]);
+    await new Promise((done) => requestAnimationFrame(done));
+  }
+  return (chart.frames - frames) / 2;
+}"""
+
+
+def told(**figures: object) -> None:
+    """Print figures as a line of JSON."""
+    print(json.dumps({**figures, "load": round(os.getloadavg()[0], 1)}), flush=True)
+
+
+def first_picture(page: Page) -> None:
+    """Time until the table stands, of an explorer that has opened nothing yet."""
+    begun = time.perf_counter()
+    page.goto(f"http://127.0.0.1:{PORT}/#recordings")
+    page.locator("table.recordings tbody tr >> nth=8").wait_for()
+    told(figure="first picture", seconds=round(time.perf_counter() - begun, 2))
+
+
+def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> None:
+    """Times from a drag to its picture."""
+    name = "B/B_swash_plate_15MPa_1.h5" if fault == "swash_plate" else "A/A_normal_15MPa_1.h5"
+    setting = {"fault": fault, "recording": name, **({"dimensions": dimensions} if dimensions else {})}
+    page.goto("about:blank")
+    page.goto(f"http://127.0.0.1:{PORT}/#twin?setting={quote(json.dumps(setting))}")
+    page.locator("text=Misfit by line").wait_for()
+    page.wait_for_timeout(1500)
+    knob = page.get_by_label(label).first
+    knob.scroll_into_view_if_needed()
+    box = knob.bounding_box()
+    assert box is not None
+    height = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.3 * box["width"], height)
+    page.mouse.down()
+    for step in range(100):
+        page.mouse.move(box["x"] + box["width"] * (0.5 + 0.35 * np.sin(step / 8)), height)
+        page.wait_for_timeout(50)
+    page.mouse.up()
+    page.wait_for_timeout(500)
+    delays = page.evaluate("document.getElementById('twin-lines').delays.splice(0)")
+    half, most = np.quantile(delays, [0.5, 0.95]).round().tolist()
+    told(figure=f"{fault or 'healthy'}, {label}", pictures=len(delays), median_ms=half, p95_ms=most)
+
+
+def main(folder: Path) -> None:
+    """Serve, open, move and drag."""
+    index = build_rig(folder / "rig", seed=0, size="small", jobs=2)
+    long = Recording(np.random.default_rng(0).normal(size=(1, 3_000_000)), 50_000.0, "long", label="normal")
+    with sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
+        page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(120_000)
+        with serving_page(build_explorer(Workspace(index)), "127.0.0.1", PORT):
+            first_picture(page)
+            page.locator("text=still being read").wait_for(state="hidden")
+            for each in SLIDERS:
+                slider(page, *each)
+        with serving_page(build_explorer(Workspace(write_recording(long, folder / "long.h5"))), "127.0.0.1", PORT):
+            page.goto(f"http://127.0.0.1:{PORT}/#recording?name=long")
+            page.locator("canvas[aria-label^='Waterfall']").wait_for()
+            told(figure="moving a minute at 50 kHz", frames_per_second=page.evaluate(PAN))
+        chromium.close()
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as made:
+        main(Path(made))

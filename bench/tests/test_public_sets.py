@@ -166,6 +166,7 @@ def test_slow_sensors_of_the_hydraulic_set_are_held_and_fast_ones_are_as_measure
         assert recording.attributes[f"{name}_rate"] == f"{len(expected) // 60} Hz"
 
 
+@pytest.mark.nightly
 def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(tmp_path: Path) -> None:
     pressure = np.random.default_rng(0).normal(150, 1, (4, 6000)).round(2)
     np.savetxt(tmp_path / "PS1.txt", pressure, fmt="%.2f", delimiter="\t")

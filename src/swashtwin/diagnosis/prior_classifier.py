@@ -173,8 +173,7 @@ class PriorClassifier:
             raise DataError(
                 f"the recordings have the channels {', '.join(channels)}, and the prior of {self.pump} has no "
                 f"{missing[0]} but {', '.join(self.channels)}. Name yours so, as far as you have them (--channels and "
-                "--names, or channels of a [[machine]]), or make a prior of a pump file with your sensors (swashtwin "
-                "twin prior)."
+                "--names, or channels of a [[machine]]), or make a prior of your pump file (swashtwin twin prior)."
             )
         pumps, prior = np.ones(self.n_pumps, dtype=bool), self
         if pistons is not None:

@@ -85,13 +85,14 @@ def main(folder: Path) -> None:
     with sync_playwright() as driver:
         chromium = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
-        page.set_default_timeout(120_000)
+        page.set_default_timeout(60_000)
         with serving_page(build_explorer(Workspace(index)), "127.0.0.1", PORT):
             first_picture(page)
             page.locator("text=still being read").wait_for(state="hidden")
             for each in SLIDERS:
                 slider(page, *each)
         with serving_page(build_explorer(Workspace(write_recording(long, folder / "long.h5"))), "127.0.0.1", PORT):
+            page.goto("about:blank")
             page.goto(f"http://127.0.0.1:{PORT}/#recording?name=long")
             page.locator("canvas[aria-label^='Waterfall']").wait_for()
             told(figure="moving a minute at 50 kHz", frames_per_second=page.evaluate(PAN))

@@ -308,3 +308,6 @@ def test_a_prior_without_a_use_is_refused_or_said() -> None:
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
     assert few.fit(everything).resemblance_ is None
+    without = few.fit(heard())
+    assert without.resemblance_ is None
+    assert any("pump prior was left out" in note for note in without.notes_)

@@ -182,8 +182,8 @@ def _start(
         chosen = recordings = recordings.where(speed=parse(speed, "rad/s", name="--speed"))
     if pressures:
         limits = [parse(text, "Pa", name="--pressure") for text in pressures]
-        found = {item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)}
-        chosen = list(found.values())
+        by_id = {item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)}
+        chosen = list(by_id.values())
     return pump, chosen
 
 

@@ -30,7 +30,7 @@ from swashtwin.diagnosis.diagnosing import diagnose, make_known, recording_proba
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
 from swashtwin.diagnosis.reasons import few_machines
-from swashtwin.diagnosis.resemblance import find_resemblance
+from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
 from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
@@ -227,6 +227,8 @@ class FaultClassifier(Estimator):
             )
         if validation is not None:
             fitted = learning.learn_confidence(fitted, validation.with_classes(training.classes), error_rate=rate)
+        if resemblance is not None and fitted.confidence is None:
+            resemblance, of_prior = None, NO_CONFIDENCE
         self.fitted_ = replace(fitted, fault_of=dict(self.fault_of or {}))
         self.resemblance_ = resemblance
         self.n_windows_, self.n_synthetic_ = len(training), int(training.synthetic.sum())

@@ -18,6 +18,10 @@ from swashtwin.recordings import Recording
 
 LEAST = 9
 """Training recordings that a rate is taken from, at least."""
+NO_CONFIDENCE = (
+    "The pump prior was left out: it is asked at the error rate of a confidence, and this training has none; leave out "
+    "--network, or hold recordings back (--validation-fraction 0.2)."
+)
 
 
 @dataclass(frozen=True, eq=False)

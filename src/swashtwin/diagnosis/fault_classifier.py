@@ -34,12 +34,7 @@ from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
 from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import (
-    RECOMMENDED_TRAINING,
-    FittedClassifier,
-    WindowSet,
-    require_verdicts,
-)
+from swashtwin.learning import RECOMMENDED_TRAINING, FittedClassifier, WindowSet, require_verdicts
 from swashtwin.recordings import Manifest, Recording, join_manifests
 
 Progress = Callable[[str, int, int], None]

@@ -138,13 +138,15 @@ def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> Non
                 assert medium.models[name].network.get("stride") == (plans.PATCH if patched else None)
 
 
-def test_every_fault_is_unknown_at_the_unseen_pressure_and_normals_are_not(recordings: list[Recording]) -> None:
-    scenario = replace(small("unseen-pressure").scenario, scarce_windows=0)
+def test_the_fair_test_calibrates_each_pump_on_healthy_recordings_and_its_recess(recordings: list[Recording]) -> None:
+    plan = small("fair-test")
+    scenario = replace(plan.scenario, scarce_windows=0, **plan.variants["never measured"])
     counts = prepare(recordings, scenario, 0, ()).measured.counts()
     assert counts["normal", 15e6] > 0
     assert [counts[label, 15e6] for label in scenario.scarce] == [0, 0, 0, 0]
     assert all(counts[label, 10e6] > 0 for label in scenario.scarce)
-    assert [task.label for task in calibration_tasks(recordings, scenario, 0)] == ["normal"] * 2
+    tasks = calibration_tasks(recordings, scenario, 0)
+    assert [(task.label, task.law is None) for task in tasks] == [("normal", False)] * 2
 
 
 def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:

@@ -116,13 +116,10 @@ class StudyDataset:
 
     def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""
-        return [self.calibrations[key] for key in self._calibrations_of(label)]
-
-    def _calibrations_of(self, label: str) -> list[tuple[str, str]]:
-        source_label = label if self.scenario.calibrated_on == "fault" and label in self.scenario.scarce else None
-        if source_label is None:
-            source_label = self.scenario.scarce[0] if self.scenario.calibrated_on == "fault" else "normal"
-        return [key for key in sorted(self.calibrations) if key[1] == source_label]
+        scarce = self.scenario.scarce
+        source = label if label in scarce else scarce[0]
+        source = "normal" if self.scenario.calibrated_on == "law" else source
+        return [self.calibrations[key] for key in sorted(self.calibrations) if key[1] == source]
 
 
 def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
@@ -130,16 +127,13 @@ def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed:
     split = split_scenario(recordings, scenario, seed)
     lender_ids = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
     trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
-    labels = scenario.scarce if scenario.calibrated_on == "fault" else ("normal",)
+    has_law = scenario.calibrated_on == "law"
     tasks = []
-    for label in labels:
-        of_label = [
-            r for r in trained_on if r.label == label or (scenario.calibrated_on == "law" and r.label == RECESS)
-        ]
+    for label in ("normal",) if has_law else scenario.scarce:
+        of_label = [r for r in trained_on if r.label == label or (has_law and r.label == RECESS)]
         for specimen in sorted({str(r.specimen) for r in of_label}):
-            tasks.append(
-                _calibration_task(specimen, label, [r for r in of_label if r.specimen == specimen], scenario, seed)
-            )
+            own = [r for r in of_label if r.specimen == specimen]
+            tasks.append(_calibration_task(specimen, label, own, scenario, seed))
     return tasks
 
 
@@ -158,19 +152,17 @@ def prepare(
     calibrations : the tasks of `calibration_tasks`, each with its result.
     noisy_tests : keep the recordings of the tests, for noise to be added.
     """
-    finished = list(calibrations)
     split = split_scenario(recordings, scenario, seed)
     lenders = [_lenders(recordings, ids, scenario) for ids in split.scarce.values()]
     by_id = {recording.recording_id: recording for recording in recordings}
+    by_task = {(task.specimen, task.label): calibration for task, calibration in calibrations}
 
     train = [by_id[name] for name in sorted(split.train)]
     measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
     if scenario.class_windows is not None:
         measured = _counted(measured, scenario)
     for ids in lenders:
-        measured = measured + _scarce_windows(
-            [recording for recording in recordings if recording.recording_id in ids], scenario, measured
-        )
+        measured = measured + _scarce_windows([r for r in recordings if r.recording_id in ids], scenario, measured)
     tests = {level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured) for level, ids in split.tests.items()}
     if RANDOM_WINDOWS in tests:
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
@@ -179,11 +171,13 @@ def prepare(
         scenario=scenario,
         measured=measured,
         tests=tests,
-        test_recordings={level: _recordings_of(windows, by_id) for level, windows in tests.items()}
-        if noisy_tests
-        else {},
-        calibrations={(task.specimen, task.label): calibration for task, calibration in finished},
-        calibrated_on=tuple(sorted({name for _, calibration in finished for name in calibration.recording_ids})),
+        test_recordings={
+            level: tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
+            for level, windows in tests.items()
+            if noisy_tests
+        },
+        calibrations=by_task,
+        calibrated_on=tuple(sorted({name for calibration in by_task.values() for name in calibration.recording_ids})),
         split=split,
     )
 
@@ -209,11 +203,6 @@ def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[Windo
         dealt = rng.permutation(cell)
         in_training[dealt] = np.arange(len(dealt)) < np.count_nonzero(in_training[cell])
     return pool.subset(in_training), pool.subset(~in_training)
-
-
-def _recordings_of(windows: WindowSet, by_id: Mapping[str, Recording]) -> tuple[Recording, ...]:
-    """Recordings that the windows are of, by id."""
-    return tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
 
 
 def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
@@ -303,8 +292,9 @@ def _calibration_task(
     stated = [recording.condition for recording in recordings if recording.condition is not None]
     conditions = [stated[group[-1]] for group in group_by_condition(stated)]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
-    law = scenario.faults[RECESS][0] if scenario.calibrated_on == "law" else None
-    if label == "normal":
+    law = None
+    if scenario.calibrated_on == "law":
+        law = scenario.faults[RECESS][0]
         twins = tuple(Twin(pump, condition) for condition in conditions)
     else:
         nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))

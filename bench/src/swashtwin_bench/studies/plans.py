@@ -234,34 +234,6 @@ def augmentation(size: str) -> Plan:
     )  # fmt: skip
 
 
-def unseen_pressure(size: str) -> Plan:
-    """No fault was ever measured at the test's pressure; healthy pumps were."""
-    scenario = replace(
-        SCENARIOS[OURS, size],
-        scarce=("swash_plate", "cylinder_block", "piston", "valve_plate"),
-        scarce_windows=0,
-        levels=("L3", "L4"),
-        method=GaussNewton(starts=1),
-        nuisances=Nuisances.housing(),
-        calibrated_on="normal",
-    )
-    return _like_case_one(
-        size, OURS, "unseen-pressure", "Unseen pressure: every fault known at other pressures only",
-        scenario=scenario,
-        training_sets={
-            **PAPER_TRAINING_SETS,
-            "posterior": TrainingSet("posterior"),
-            "every_class": TWIN_TRAINING_SETS["every_class"],
-        },
-        notes=(
-            "Twins are calibrated on healthy training recordings of every pressure, by Gauss-Newton with the housing's "
-            "constants, and simulate the faults as machined: on the rig, as it typically draws them.",
-            "Measured normals of the pressure are trained on. Where only faults are synthetic, a classifier can take "
-            "'synthetic' for 'faulty'; in the row every class, normals are synthetic too.",
-        ),
-    )  # fmt: skip
-
-
 def fair_test(size: str) -> Plan:
     """The fair test, as docs/bench/fair-test.md fixed it before it was run."""
     scenario = Scenario(
@@ -325,7 +297,6 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
     {
         **{name: _by(plan, OURS) for name, plan in _OF_BOTH.items()},
         "augmentation": augmentation,
-        "unseen-pressure": unseen_pressure,
         "fair-test": fair_test,
         **{f"{PAPER_STUDY}{name}": _by(plan, PAPER) for name, plan in _OF_BOTH.items()},
         f"{PAPER_STUDY}recess": recess,

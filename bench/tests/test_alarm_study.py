@@ -8,8 +8,7 @@ import pytest
 from swashtwin.foundation import MPa
 from swashtwin_bench import Work
 from swashtwin_bench.questions.alarms import AlarmStudySettings, alarms
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course
-from swashtwin_bench.rigs.trending import TRENDS
+from swashtwin_bench.rigs.courses import TRENDS, PlantCourse, plant_course
 
 TINY = AlarmStudySettings(pumps=1, healthy=10, worn=16, onset=8, severity=3.0, duration=0.7, learning=5)
 

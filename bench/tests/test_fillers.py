@@ -11,18 +11,19 @@ from hypothesis import strategies as st
 from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
 from swashtwin.learning import WindowSet
 from swashtwin_bench import FILLERS
-from swashtwin_bench.fillers.cvae import CVAE
 from swashtwin_bench.fillers.duplicates import Duplicate
 from swashtwin_bench.fillers.filler import Filler, in_cell, sources_of
+from swashtwin_bench.fillers.generative import CVAE, WGANGP
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE, NoNeighborsError
-from swashtwin_bench.fillers.log_spectra import SpectralForm, log_amplitude, with_amplitude
-from swashtwin_bench.fillers.periodic_extension import (
+from swashtwin_bench.fillers.spectra import (
+    SpectralForm,
     close_period,
     cut_extensions,
     extension_length,
+    log_amplitude,
     periodic_extensions,
+    with_amplitude,
 )
-from swashtwin_bench.fillers.wgan_gp import WGANGP
 
 CLASSES = ("normal", "piston")
 PERIOD = 256

@@ -9,9 +9,8 @@ import pytest
 from swashtwin.foundation import InputError, MPa, rpm
 from swashtwin.pump import CLASSES, OperatingCondition, Pump
 from swashtwin_bench import rig_recordings
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course, trends_of
 from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.trending import trends_of
 from swashtwin_bench.rigs.version_three.fleet import LABELS, PATHS, Damage, draw_specimen
 from swashtwin_bench.rigs.version_three.machine import oil_of
 from swashtwin_bench.rigs.version_three.measuring import forces_of, measure, sounds_of

@@ -13,9 +13,9 @@ from swashtwin.pump import BoreDefect, GrooveErosion, SwashPlateDefect
 from swashtwin_bench import StudyTable, Work, write_study_report
 from swashtwin_bench.questions import severity as study
 from swashtwin_bench.questions.severity import SeverityStudySettings, _Case, _values
-from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
+from swashtwin_bench.rigs.courses import TRENDS, trend_recordings
 
-CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1e-6, "µm", 1.0)
+CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1.0)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -30,7 +30,7 @@ def _short_recordings() -> Iterator[None]:
 @pytest.fixture
 def severity(monkeypatch: pytest.MonkeyPatch) -> StudyTable:
     """The study of a single pump and fault."""
-    for module in ("questions.severity", "rigs.trending"):
+    for module in ("questions.severity", "rigs.courses"):
         monkeypatch.setattr(f"swashtwin_bench.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
     monkeypatch.setattr("swashtwin_bench.questions.severity.PUMPS", ("A",))
     return study.severity(Work((7,)), SeverityStudySettings((1.0,)))

@@ -9,8 +9,7 @@ from commandline import run_json
 import swashtwin_bench.questions.wrong_twin_study as study
 from swashtwin.foundation import InputError
 from swashtwin.pump import Pump
-from swashtwin_bench.questions.twin_matrix import RIGHT, matrix_cases
-from swashtwin_bench.questions.wrong_twins import with_mount
+from swashtwin_bench.questions.twin_matrix import RIGHT, matrix_cases, with_mount
 from swashtwin_bench.results.table import Trial
 from swashtwin_bench.rigs.writing import RigSize
 

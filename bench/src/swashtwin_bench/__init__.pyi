@@ -10,7 +10,7 @@ from .paper.experiments import EXPERIMENTS as EXPERIMENTS
 from .paper.experiments import paper_answer as paper_answer
 from .paper.experiments import run_paper as run_paper
 from .paper.experiments import write_paper_page as write_paper_page
-from .public.readers.registry import read_public_set as read_public_set
+from .public.sets import read_public_set as read_public_set
 from .results.page import write_study_report as write_study_report
 from .results.result import StudyResult as StudyResult
 from .results.runs import Work as Work

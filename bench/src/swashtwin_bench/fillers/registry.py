@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from swashtwin_bench.fillers.cvae import CVAE
 from swashtwin_bench.fillers.duplicates import Duplicate, NoisyDuplicate
 from swashtwin_bench.fillers.filler import Filler
+from swashtwin_bench.fillers.generative import CVAE, WGANGP
 from swashtwin_bench.fillers.interpolation import ADASYN, SMOTE
-from swashtwin_bench.fillers.wgan_gp import WGANGP
 
 FILLERS: Mapping[str, Filler] = MappingProxyType(
     {

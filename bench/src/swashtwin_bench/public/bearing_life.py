@@ -16,7 +16,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import level_layout
 from swashtwin.monitoring import PointMonitor
 from swashtwin.recordings import Recording
-from swashtwin_bench.public.readers.bearing_run_to_failure import read_bearing_run_to_failure
+from swashtwin_bench.public.readers.named_files import read_bearing_run_to_failure
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial
 

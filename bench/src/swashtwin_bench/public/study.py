@@ -21,8 +21,7 @@ from swashtwin.learning import (
     unseen_recordings,
 )
 from swashtwin.recordings import Recording, usual_window
-from swashtwin_bench.public.readers.registry import read_public_set
-from swashtwin_bench.public.sets import SPLITS, Fold, Split
+from swashtwin_bench.public.sets import SPLITS, Fold, Split, read_public_set
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial
 from swashtwin_bench.rivals.baselines import ON_FEATURES

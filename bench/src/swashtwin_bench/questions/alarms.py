@@ -12,8 +12,7 @@ from scipy.stats import binomtest
 from swashtwin.monitoring import PointMonitor
 from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.courses import PlantCourse, plant_course
-from swashtwin_bench.rigs.trending import TRENDS
+from swashtwin_bench.rigs.courses import TRENDS, PlantCourse, plant_course
 from swashtwin_bench.rigs.writing import RIG_VERSION
 
 HEALTHY = "healthy"

@@ -7,7 +7,7 @@ follow oil and pressure). Two rows are no twins but the rig's own lines without 
 is tested on, which nothing can beat, and of another recording of the pump, which is all that can be known without it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -16,8 +16,8 @@ import numpy as np
 from swashtwin.calibration import (
     IPINN,
     Agreement,
-    Calibration,
     Calibrator,
+    Estimate,
     GaussNewton,
     Nuisances,
     agreement,
@@ -29,7 +29,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.foundation import InputError, MPa, mm
 from swashtwin.physics import Twin
-from swashtwin.pump import PARAMETERS, SwashPlateDefect, load_pump
+from swashtwin.pump import SwashPlateDefect, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
@@ -57,6 +57,8 @@ CONTENDERS: dict[str, Contender] = {
     "ipinn": Contender(IPINN()),
 }
 """Ways to calibrate by name; ``calibrated`` is the one to use, ``ipinn`` the paper's."""
+
+_ERRORS = ("rmse", "pe", "sve")
 
 FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
 """What the twin of each class simulates: the recess as it was machined."""
@@ -119,24 +121,36 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
     settings : what is calibrated on what.
     """
     pumps = [pump for seed in work.seeds for pump in _fleet(seed, settings, work.jobs)]
-    cases_by_pump = work.each("pumps", _of_pump, [(pump, settings) for pump in pumps])
-    names = [case.trial.factors["twin"] for case in cases_by_pump[0]]
-    cases = [
-        next(case for case in pump_cases if case.trial.factors["twin"] == name)
-        for name in names
-        for pump_cases in cases_by_pump
-    ]
+    by_pump = work.each("pumps", _of_pump, [(pump, settings) for pump in pumps])
+    names = [trial.factors["twin"] for trial in by_pump[0][0]]
+    trials = [trial for trials, _ in by_pump for trial in trials]
     table = StudyTable(
         study="calibration",
         title="How near do calibrated twins come, and do their intervals hold the truth?",
         metrics=METRICS,
-        trials=tuple(case.trial for case in cases),
+        trials=tuple(sorted(trials, key=lambda trial: names.index(trial.factors["twin"]))),
         answer=(),
-        settings={**asdict(settings), "contenders": {name: _describe_contender(name) for name in settings.contenders}},
+        settings={
+            **asdict(settings),
+            "contenders": {
+                name: {
+                    "method": type(CONTENDERS[name].method).__name__,
+                    "nuisances": asdict(CONTENDERS[name].nuisances),
+                    "phases": CONTENDERS[name].phases,
+                }
+                for name in settings.contenders
+            },
+        },
         origin=origin_of([pumps[0].held_out[0]]),
-        details={"intervals": _intervals(cases)},
+        notes=(
+            f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump.",
+            "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
+            "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
+            "rows of the rig's truth say how much no twin can explain.",
+        ),
+        details={"intervals": _intervals(settings.contenders, [row for _, rows in by_pump for row in rows])},
     )
-    return replace(table, answer=_answer(table, names), notes=_notes(settings))
+    return replace(table, answer=_answer(table, names))
 
 
 def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
@@ -148,20 +162,14 @@ def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pu
     return [_Pump(seed, name, train, held_out) for name, (*train, held_out) in of_pump.items()]
 
 
-@dataclass(frozen=True, eq=False)
-class _Case:
-    """One pump and one twin."""
-
-    trial: Trial
-    intervals: tuple[dict[str, Any], ...] = ()
-
-
-def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
-    train = [recording for recording, _ in pump.train]
+def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> tuple[list[Trial], list[dict[str, Any]]]:
+    """(A trial for each twin of a pump, a row for each value of each calibration.)"""
+    train, held_out = [recording for recording, _ in pump.train], pump.held_out[0]
     assert train[0].condition is not None
     nominal = Twin(load_pump("25scy14-1b"), train[0].condition, FAULTS[settings.label])
     truth = np.mean([np.log(true_values(run)) for _, run in pump.train], axis=0)
-    cases = [_case(pump, "nominal", nominal, {})]
+    trials = [Trial({"twin": "nominal"}, pump.seed, errors_on(held_out, nominal))]
+    rows: list[dict[str, Any]] = []
     for name in settings.contenders:
         contender = CONTENDERS[name]
         calibration = calibrate(
@@ -173,24 +181,25 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> list[_Case]:
             explain_misfit=False,
             seed=pump.seed,
         )
-        intervals = tuple(
-            _interval(pump, name, calibration, index, float(truth[index])) for index in range(len(PARAMETERS))
-        )
-        sure = [interval["held"] for interval in intervals if interval["verdict"] == "identified"]
+        own = [
+            _interval(pump, name, estimate, true) for estimate, true in zip(calibration.estimates, truth, strict=True)
+        ]
+        sure = [row["held"] for row in own if row["verdict"] == "identified"]
         values = {
+            **errors_on(held_out, calibration.twin),
             "wall_s": calibration.wall_s,
             "simulations": float(calibration.simulations),
             "identified": float(len(sure)),
+            "coverage": float(np.mean(sure)) if sure else float("nan"),
         }
-        values["coverage"] = float(np.mean(sure)) if sure else float("nan")
-        cases.append(replace(_case(pump, name, calibration.twin, values), intervals=intervals))
+        trials.append(Trial({"twin": name}, pump.seed, values))
+        rows += own
     for name, run in (("rig_truth_of_another_recording", pump.train[0][1]), ("rig_truth", pump.held_out[1])):
-        cases.append(_truth_case(pump, nominal, name, run))
-    return cases
+        trials.append(Trial({"twin": name}, pump.seed, _errors_of_truth(held_out, nominal, run)))
+    return trials, rows
 
 
-def _interval(pump: _Pump, method: str, calibration: Calibration, index: int, truth: float) -> dict[str, Any]:
-    estimate = calibration.estimates[index]
+def _interval(pump: _Pump, method: str, estimate: Estimate, truth: float) -> dict[str, Any]:
     low, high = estimate.interval
     return {
         "seed": pump.seed,
@@ -206,58 +215,41 @@ def _interval(pump: _Pump, method: str, calibration: Calibration, index: int, tr
     }
 
 
-def _case(pump: _Pump, name: str, twin: Twin, values: Mapping[str, float]) -> _Case:
-    return _Case(Trial({"twin": name}, pump.seed, {**errors_on(pump.held_out[0], twin), **values}))
-
-
 def errors_on(recording: Recording, twin: Twin) -> dict[str, float]:
     """RMSE, PE and SVE of a twin on a recording at its operating point."""
     (comparison,) = objective_of(twin, measure(twin, [recording])).comparisons
     return _errors(agreement(comparison.measurement, twin, comparison.amplitude_of(twin))[0])
 
 
-def _truth_case(pump: _Pump, nominal: Twin, name: str, run: Run) -> _Case:
-    """The rig's own lines without noise, in place of a twin's."""
-    measurement, lines = measure(nominal, [pump.held_out[0]]), sensor_lines(run)
+def _errors_of_truth(recording: Recording, nominal: Twin, run: Run) -> dict[str, float]:
+    """Those of the rig's own lines without noise, in place of a twin's."""
+    measurement, lines = measure(nominal, [recording]), sensor_lines(run)
     orders = np.arange(1, lines.shape[1] + 1)
     amplitude = np.abs(lines[:, measurement.orders - 1])
-    near = mean_agreement([agreement_of_lines(measurement, lines, orders, amplitude)[0]])
-    return _Case(Trial({"twin": name}, pump.seed, _errors(near)))
+    return _errors(mean_agreement([agreement_of_lines(measurement, lines, orders, amplitude)[0]]))
 
 
 def _errors(near: Agreement) -> dict[str, float]:
     return {"rmse": near.rmse, "pe": near.peak_error, "sve": near.spectrum_value_error}
 
 
-def _describe_contender(name: str) -> dict[str, Any]:
-    contender = CONTENDERS[name]
-    return {
-        "method": type(contender.method).__name__,
-        "nuisances": asdict(contender.nuisances),
-        "phases": contender.phases,
-    }
-
-
-def _intervals(cases: Sequence[_Case]) -> dict[str, Any]:
+def _intervals(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """For each way to calibrate: how often intervals held, of all pumps together, and every single one."""
     table: dict[str, Any] = {}
-    for name in dict.fromkeys(case.trial.factors["twin"] for case in cases):
-        rows = [row for case in cases if case.trial.factors["twin"] == name for row in case.intervals]
-        sure = [row for row in rows if row["verdict"] == "identified"]
-        if not rows:
-            continue
-        letters = list(dict.fromkeys(row["letter"] for row in rows))
+    for name in names:
+        own = [row for row in rows if row["twin"] == name]
+        sure = [row for row in own if row["verdict"] == "identified"]
+        by_letter: dict[str, list[bool]] = {}
+        for row in own:
+            by_letter.setdefault(row["letter"], []).append(row["verdict"] == "identified")
         table[name] = {
-            "values": len(rows),
+            "values": len(own),
             "identified": len(sure),
             "held_of_identified": _share([row["held"] for row in sure]),
             "beyond_three_of_identified": _share([abs(row["off"]) > 3 for row in sure]),
-            "held_of_all": _share([row["held"] for row in rows]),
-            "identified_by_letter": {
-                letter: _share([row["verdict"] == "identified" for row in rows if row["letter"] == letter])
-                for letter in letters
-            },
-            "single": rows,
+            "held_of_all": _share([row["held"] for row in own]),
+            "identified_by_letter": {letter: _share(hits) for letter, hits in by_letter.items()},
+            "single": own,
         }
     return table
 
@@ -267,30 +259,19 @@ def _share(hits: Sequence[bool]) -> float | None:
 
 
 def _answer(table: StudyTable, names: Sequence[str]) -> tuple[str, ...]:
-    means = {name: {metric: float(np.mean(table.values(metric, twin=name))) for metric in METRICS} for name in names}
-    nominal, floor = means["nominal"], means["rig_truth_of_another_recording"]
+    def over_nominal(name: str) -> str:
+        """Mean errors over those of the nominal twin."""
+        means = [[np.mean(table.values(metric, twin=twin)) for metric in _ERRORS] for twin in (name, "nominal")]
+        return ", ".join(f"{metric.upper()} {own / of:.2f}" for metric, own, of in zip(_ERRORS, *means, strict=True))
+
     sentences = []
     for name in names[1:-2]:
-        shares = ", ".join(f"{metric.upper()} {means[name][metric] / nominal[metric]:.2f}" for metric in _ERRORS)
-        sentences.append(f"{name} over nominal on recordings held out: {shares}.")
+        sentences.append(f"{name} over nominal on recordings held out: {over_nominal(name)}.")
         pooled = table.details["intervals"][name]
         if pooled["identified"]:
             sentences[-1] += (
                 f" {pooled['identified']} of {pooled['values']} values are called identified, and "
                 f"{pooled['held_of_identified']:.0%} of their intervals hold the truth."
             )
-    shares = ", ".join(f"{metric.upper()} {floor[metric] / nominal[metric]:.2f}" for metric in _ERRORS)
-    sentences.append(f"The rig's own truth of another recording of the same pump over nominal: {shares}.")
-    return tuple(sentences)
-
-
-_ERRORS = ("rmse", "pe", "sve")
-
-
-def _notes(settings: CalibrationStudySettings) -> tuple[str, ...]:
-    return (
-        f"Calibrated at {settings.pressure / 1e6:g} MPa on {settings.repeats - 1} recordings of each pump.",
-        "Coverage of identified: the share of 90 % intervals of values called identified that hold the truth.",
-        "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
-        "rows of the rig's truth say how much no twin can explain.",
-    )
+    floor = over_nominal("rig_truth_of_another_recording")
+    return (*sentences, f"The rig's own truth of another recording of the same pump over nominal: {floor}.")

@@ -8,22 +8,13 @@ from itertools import pairwise
 import numpy as np
 import scipy.stats
 
-from swashtwin.calibration import (
-    GaussNewton,
-    Nuisances,
-    Severity,
-    SeveritySettings,
-    calibrate,
-    estimate_severity,
-)
+from swashtwin.calibration import GaussNewton, Nuisances, SeveritySettings, calibrate, estimate_severity
 from swashtwin.foundation import mm
 from swashtwin.physics import Twin
-from swashtwin.pump import FAULT_KINDS, Fault, SwashPlateDefect, load_pump
-from swashtwin.recordings import Recording
+from swashtwin.pump import FAULT_KINDS, SwashPlateDefect, load_pump
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.trending import TRENDS, trend_recordings
+from swashtwin_bench.rigs.courses import TRENDS, trend_recordings
 
 METRICS = {
     "error": "median |ln(estimate / truth)|",
@@ -59,8 +50,6 @@ class _Case:
     verdict: str
     detected: bool
     limit: float | None
-    per_unit: float
-    unit: str
     wall_s: float
 
     @property
@@ -104,7 +93,7 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
             "The rig takes a pump apart before each recording, so films move by 12 % between points of a trend.",
             "Which piston or bore is damaged is not searched.",
         ),
-        details={"cases": [{**asdict(case), "detected": bool(case.detected)} for case in cases]},
+        details={"cases": [asdict(case) for case in cases]},
     )
 
 
@@ -123,64 +112,46 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
     )
     cases: list[_Case] = []
     for kind, typical in TRENDS.items():
-        trend_pairs = [pair for pair in pairs if type(pair[1].fault) is type(typical)] + [
-            pair for pair in pairs if pair[0] is healthy[-1]
-        ]
-        trend = estimate_severity(
-            calibration, [recording for recording, _ in trend_pairs], _start(kind), healthy=healthy[:-1]
-        )
-        for (recording, run), severity in zip(trend_pairs, trend.estimates, strict=True):
-            cases += _cases(kind, seed, recording, run, severity)
-    return cases
-
-
-def _start(kind: str) -> Fault:
-    fault = FAULT_KINDS[kind]
-    assert fault is not None
-    return replace(fault, length=START) if isinstance(fault, SwashPlateDefect) else fault
-
-
-def _cases(
-    kind: str,
-    seed: int,
-    recording: Recording,
-    run: Run,
-    severity: Severity,
-) -> list[_Case]:
-    cases = []
-    for index, estimate in enumerate(severity.dimensions):
-        if index and run.fault is None:
-            continue  # a healthy pump's recess has no length
-        cases.append(
-            _Case(
-                kind=kind,
-                dimension=estimate.dimension.name,
-                seed=seed,
-                specimen=str(recording.specimen),
-                recording_id=recording.recording_id,
-                truth=0.0 if run.fault is None else float(getattr(run.fault, estimate.dimension.name)),
-                estimate=estimate.value,
-                low=estimate.interval[0],
-                high=estimate.interval[1],
-                verdict=estimate.verdict,
-                detected=severity.evidence > severity.threshold,
-                limit=severity.detection_limit if index == 0 else None,
-                per_unit=estimate.dimension.per_unit,
-                unit=estimate.dimension.unit,
-                wall_s=severity.wall_s,
-            )
-        )
+        of_trend = [pair for pair in pairs if type(pair[1].fault) is type(typical)]
+        of_trend += [pair for pair in pairs if pair[0] is healthy[-1]]
+        start = FAULT_KINDS[kind]
+        assert start is not None
+        start = replace(start, length=START) if isinstance(start, SwashPlateDefect) else start
+        trend = estimate_severity(calibration, [recording for recording, _ in of_trend], start, healthy=healthy[:-1])
+        for (recording, run), severity in zip(of_trend, trend.estimates, strict=True):
+            cases += [
+                _Case(
+                    kind=kind,
+                    dimension=estimate.dimension.name,
+                    seed=seed,
+                    specimen=specimen,
+                    recording_id=recording.recording_id,
+                    truth=0.0 if run.fault is None else float(getattr(run.fault, estimate.dimension.name)),
+                    estimate=estimate.value,
+                    low=estimate.interval[0],
+                    high=estimate.interval[1],
+                    verdict=estimate.verdict,
+                    detected=bool(severity.evidence > severity.threshold),
+                    limit=severity.detection_limit if index == 0 else None,
+                    wall_s=severity.wall_s,
+                )
+                for index, estimate in enumerate(severity.dimensions)
+                if index == 0 or run.fault is not None  # a healthy pump's recess has no length
+            ]
     return cases
 
 
 def _trials(cases: Sequence[_Case], seeds: Sequence[int]) -> list[Trial]:
     keys = dict.fromkeys((case.kind, case.dimension) for case in cases)
-    trials = []
-    for kind, dimension in keys:
-        for seed in seeds:
-            matching = [case for case in cases if (case.kind, case.dimension, case.seed) == (kind, dimension, seed)]
-            trials.append(Trial({"fault": kind, "dimension": dimension}, seed, _values(matching)))
-    return trials
+    return [
+        Trial(
+            {"fault": kind, "dimension": dimension},
+            seed,
+            _values([case for case in cases if (case.kind, case.dimension, case.seed) == (kind, dimension, seed)]),
+        )
+        for kind, dimension in keys
+        for seed in seeds
+    ]
 
 
 def _values(cases: Sequence[_Case]) -> dict[str, float]:
@@ -223,17 +194,12 @@ def _along(faulty: Sequence[_Case]) -> dict[str, float]:
 def _answer(cases: Sequence[_Case]) -> list[str]:
     sentences = []
     for kind in dict.fromkeys(case.kind for case in cases):
-        matching = [case for case in cases if case.kind == kind and case.dimension == _severity_of(cases, kind)]
-        values = _values(matching)
+        dimension = next(case.dimension for case in cases if case.kind == kind)  # the first carries the severity
+        values = _values([case for case in cases if (case.kind, case.dimension) == (kind, dimension)])
         sentences.append(
-            f"{kind.replace('_', ' ')}: {_severity_of(cases, kind)} off by {math.expm1(values['error']):.0%} in the "
+            f"{kind.replace('_', ' ')}: {dimension} off by {math.expm1(values['error']):.0%} in the "
             f"median, {values['coverage']:.0%} of the 90 % intervals hold the truth, rank correlation along a trend "
             f"{values['rank']:.2f}, detected {values['detected']:.0%}, healthy taken for faulty "
             f"{values['false_alarms']:.0%}."
         )
     return sentences
-
-
-def _severity_of(cases: Sequence[_Case], kind: str) -> str:
-    """Name of the dimension that carries the severity of `kind`."""
-    return next(case.dimension for case in cases if case.kind == kind)

@@ -1,29 +1,20 @@
 """The matrix of wrong twins and odd truths: each case is wrong in one stated way, by axis, channel or value."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from swashtwin.pump import LETTERS
-from swashtwin_bench.questions.wrong_twins import (
-    ChangeOfRecording,
-    ChangeOfTwin,
-    on_pump,
-    scale_stated_pressure,
-    twin_at_pressure,
-    with_bearings,
-    with_mixing,
-    with_mount,
-    with_nominal,
-    with_piston_count,
-    with_sensor,
-    with_swap,
-    with_unit_error,
-)
+from swashtwin.calibration import GRAVITY
+from swashtwin.physics import Twin
+from swashtwin.pump import LETTERS, PARAMETERS, Interfaces, Pump, Sensor
+from swashtwin.recordings import Recording
 
+ChangeOfTwin = Callable[[Twin], Twin]
+ChangeOfRecording = Callable[[Recording], Recording]
 CHANNELS = ("cover_z", "body_y", "body_x")
 RIGHT = "right"
 """Family of the twins that nothing is wrong with."""
@@ -138,8 +129,8 @@ def _counts() -> Iterator[MatrixCase]:
 def _pressures() -> Iterator[MatrixCase]:
     for factor in (0.8, 0.9, 0.95, 1.05, 1.1, 1.2):
         name = f"pressure stated {100 * (factor - 1):+.0f} %"
-        changes = twin_at_pressure(factor), scale_stated_pressure(factor)
-        yield MatrixCase("pressure", name, *changes, clue="the discharge pressure is about")
+        changes = partial(_at_stated_pressure, factor=factor)
+        yield MatrixCase("pressure", name, changes, changes, clue="the discharge pressure is about")
 
 
 def _units() -> Iterator[MatrixCase]:
@@ -158,7 +149,7 @@ def _far_supports() -> Iterator[MatrixCase]:
 
 def _wiring() -> Iterator[MatrixCase]:
     for first, second in (("body_x", "body_y"), ("cover_z", "body_y")):
-        change = with_swap(first, second)
+        change = with_mixing((first, second), np.array([[0.0, 1.0], [1.0, 0.0]]))
         yield MatrixCase("wiring", f"{first} and {second} swapped", recording=change, clue="have each other's name")
     for name, away in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
         yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, away))
@@ -171,3 +162,71 @@ def _on_rig() -> Iterator[MatrixCase]:
     yield _bearing_case("rig, wrong", 1.2, 0.8, 1.2, on_rig=True)
     for letter, factor in (("C_sw", 1 / FAR), ("C_v", FAR), ("C_Hz", 1 / FAR)):
         yield _truth_case("rig, wrong", letter, factor, on_rig=True)
+
+
+def on_pump(change: Callable[..., Pump], *arguments: Any) -> ChangeOfTwin:
+    """Twins whose pump is changed."""
+    return lambda twin: replace(twin, pump=change(twin.pump, *arguments))
+
+
+def with_mount(pump: Pump, x: float, y: float, z: float, tilt: float = 1.0) -> Pump:
+    """The pump with factors on the stiffness of its mounting along each axis and in tilt."""
+    factors = {"stiffness_x": x, "stiffness_y": y, "stiffness_z": z, "stiffness_tilt": tilt}
+    changes = {name: factor * getattr(pump.mount, name) for name, factor in factors.items()}
+    return replace(pump, mount=replace(pump.mount, **changes))
+
+
+def with_bearings(pump: Pump, *factors: float) -> Pump:
+    """The pump with a factor on the stiffness of each bearing."""
+    stiffnesses = tuple(k * factor for k, factor in zip(pump.bearings.stiffnesses, factors, strict=True))
+    return replace(pump, bearings=replace(pump.bearings, stiffnesses=stiffnesses))
+
+
+def with_nominal(pump: Pump, letter: str, factor: float) -> Pump:
+    """The pump whose true value is `factor` times the nominal one."""
+    values = [
+        value / factor if LETTERS[name] == letter else value
+        for name, value in zip(PARAMETERS, pump.interfaces.values(), strict=True)
+    ]
+    return replace(pump, interfaces=Interfaces.from_values(values))
+
+
+def with_piston_count(pump: Pump, count: int) -> Pump:
+    """The pump with another count of pistons, of the same displacement."""
+    group = pump.rotating_group
+    diameter = group.piston_diameter * (group.piston_count / count) ** 0.5
+    return replace(pump, rotating_group=replace(group, piston_count=count, piston_diameter=diameter))
+
+
+def with_sensor(pump: Pump, name: str, away: Sequence[float]) -> Pump:
+    """The pump whose sensor of that name stands so far away [m]."""
+
+    def position(sensor: Sensor) -> tuple[float, float, float]:
+        x, y, z = np.add(sensor.position, away).tolist() if sensor.name == name else sensor.position
+        return x, y, z
+
+    return replace(pump, sensors=tuple(replace(sensor, position=position(sensor)) for sensor in pump.sensors))
+
+
+def with_mixing(channels: Sequence[str], mixing: np.ndarray) -> ChangeOfRecording:
+    """Recordings whose `channels` read `mixing` of what they should."""
+
+    def mixed(recording: Recording) -> Recording:
+        rows = [recording.channels.index(name) for name in channels]
+        signal = recording.signal.copy()
+        signal[rows] = (mixing @ recording.signal[rows]).astype(signal.dtype)
+        return recording.replace(signal=signal)
+
+    return mixed
+
+
+def with_unit_error(channels: Sequence[str]) -> ChangeOfRecording:
+    """Recordings of which `channels` are in g although m/s^2 is stated."""
+    return with_mixing(channels, np.eye(len(channels)) / GRAVITY)
+
+
+def _at_stated_pressure(thing: Twin | Recording, factor: float) -> Any:
+    """The twin or the recording at `factor` times its discharge pressure."""
+    assert thing.condition is not None  # the study's recordings have one
+    pressure = factor * thing.condition.discharge_pressure
+    return replace(thing, condition=thing.condition.replaced(discharge_pressure=pressure))

@@ -141,8 +141,7 @@ def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = Fa
 
 def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
     """A pump that is not reassembled keeps its fault and its assembly in all recordings of a class."""
-    if not isinstance(specimen, version_two.SecondSpecimen):
-        raise TypeError(f"{specimen.name} is no pump of version 2 of the rig.")
+    assert isinstance(specimen, version_two.SecondSpecimen)
     purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
     fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
     rng = stream(seed, "condition of version 2", slot.name)
@@ -156,8 +155,7 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
 
 def _third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
     """A pump is put together anew for another part, and after every third recording of a class and pressure."""
-    if not isinstance(specimen, version_three.ThirdSpecimen):
-        raise TypeError(f"{specimen.name} is no pump of version 3 of the rig.")
+    assert isinstance(specimen, version_three.ThirdSpecimen)
     purpose = f"{slot.specimen}_{slot.label}_{(slot.repeat - 1) // 3}"
     rng = stream(seed, "condition of version 3", slot.name)
     condition = OperatingCondition(

@@ -10,23 +10,17 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import FaultLaw, Posterior
-from swashtwin.foundation import InputError, derive_seed
+from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
-from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score
-from swashtwin_bench.fillers.filler import Filler
+from swashtwin.synthesis import DEFAULT_VARIATION, Variation, discriminative_score, simulate_windows
 from swashtwin_bench.fillers.registry import FILLERS
-from swashtwin_bench.fillers.twin_filler import TwinFiller
 from swashtwin_bench.studies.dataset import StudyDataset
 
-TWINS = ("nominal", "calibrated", "posterior", "law")
-"""What twins may fill with: as drawn, as calibrated, as drawn from what the calibrations leave open, as calibrated with
-the law of the recess."""
-
-
-CALIBRATED_TWINS = TWINS[1:]
-"""Those that need a calibration."""
+CALIBRATED_TWINS = ("calibrated", "posterior", "law")
+"""What twins that need a calibration fill with: as calibrated, as drawn from what the calibrations leave open, as
+calibrated with the law of the recess."""
 
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
 """Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
@@ -37,7 +31,7 @@ class TrainingSet:
     """What a training set holds besides the measured windows."""
 
     by: str | None = None
-    """A name in `TWINS` or in `FILLERS`, or None for nothing."""
+    """``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or None for nothing."""
     every_class: bool = False
     """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
     trap, for then "synthetic" tells no class."""
@@ -118,21 +112,17 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     if training_set.by is None or count == 0:
         return synthetic
     for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
-        filler = _filler(dataset, training_set, label)
         seed = derive_seed(dataset.seed, "filling", label) % 2**31
-        synthetic = synthetic + filler(
-            measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
-        )
+        if (filler := FILLERS.get(training_set.by)) is not None:
+            made = filler(measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed)
+        else:
+            twins, posteriors, laws = twins_of(dataset, training_set.by, label)
+            made = simulate_windows(
+                twins, count=count, like=measured, seed=seed, variation=training_set.variation, posterior=posteriors,
+                law=laws,
+            )  # fmt: skip
+        synthetic = synthetic + made
     return synthetic
-
-
-def _filler(dataset: StudyDataset, training_set: TrainingSet, label: str) -> Filler:
-    if training_set.by is not None and training_set.by in FILLERS:
-        return FILLERS[training_set.by]
-    if training_set.by not in TWINS:
-        raise InputError(f"nothing fills by {training_set.by!r}; there are {', '.join((*TWINS, *FILLERS))}.")
-    twins, posteriors, laws = twins_of(dataset, training_set.by, label)
-    return TwinFiller(twins, posteriors, variation=training_set.variation, laws=laws)
 
 
 def twins_of(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
-from swashtwin_bench.public.readers.files import facts_of, files_below, table_of
+from swashtwin_bench.public.readers.named_files import facts_of, files_below, table_of
 
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
 """Nominal speed [rpm] at each load [hp]."""
@@ -77,7 +77,7 @@ class _Record(NamedTuple):
         return f"{self.end}-healthy" if self.label == "normal" else f"{self.end}-{self.label}-{self.mil}"
 
 
-def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Recording]:
+def read_cwru(folder: Path | str) -> list[Recording]:
     """Every recording of the CWRU bearing set, one for each record and end, from the accelerometer at that end.
 
     A file is known by the record number in its name (``105.mat``, ``105_0.mat``, ``..._rec105.mat``), wherever below
@@ -93,11 +93,6 @@ def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Record
     bearing). Further ``load_hp``, ``or_position`` [o'clock], ``record``, ``rate_khz``, and ``speed`` (as measured, or
     nominal for the load where the file has none).
 
-    Parameters
-    ----------
-    folder : the files.
-    resample : rate to bring every recording to, such as ``"12 kHz"``; by default each keeps its own.
-
     Raises
     ------
     DataError
@@ -105,10 +100,10 @@ def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Record
 
     Notes
     -----
-    What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so without `resample` a network learns
-    the rate. There is one healthy bearing at each end. The loads are the same bearings again. Records whose
-    acquisition failed say so in ``attributes["known_problem"]`` (table 3 of Smith and Randall, 2015,
-    doi:10.1016/j.ymssp.2015.04.021) where the set came with a ``files.csv`` that knows it.
+    What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so a network may learn the rate. There
+    is one healthy bearing at each end. The loads are the same bearings again. Records whose acquisition failed say so
+    in ``attributes["known_problem"]`` (table 3 of Smith and Randall, 2015, doi:10.1016/j.ymssp.2015.04.021) where the
+    set came with a ``files.csv`` that knows it.
     """
     folder = Path(folder)
     records = _records()
@@ -123,7 +118,7 @@ def read_cwru(folder: Path | str, *, resample: str | None = None) -> list[Record
     return [
         recording
         for number, path in sorted(paths.items())
-        for recording in _recordings(path, folder, records[number], table, resample)
+        for recording in _recordings(path, folder, records[number], table)
     ]
 
 
@@ -139,7 +134,7 @@ def _records() -> dict[int, list[_Record]]:
 
 
 def _recordings(
-    path: Path, folder: Path, records: list[_Record], table: dict[str, dict[str, str]], resample: str | None
+    path: Path, folder: Path, records: list[_Record], table: dict[str, dict[str, str]]
 ) -> Iterator[Recording]:
     file = path.relative_to(folder).as_posix()
     row = table.get(file, {})
@@ -170,7 +165,6 @@ def _recordings(
             names=("acceleration",),
             unit="g",
             sample_rate=f"{record.kilohertz} kHz",
-            resample=resample,
             sha256=row.get("sha256"),
             attributes=facts_of(attributes),
         )

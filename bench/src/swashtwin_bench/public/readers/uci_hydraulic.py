@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import Options, Recording, open_raw, stem_of
-from swashtwin_bench.public.readers.files import files_below
+from swashtwin_bench.public.readers.named_files import files_below
 
 RATE = 10.0
 """Rate of every channel here [Hz]: that of the flow meters."""

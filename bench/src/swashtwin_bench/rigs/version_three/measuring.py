@@ -34,8 +34,7 @@ def measure(
     signals = []
     for run, (seed, name) in zip(runs, seeds, strict=True):
         specimen = run.specimen
-        if not isinstance(specimen, ThirdSpecimen):
-            raise TypeError(f"{specimen.name} is no pump of version 3 of the rig.")
+        assert isinstance(specimen, ThirdSpecimen)
         rng, oil, n = stream(seed, "reading of version 3", name), oil_of(run, specimen), round(duration * sample_rate)
         n += GUARD
         angle = uneven_angle(run, FINE * n, FINE * sample_rate, rng)

@@ -27,8 +27,7 @@ def measure(
     signals = []
     for run, (seed, name) in zip(runs, seeds, strict=True):
         specimen = run.specimen
-        if not isinstance(specimen, SecondSpecimen):
-            raise TypeError(f"{specimen.name} is no pump of version 2 of the rig.")
+        assert isinstance(specimen, SecondSpecimen)
         signals.append(_samples(run, specimen, duration, sample_rate, _random_numbers(seed, name)))
     return signals
 

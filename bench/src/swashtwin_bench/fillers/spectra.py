@@ -1,18 +1,84 @@
-"""Spectra of periodic extensions: amplitudes that a model can replace, phases as measured.
+"""Spectra of windows as periodic signals of whole revolutions: amplitudes that a model can replace, phases as measured.
 
 A periodic extension has no step where its end meets its beginning. The lines of its spectrum do not leak into each
 other, so that one can be changed without the others.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
+from scipy.signal import resample
 from sklearn.decomposition import PCA
 from sklearn.linear_model import LinearRegression
 
 from swashtwin.foundation import derive_seed
+from swashtwin.learning import WindowSet
 from swashtwin.signals import inverse_transform, transform
+
+_SEAM = 0.05
+"""Least share of a window that is used for the seam of its extension."""
+_LONGEST_SEAM = 0.2
+"""Greatest share of an extension that the seam takes."""
+
+
+def extension_length(windows: WindowSet, index: int) -> int:
+    """Samples in a period of a window's extension: the whole revolutions that leave 5 % of the window for the seam.
+
+    It is 90 % of the window where no speed is known or the window is shorter than a revolution: the seam then joins
+    parts that do not follow each other, still without a step.
+    """
+    speed = float(windows.speed[index])
+    period = 2 * math.pi / speed * windows.sample_rate if speed > 0 else math.inf
+    turns = math.floor((1 - _SEAM) * windows.length / period)
+    return round(turns * period) if turns else round(0.9 * windows.length)
+
+
+def close_period(window: Float[np.ndarray, "channel time"], length: int) -> Float[np.ndarray, "channel angle"]:
+    """The first `length` samples of a window, their beginning blended with the samples that follow their end.
+
+    The samples beyond `length` belong to the same angles of the shaft as the first ones, which they fade into: the
+    period repeats without a step.
+    """
+    extension = window[..., :length].astype(float)
+    seam = min(window.shape[-1] - length, int(_LONGEST_SEAM * length))
+    fading = (1 + np.cos(np.pi * np.arange(seam) / seam)) / 2
+    extension[..., :seam] += fading * (window[..., length : length + seam] - extension[..., :seam])
+    return extension
+
+
+def periodic_extensions(
+    windows: WindowSet, indices: Int[np.ndarray, " index"], length: int
+) -> Float[np.ndarray, "index channel angle"]:
+    """Periodic extensions of the windows at `indices`, each resampled to `length` samples."""
+    return np.stack([_with_length(close_period(windows.signal[i], extension_length(windows, i)), length)
+                     for i in indices.tolist()])  # fmt: skip
+
+
+def _with_length(extension: Float[np.ndarray, "channel angle"], length: int) -> Float[np.ndarray, "channel angle"]:
+    return extension if extension.shape[-1] == length else resample(extension, length, axis=-1)
+
+
+def cut_extensions(
+    extensions: Float[np.ndarray, "window channel angle"],
+    like: WindowSet,
+    sources: Int[np.ndarray, " window"],
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "window channel time"]:
+    """One window of each periodic extension, from a random angle.
+
+    Parameters
+    ----------
+    like : windows whose length is taken.
+    sources : index of the window that each extension is of, whose speed it has.
+    """
+    signal = np.empty((len(extensions), like.n_channels, like.length))
+    for i, source in enumerate(sources.tolist()):
+        length = extension_length(like, source)
+        angles = (rng.integers(length) + np.arange(like.length)) % length
+        signal[i] = _with_length(extensions[i], length)[..., angles]
+    return signal
 
 
 def log_amplitude(signal: Float[np.ndarray, "window channel angle"]) -> Float64[np.ndarray, "window value"]:
@@ -61,9 +127,8 @@ class SpectralForm:
         expected = LinearRegression().fit(condition, points)
         residual = points - expected.predict(condition)
         n_components = min(count, len(points) - 1, points.shape[1])
-        pca = PCA(n_components, svd_solver="randomized", random_state=derive_seed(seed, "components") % 2**32).fit(
-            residual
-        )
+        random_state = derive_seed(seed, "components") % 2**32
+        pca = PCA(n_components, svd_solver="randomized", random_state=random_state).fit(residual)
         deviation = np.sqrt(np.maximum(pca.explained_variance_, 1e-12))
         return cls(extensions.shape[-1], expected, pca.components_, deviation)
 

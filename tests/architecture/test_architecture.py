@@ -56,7 +56,7 @@ def test_no_way_of_writing_an_import_hides_a_twin_from_the_law_of_the_rigs(tmp_p
         "from swashtwin import calibration",
         "import swashtwin as st",
         "import swashtwin.physics as physics",
-        "from swashtwin_bench.questions.wrong_twins import Twin",
+        "from swashtwin_bench.questions.twin_matrix import Twin",
         "from swashtwin_bench import questions",
     ]
     for package in (PACKAGE, BENCH):

@@ -15,8 +15,7 @@ from swashtwin.foundation import MPa, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
-from swashtwin_bench.questions.twin_matrix import CHANNELS
-from swashtwin_bench.questions.wrong_twins import with_swap, with_unit_error
+from swashtwin_bench.questions.twin_matrix import CHANNELS, with_mixing, with_unit_error
 
 QUICK = GaussNewton(starts=1)
 
@@ -56,7 +55,10 @@ def test_a_right_twin_is_not_warned_of(twin: Twin, recording: Recording) -> None
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (with_swap("body_x", "body_y"), "body_y and body_x have each other's name: look at the wiring"),
+        (
+            with_mixing(("body_x", "body_y"), np.eye(2)[::-1]),
+            "body_y and body_x have each other's name: look at the wiring",
+        ),
         (with_unit_error(("cover_z",)), "cover_z reads 0.1 times what it should beside the others: in g?"),
         (with_unit_error(CHANNELS), "the gain of all channels is 0.1 times the twin's: in g?"),
     ],

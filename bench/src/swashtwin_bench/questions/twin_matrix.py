@@ -149,7 +149,7 @@ def _far_supports() -> Iterator[MatrixCase]:
 
 def _wiring() -> Iterator[MatrixCase]:
     for first, second in (("body_x", "body_y"), ("cover_z", "body_y")):
-        change = with_mixing((first, second), np.array([[0.0, 1.0], [1.0, 0.0]]))
+        change = with_mixing((first, second), np.eye(2)[::-1])
         yield MatrixCase("wiring", f"{first} and {second} swapped", recording=change, clue="have each other's name")
     for name, away in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
         yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, away))

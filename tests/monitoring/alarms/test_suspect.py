@@ -8,17 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import run
+from plant import AT_15, Plant
+from starlette.testclient import TestClient
 from tiny_prior import PISTONS, write_prior
 from watched_pumps import LEARNING, hum, watch_config, write_hum
 
 from swashtwin.diagnosis import Diagnosis
-from swashtwin.foundation import to_table
+from swashtwin.foundation import DataError, to_table
 from swashtwin.monitoring import History, PointMonitor, PointState, run_watch
 from swashtwin.monitoring.alarms.baseline import read_baseline
 from swashtwin.monitoring.alarms.points import OperatingPoint
-from swashtwin.monitoring.alarms.suspect import Suspect, Suspects, UnadaptedError
+from swashtwin.monitoring.alarms.suspect import FaultSize, Suspect, Suspects, UnadaptedError
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.recordings import Recording
+from swashtwin.monitoring.page.application import build_app
+from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
 
@@ -46,7 +49,8 @@ def named(machine: Machine, recording: Recording, state: PointState, point: Oper
 
 def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(tmp_path: Path) -> None:
     write_prior(tmp_path / "prior.safetensors", at_speed(98), at_speed(99, 6.0))
-    facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"'
+    (tmp_path / "damaged.json").write_text("{}", encoding="utf-8")
+    facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"\ncalibration = "damaged.json"'
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
     for number in range(LEARNING + 10):
         write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
@@ -58,12 +62,46 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(tmp_path
     assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == ("sure", "piston")
     assert alarm.evidence["suspect"]["recording"] == history.read.recordings("pump-1", limit=1)[0].id
     assert (alarm.evidence["found"]["text"], alarm.state) == ("piston 3, 30 um", "closed")
+    severity = alarm.evidence["severity"]
+    assert (severity["label"], severity["recording"]) == ("piston", alarm.evidence["suspect"]["recording"])
     of_recording = {item.state: item.reasons["suspect"] for item in history.read.recordings("pump-1")}
     assert of_recording["alarm"]["probabilities"].keys() == {"normal", "piston", "cylinder_block", "other"}
     assert of_recording["learning"] is None
     assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
+    page = TestClient(build_app(config, history), base_url="http://127.0.0.1:8642")
+    shown = page.get("/alarms/1").text
+    assert shown.index("Suspect: piston") < shown.index("Severity is not measured: ") < shown.index("Found: piston 3")
+    assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
     history.close()
-    assert "Suspect: piston (" in (config.folder / "alarms.log").read_text(encoding="utf-8")
+    opened, measured = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
+    assert "Suspect: piston (" in opened
+    assert "alarm measured (" in measured
+    assert "Severity is not measured: " in measured
+
+
+def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tmp_path: Path) -> None:
+    def measured(label: str, worn: Path | None = plant.worn, pistons: int = PISTONS) -> dict[str, object]:
+        machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
+        healthy = tuple(plant.worn.parent.glob("A_normal*"))
+        return FaultSize(machine, label, worn, healthy).answer()
+
+    found = measured("piston")  # the pump has a recess
+    assert found["verdict"] == "not detected"
+    assert found["sentence"].startswith("Severity, if piston: clearance ")
+    assert found["sentence"].endswith(f"not detected; detection limit {found['detection_limit']:.3g} µm.")
+    assert found["interval"][0] == 0 < found["value"] < found["interval"][1]
+    assert any("calibration is in doubt" in note for note in found["notes"])
+    elsewhere = write_recording(
+        at_speed(1).replace(condition=AT_15.replaced(discharge_pressure=1e7)), tmp_path / "a.h5"
+    )
+    for facts, words in (
+        ({"label": "other"}, "no such fault"),
+        ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
+        ({"label": "piston", "worn": None}, "not kept any more"),
+        ({"label": "piston", "worn": elsewhere}, "is at 860 rpm, 15 MPa, the recording at 860 rpm, 10 MPa"),
+    ):
+        with pytest.raises(DataError, match=words):
+            measured(**facts)
 
 
 def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:

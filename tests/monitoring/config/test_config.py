@@ -43,8 +43,8 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
     lines = path.read_text(encoding="utf-8").splitlines()
     entries = [line[2:] if line.startswith("# ") and ("=" in line or "[[" in line) else line for line in lines]
     path.write_text("\n".join(entries), encoding="utf-8")
-    for name in ("model", "prior"):
-        (tmp_path / f"{name}.safetensors").touch()
+    for name in ("model.safetensors", "prior.safetensors", "calibration.json"):
+        (tmp_path / name).touch()
     names = ("HISTORY_PASSWORD", "MQTT_PASSWORD", "WEBHOOK_TOKEN", "MAIL_PASSWORD")
     config = load_watch_config(path, dict.fromkeys(names, "p@ss/word"))
     assert [source.kind for source in config.sources] == ["folder", "mqtt", "http"]
@@ -75,6 +75,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[machine]]\nname='p'\npump='nosuch'", "no pump named 'nosuch'"),
         ("[[machine]]\nname='p'\nmodel='m.safetensors'", "is no file"),
         ("[[machine]]\nname='p'\nprior='m.safetensors'", "prior: .* is no file"),
+        ("[[machine]]\nname='p'\ncalibration='m.json'", "needs pump or pistons too"),
         ("[[machine]]\nname='p'\npump='25scy14-1b'\npistons=9", "state one of the two"),
         ("[[machine]]\nname='p'\nchannels=['x', 'x']", "names something twice"),
         ("[[machine]]\nname='p'\nchannels='x'", "expected `array`, got `str`"),

@@ -36,7 +36,7 @@ class AlarmMessage:
     kind: str
     """Alarm of the ``pump`` or of a ``sensor``."""
     event: str
-    """What happened to the alarm: ``opened``, ``cleared`` or ``closed``."""
+    """What happened to the alarm: ``opened``, ``measured`` (the severity of its suspect), ``cleared``, ``closed``."""
     time: str
     """When, ISO 8601 in UTC."""
     identity: str

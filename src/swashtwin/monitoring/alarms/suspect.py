@@ -1,6 +1,8 @@
-"""The suspect of an alarm: the fault of a pump prior that a recording resembles, against what the watch learned.
+"""The suspect of an alarm: the fault of a pump prior that a recording resembles, against what the watch learned; and
+the severity of that fault by a calibrated twin.
 
-Another process adapts the prior, since that takes seconds, and memory that would not be given back.
+Another process adapts the prior and measures the severity, since that takes seconds, and memory that would not be given
+back.
 """
 
 import logging
@@ -15,7 +17,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
@@ -24,8 +27,8 @@ from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
 from swashtwin.foundation import DataError, SwashTwinError, end_with
 from swashtwin.monitoring.alarms.points import OperatingPoint
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.pump import is_healthy, load_pump
-from swashtwin.recordings import Recording
+from swashtwin.pump import FAULT_KINDS, is_healthy, load_pump
+from swashtwin.recordings import Recording, load_recordings
 from swashtwin.signals import OrderBands
 
 if TYPE_CHECKING:
@@ -36,7 +39,7 @@ SURE = 0.8
 _KEPT = 128
 """Adapted priors that are kept; one takes 0.2 MB."""
 _PATIENCE = 120.0
-"""Time [s] that adapting a prior may take."""
+"""Time [s] that adapting a prior may take; measuring a severity may take ten times as long."""
 _RETRY = 3600.0
 """Time [s] after which adapting is tried again where it failed."""
 _COMMAND = "from swashtwin.monitoring.alarms.suspect import serve; serve()"
@@ -67,8 +70,7 @@ class Suspect:
         if verdict.unknown:
             return cls("unknown", f"Suspect unknown. {verdict.reasons[0]}", *facts)
         ranked = sorted(verdict.probabilities.items(), key=lambda item: -item[1])
-        words = {name: name.replace("_", " ") for name in verdict.probabilities} | {"other": "another fault"}
-        first, second = (f"{words[name]} ({100 * share:.0f} %)" for name, share in ranked[:2])
+        first, second = (f"{_class_words(name)} ({100 * share:.0f} %)" for name, share in ranked[:2])
         if is_healthy(verdict.label):
             return cls("unsure", f"Suspect, unsure: {second}; the prior sees {first} still.", ranked[1][0], *facts[1:])
         if ranked[0][1] >= SURE:
@@ -93,7 +95,7 @@ class HealthyOrders:
         facts = (self.machine, self.channels, self.unit, self.point)
         return sha256(repr(facts).encode() + self.rows.tobytes()).hexdigest()
 
-    def adapted(self) -> PriorClassifier:
+    def answer(self) -> PriorClassifier:
         """The prior of the machine, adapted to it.
 
         Raises
@@ -113,6 +115,65 @@ class HealthyOrders:
             point_speed=np.full(count, speed),
             point_pressure=np.full(count, pressure),
         ).fit_levels()
+
+
+@dataclass(frozen=True)
+class FaultSize:
+    """A recording in which a machine has a fault, whose severity its calibrated twin measures."""
+
+    machine: Machine
+    """With a calibration."""
+    label: str
+    """Class of the fault."""
+    recording: Path | None
+    """File of the recording; None where its samples are not kept."""
+    healthy: tuple[Path, ...] = ()
+    """Files of healthy recordings of the machine at the same operating point."""
+
+    def answer(self) -> dict[str, Any]:
+        """The severity with its interval of 90 %, detection limit and doubts, as JSON can hold it.
+
+        Raises
+        ------
+        SwashTwinError
+            A package is missing, or the calibration is of another pump or operating point, or has no such fault.
+        """
+        from swashtwin.calibration import estimate_severity, load_calibration
+
+        assert self.machine.calibration is not None
+        calibration = load_calibration(self.machine.calibration)
+        pump, name = calibration.twin.pump, self.machine.pump
+        own = pump.name if name is None else load_pump(name).name
+        if (own, self.machine.piston_count) != (pump.name, pump.rotating_group.piston_count):
+            raise DataError(f"the calibration is of another pump, {pump.name}.")
+        if (fault := FAULT_KINDS.get(self.label)) is None:
+            raise DataError("the twin has no such fault.")
+        if self.recording is None:
+            raise DataError("the samples of the recording are not kept any more.")
+        worn, *healthy = (
+            load_recordings(path)[0].replace(label=label, specimen=self.machine.name)
+            for path, label in [(self.recording, None), *((path, "normal") for path in self.healthy)]
+        )
+        points = [fit.condition for fit in calibration.fits]
+        if worn.condition is not None and not any(worn.condition.matches(point) for point in points):
+            at = " and ".join(OperatingPoint(point.speed, point.discharge_pressure).name for point in points)
+            raise DataError(f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}.")
+        trend = estimate_severity(calibration, [worn], fault, healthy=healthy)
+        (found,) = trend.estimates
+        severity, limit = found.severity, found.detection_limit
+        unit, least = severity.dimension.per_unit, "none" if limit is None else severity.dimension.words(limit)
+        return {
+            "sentence": f"Severity, if {_class_words(self.label)}: {severity.dimension.name} {severity.words}, "
+            f"{severity.verdict}; detection limit {least}.",
+            "notes": [*trend.notes, *found.notes],
+            "verdict": severity.verdict,
+            "dimension": severity.dimension.name,
+            "unit": severity.dimension.unit,
+            "value": severity.value / unit,
+            "interval": [end / unit for end in severity.interval],
+            "detection_limit": None if limit is None else limit / unit,
+            "misfit": found.misfit,
+        }
 
 
 class UnadaptedError(Exception):
@@ -160,29 +221,42 @@ class Suspects:
 
     def adapt(self, healthy: HealthyOrders) -> None:
         """Adapt a prior in another process, and keep it, or why it cannot be adapted."""
-        try:
-            process = subprocess.run(
-                [sys.executable, "-P", "-c", _COMMAND],  # -P: nothing is imported from the current folder
-                input=pickle.dumps(healthy),
-                capture_output=True,
-                timeout=_PATIENCE,
-                check=True,
-                env={
-                    **os.environ,
-                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-                    "OMP_NUM_THREADS": "1",
-                    "OPENBLAS_NUM_THREADS": "1",
-                },
-            )
-            answer = pickle.loads(process.stdout)
-        except Exception as cause:  # a suspect is no reason to lose a judgment
-            said = getattr(cause, "stderr", None) or b""
-            _log.warning("the prior of %s was not adapted: %s %s", healthy.machine.name, cause, said[-2000:].decode())
-            answer = f"its prior could not be adapted ({type(cause).__name__}); the watch's log says more."
+        answer, has_failed = _answered(healthy, "its prior could not be adapted", _PATIENCE)
+        if has_failed:
             self._failed[healthy.key] = time.monotonic()
         self._adapted[healthy.key] = answer
         while len(self._adapted) > _KEPT:
             self._failed.pop(self._adapted.popitem(last=False)[0], None)
+
+
+def measured_severity(question: FaultSize) -> dict[str, Any]:
+    """`FaultSize.answer` of another process, with its class; only a ``sentence`` that says why where there is none."""
+    answer, _ = _answered(question, "an error", 10 * _PATIENCE)
+    found = answer if isinstance(answer, dict) else {"sentence": f"Severity is not measured: {answer}", "notes": []}
+    return {"label": question.label, **found}
+
+
+def _answered(question: HealthyOrders | FaultSize, failure: str, patience: float) -> tuple[Any, bool]:
+    """(a question's answer by another process or why there is none, whether the process failed)."""
+    try:
+        process = subprocess.run(
+            [sys.executable, "-P", "-c", _COMMAND],  # -P: nothing is imported from the current folder
+            input=pickle.dumps(question),
+            capture_output=True,
+            timeout=patience,
+            check=True,
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+                "OMP_NUM_THREADS": "1",
+                "OPENBLAS_NUM_THREADS": "1",
+            },
+        )
+        return pickle.loads(process.stdout), False
+    except Exception as cause:  # neither suspect nor severity is a reason to lose a judgment
+        said = getattr(cause, "stderr", None) or b""
+        _log.warning("%s: %s: %s %s", question.machine.name, failure, cause, said[-2000:].decode(errors="replace"))
+        return f"{failure} ({type(cause).__name__}); the watch's log says more.", True
 
 
 def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
@@ -195,15 +269,19 @@ def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, "
 
 
 def serve() -> None:
-    """Adapt the prior that the standard input asks for; what another process runs."""
+    """Answer the question of the standard input; what another process runs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the watch
     end_with(os.getppid())
-    healthy: HealthyOrders = pickle.load(sys.stdin.buffer)
+    question: HealthyOrders | FaultSize = pickle.load(sys.stdin.buffer)
     try:
-        answer: PriorClassifier | str = healthy.adapted()
+        answer: PriorClassifier | dict[str, Any] | str = question.answer()
     except SwashTwinError as cause:
         answer = str(cause)
     pickle.dump(answer, sys.stdout.buffer)
+
+
+def _class_words(name: str) -> str:
+    return "another fault" if name == "other" else name.replace("_", " ")
 
 
 def _none(reason: str) -> Suspect:

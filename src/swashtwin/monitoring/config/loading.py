@@ -160,8 +160,9 @@ def _check(config: WatchConfig) -> None:
 def _check_machine(machine: Machine) -> None:
     if file_name(machine.name) != machine.name:
         raise InputError(f"the name also names a folder; write it as {file_name(machine.name)!r}.")
-    if machine.model is not None and not machine.model.is_file():
-        raise MissingFileError(f"model: {machine.model} is no file.")
+    for name, path in (("model", machine.model), ("calibration", machine.calibration)):
+        if path is not None and not path.is_file():
+            raise MissingFileError(f"{name}: {path} is no file.")
     if machine.prior.endswith(".safetensors") and not Path(machine.prior).is_file():
         raise MissingFileError(f"prior: {machine.prior} is no file.")
     if machine.pump is not None:

@@ -107,6 +107,8 @@ class Machine(Entries, frozen=True, kw_only=True):
     """Saved `FaultClassifier`, `AnomalyDetector` or adapted `PriorClassifier`."""
     prior: NameOrFile = NameOrFile("25scy14-1b")
     """Shipped prior, or path of one of `twin prior`, which names the suspect of an alarm."""
+    calibration: Path | None = None
+    """Calibration on its healthy recordings, which measures the severity of the suspect."""
     channels: tuple[Text, ...] = ()
     """Channels that each recording must have, in this order; empty: those of the first recording."""
     speed: Speed | None = None
@@ -134,6 +136,8 @@ class Machine(Entries, frozen=True, kw_only=True):
             raise ValueError(f"channels = {list(self.channels)} names something twice")
         if self.pistons is not None and self.pump is not None:
             raise ValueError("pistons are those of the pump; state one of the two")
+        if self.calibration is not None and self.pistons is None and self.pump is None:
+            raise ValueError("calibration measures the severity of a suspect, which needs pump or pistons too")
 
     @property
     def piston_count(self) -> int | None:

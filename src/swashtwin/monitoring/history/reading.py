@@ -31,6 +31,8 @@ from swashtwin.recordings import Recording
 FACTS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
 """Columns of recordings that have a trend; their channel is empty."""
 
+_SEARCH = 200
+"""Newest recordings of a state among which healthy ones are looked for."""
 Names = tuple[tuple[str, str], ...]
 """Channel and name of each indicator."""
 
@@ -137,6 +139,14 @@ class Reads:
         """Recording of that number, or None."""
         with self._database.reading() as session:
             return session.get(Judgment, number)
+
+    def healthy_files(self, judgment: Judgment, limit: int) -> dict[int, str]:
+        """Healthy recordings at the operating point of another, those of the baseline first, with their waveforms."""
+        files: dict[int, str] = {}
+        for state in ("learning", "normal"):
+            others = self.recordings(judgment.machine, point=judgment.point, state=state, limit=_SEARCH)
+            files |= {other.id: other.waveform for other in others if other.waveform and other.id != judgment.id}
+        return dict(list(files.items())[:limit])
 
     def later_recording(self, number: int) -> int | None:
         """Number of the recording of the same machine that was measured next, or None."""

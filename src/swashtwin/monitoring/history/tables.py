@@ -226,7 +226,7 @@ class Alarm(Row, kw_only=True):
     opened: Mapped[datetime]
     """Time of the recording that raised it."""
     evidence: Mapped[dict[str, Any]]
-    """Why, the ``suspect``, and what was ``found``, as JSON can hold it."""
+    """Why, the ``suspect``, its ``severity``, and what was ``found``, as JSON can hold it."""
     recording: Mapped[int | None]
     cleared: Mapped[datetime | None] = mapped_column(default=None)
     """Since when its cause is gone, or None."""

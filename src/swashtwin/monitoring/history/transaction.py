@@ -222,6 +222,12 @@ class MachineTransaction:
             raise InputError(f"{self.name} had no alarm that {found!r} could stand beside; write it as a note.")
         alarm.evidence = {**alarm.evidence, "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()}}
 
+    def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm:
+        """An alarm, in whose evidence the severity of its suspect is kept now."""
+        stored = self._alarm(alarm)
+        stored.evidence = {**stored.evidence, "severity": dict(severity)}
+        return stored
+
     def _alarm(self, number: int) -> Alarm:
         stored = self._session.get(Alarm, number)
         if stored is None or stored.machine != self.name:

@@ -43,7 +43,6 @@ RESOLUTION = 2.0
 """Spacing of the lines [Hz]."""
 LINES = 1600
 """Points drawn of one spectrum; each is the greatest line of its group."""
-_SEARCH = 200
 _MARKS = 4
 
 
@@ -226,15 +225,6 @@ def sparkline(values: Float[np.ndarray, " point"], limit: float) -> Markup | Non
 
 def _seconds(times: Shaped[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
     return times.astype("datetime64[ms]").astype(np.float64) / 1000
-
-
-def healthy_recordings(site: Site, stored: Judgment) -> Sequence[int]:
-    """Healthy recordings of the same operating point with samples, those of the baseline first."""
-    ids: list[int] = []
-    for state in ("learning", "normal"):
-        others = site.history.read.recordings(stored.machine, point=stored.point, state=state, limit=_SEARCH)
-        ids += [other.id for other in others if other.waveform is not None and other.id != stored.id]
-    return ids[:MOST_HEALTHY]
 
 
 def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:

@@ -14,7 +14,7 @@ from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Judgment
-from swashtwin.monitoring.page.charts import BAND_SPREADS, draw_spectrum, draw_trend, healthy_recordings, sparkline
+from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend, sparkline
 from swashtwin.monitoring.page.site import Site
 from swashtwin.monitoring.page.wording import (
     STATES,
@@ -189,7 +189,7 @@ class Pages:
             for alarm in (*self._site.machine(judgment.machine).alarms, *past_alarms)
             if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
-        healthy = healthy_recordings(self._site, judgment)
+        healthy = list(self._read.healthy_files(judgment, MOST_HEALTHY))
         key = (judgment.id, judgment.waveform is not None, *healthy)
         if key not in self._spectra:
             self._spectra[key] = draw_spectrum(self._site, judgment, healthy)

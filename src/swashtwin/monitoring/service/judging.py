@@ -1,20 +1,16 @@
 """From a file in the spool to its verdict in the history, in one transaction."""
 
 import logging
-import os
-import shutil
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, sha256_of, to_table
 from swashtwin.monitoring.alarms.channels import AlarmMessage
 from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
-from swashtwin.monitoring.alarms.suspect import Suspects, UnadaptedError
+from swashtwin.monitoring.alarms.suspect import FaultSize, Suspects, UnadaptedError, measured_severity
 from swashtwin.monitoring.alarms.testing import Change
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
@@ -23,16 +19,18 @@ from swashtwin.monitoring.history.tables import Alarm, Judgment, Rejection
 from swashtwin.monitoring.history.transaction import MachineTransaction
 from swashtwin.monitoring.service.models import Models
 from swashtwin.monitoring.sources.contents import Contents, Tags, read_contents
-from swashtwin.monitoring.sources.delivery import UnfitError, safe_name
-from swashtwin.monitoring.sources.spool import SpoolFile
+from swashtwin.monitoring.sources.delivery import UnfitError
+from swashtwin.monitoring.sources.spool import RejectedFiles, SpoolFile
 from swashtwin.recordings import Recording
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
 _MOST_POINTS = 200
 """Operating points of a machine: more come of a speed or a pressure that does not stand still."""
-_MOST_REJECTED, _MOST_REJECTED_BYTES = 1000, 1 << 30
-"""Rejected files that are kept, and bytes of them."""
+_LOOKED_AT = 200
+"""Newest alarms whose severity is measured."""
+_HEALTHY = 8
+"""Healthy recordings that a severity is measured against."""
 _log = logging.getLogger("swashtwin.watch")
 
 
@@ -95,6 +93,38 @@ class Pipeline:
             _log.exception("judging %s of %s failed", file.delivery.file, file.delivery.machine)
             reason = f"an error of swashtwin ({type(cause).__name__}: {cause}); please report it"
             return self._reject(file, "error", reason)
+
+    def measure_severities(self) -> None:
+        """Measure the severity of each suspect that is sure and was not measured, which takes minutes.
+
+        Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill interrupts is measured
+        after the next start.
+
+        Raises
+        ------
+        HistoryError
+            The database is not reached.
+        """
+        for alarm in self._history.read.alarms(limit=_LOOKED_AT):
+            suspect, before = alarm.evidence.get("suspect"), alarm.evidence.get("severity", {})
+            machine = self._config.machine(alarm.machine)
+            if machine is None or machine.calibration is None or alarm.closed is not None or suspect is None:
+                continue
+            if suspect["certainty"] != "sure" or before.get("label") == suspect["label"]:
+                continue
+            judgment = self._history.read.recording(suspect["recording"])
+            assert judgment is not None
+            folder = self._history.waveforms.folder
+            healthy = self._history.read.healthy_files(judgment, _HEALTHY).values()
+            worn = folder / judgment.waveform if judgment.waveform else None
+            found = measured_severity(
+                FaultSize(machine, suspect["label"], worn, tuple(folder / name for name in healthy))
+            )
+            with self._history.machine(alarm.machine) as transaction:
+                stored = transaction.note_severity(alarm.id, {**found, "recording": judgment.id})
+                is_told = stored.closed is None and stored not in transaction.untold_alarms()
+                if is_told and not transaction.silenced(datetime.now(UTC)):
+                    self._post(transaction, "measured", stored, judgment, stored.evidence["severity"]["notes"])
 
     def _machine(self, file: SpoolFile) -> Machine:
         name = file.delivery.machine
@@ -228,7 +258,9 @@ class Pipeline:
     def _post(
         self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
     ) -> None:
-        suspect = alarm.evidence.get("suspect") if event == "opened" else None
+        known: list[str] = []
+        if event in ("opened", "measured"):
+            known = [alarm.evidence[name]["sentence"] for name in ("suspect", "severity") if alarm.evidence.get(name)]
         message = AlarmMessage(
             machine=transaction.name,
             point=alarm.point or "any",
@@ -236,7 +268,7 @@ class Pipeline:
             event=event,
             time=judgment.time.isoformat(),
             identity=f"alarm-{alarm.id}-{event}-{judgment.content[:16]}",
-            reasons=(*([suspect["sentence"]] if suspect else []), *reasons),
+            reasons=(*known, *reasons),
             link=f"{self._config.page.address}/alarms/{alarm.id}",
         )
         for channel in self._config.channels:
@@ -287,33 +319,6 @@ def record_event(
                     transaction.acknowledge(alarm.id, who, note)
                 transaction.clear_alarm(alarm.id, datetime.now(UTC))
     return number
-
-
-class RejectedFiles:
-    """Files that could not be judged, to be looked at and repaired; the oldest go when there are too many."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
-
-    def keep(self, file: SpoolFile) -> str | None:
-        """Name of a copy of a file in the spool; None where there is no space for it."""
-        path = self._folder / f"{file.key}-{safe_name(file.delivery.file)}"
-        try:
-            if not path.exists():
-                try:
-                    os.link(file.path, path)
-                except OSError:  # a file system without links
-                    shutil.copyfile(file.path, path)
-        except OSError:
-            return None
-        size = 0
-        for number, old in enumerate(sorted(self._folder.iterdir(), reverse=True), 1):  # the newest first
-            with suppress(OSError):
-                size += old.stat().st_size
-                if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
-                    old.unlink()
-        return path.name if path.exists() else None
 
 
 def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:

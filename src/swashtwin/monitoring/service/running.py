@@ -121,6 +121,7 @@ class Watch:
             self._judge_next(pipeline, stop)
         for thread in threads:
             thread.join()
+        pipeline.measure_severities()
         self._sender.send_all()
         self._sweep()
 
@@ -163,8 +164,23 @@ class Watch:
 
     def _judge_all(self) -> None:
         pipeline = self._open_pipeline()
+        if any(machine.calibration is not None for machine in self.config.machines):
+            threading.Thread(target=self._measure_all, args=(pipeline,), name="severity", daemon=True).start()
         while not self._stop.is_set():
             self._judge_next(pipeline, self._stop)
+
+    def _measure_all(self, pipeline: "Pipeline") -> None:
+        """Measure severities after recordings; nobody waits for this thread, not even the end."""
+        seen = -1.0
+        while not self._stop.wait(_PATIENCE):
+            judged = self._counters["judged"]
+            if judged != seen:
+                try:
+                    pipeline.measure_severities()
+                    seen = judged
+                except Exception as cause:  # the history is away, or has ended with the watch
+                    _log.warning("no severity was measured: %s", cause)
+                    self._stop.wait(_LONGEST_PAUSE)
 
     def _open_pipeline(self) -> "Pipeline":
         """What judges, with its models; importing it takes a second, in which the page answers already."""

@@ -23,6 +23,8 @@ from swashtwin.recordings import suffix_of
 
 LIMIT = 10_000
 """Recordings that may wait; sources then hold back what they have."""
+_MOST_REJECTED, _MOST_REJECTED_BYTES = 1000, 1 << 30
+"""Rejected files that are kept, and bytes of them."""
 _CARD = ".json"
 _log = logging.getLogger("swashtwin.watch")
 
@@ -119,6 +121,33 @@ class Spool:
         file.path.unlink(missing_ok=True)
         with self._changed, suppress(ValueError):
             self._keys.remove(file.key)
+
+
+class RejectedFiles:
+    """Files that could not be judged, to be looked at and repaired; the oldest go when there are too many."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def keep(self, file: SpoolFile) -> str | None:
+        """Name of a copy of a file in the spool; None where there is no space for it."""
+        path = self._folder / f"{file.key}-{safe_name(file.delivery.file)}"
+        try:
+            if not path.exists():
+                try:
+                    os.link(file.path, path)
+                except OSError:  # a file system without links
+                    shutil.copyfile(file.path, path)
+        except OSError:
+            return None
+        size = 0
+        for number, old in enumerate(sorted(self._folder.iterdir(), reverse=True), 1):  # the newest first
+            with suppress(OSError):
+                size += old.stat().st_size
+                if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:
+                    old.unlink()
+        return path.name if path.exists() else None
 
 
 @contextmanager

@@ -157,3 +157,19 @@ def test_a_file_that_was_written_anew_in_place_gives_its_new_content(tmp_path: P
             data[:] = np.arange(100) * value
         recording = load_recording(tmp_path / "a.h5", sample_rate=100, unit="g")
         assert recording.signal[0, 1] == pytest.approx(9.80665 * value)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="open files are listed by Linux")
+def test_a_deleted_file_does_not_stay_open(tmp_path: Path) -> None:
+    # A watch deletes what it has judged; open, 64 recordings would keep their disk and memory.
+    isolation.stop()
+    for name in ("a.h5", "b.h5"):
+        write_recording(some_recording(), tmp_path / name)
+        assert load_recording(tmp_path / name).signal.size
+        (tmp_path / name).unlink()
+    assert isolation._reader._process is not None
+    opened = Path(f"/proc/{isolation._reader._process.pid}/fd")
+    names = [os.readlink(file) for file in opened.iterdir()]
+    assert not any("a.h5" in name for name in names)
+    assert any("b.h5" in name for name in names)
+    isolation.stop()

@@ -283,6 +283,8 @@ class _Files:
         known = self._contents.pop(source.path, None)
         if known is None or known[0] != source:
             del known  # the old content first: the HDF5 library would give it again
+            for path in [path for path in self._contents if not os.path.exists(path)]:
+                del self._contents[path]  # of a watch, which deletes what it has judged
             known = self._read(source)
         self._contents[source.path] = known
         while len(self._contents) > 1 and (

@@ -3,7 +3,7 @@ work=$(mktemp -d)
 trap 'test $? = 0 && rm -rf "$work" || echo "what was run stays in $work"' EXIT
 bin="$work/venv/bin"
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=PASSIVE
-unset PYTHONPATH
+unset PYTHONPATH PYTHONDONTWRITEBYTECODE  # tests start many processes, which need not compile what they import
 if [ -z "${SWASHTWIN_DATA:-}" ] && [ -d ../shared/data ]; then
   SWASHTWIN_DATA=$(cd ../shared/data && pwd)
   export SWASHTWIN_DATA

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from swashtwin.plot.signal_figures import MOST_POINTS
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.report import spectrum_drawing
-from swashtwin.signals import IndicatorTable, long_indicators, spectrum_of
+from swashtwin.signals import spectrum_of
 
 RATE, SHAFT = 4000.0, 15.0
 
@@ -71,28 +70,6 @@ def test_many_recordings_are_summed_up_by_class_and_furthest_ones_named(folder: 
     medians = run("signal", "features", folder, "--tachometer", "tacho").stdout
     assert re.search(r"piston +899.9 rev/min, 15 MPa +cover +2 ", medians)
     assert "healthy7" not in output + medians
-
-
-def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, out, described = tmp_path / "whole.csv", tmp_path / "out.csv", []
-    words = ("signal", "features", folder, "--out")
-    run(*words, whole)
-
-    def stopping(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
-        described.append(recording.recording_id)
-        if len(described) == 4:
-            raise KeyboardInterrupt
-        return long_indicators(recording, describe)
-
-    monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
-    assert "out.csv.partial holds the rows that are done" in one_line(run(*words, out, code=130))
-    assert not out.exists()
-    with (tmp_path / "out.csv.partial").open("a") as file:
-        file.write('[{"columns"')  # killed while it wrote a line
-    run(*words, out)
-    assert len(described) == 4 + 11
-    assert out.read_bytes() == whole.read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "whole.csv"]
 
 
 @pytest.mark.parametrize(("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0)])

@@ -23,7 +23,7 @@ from swashtwin.pump import (
     new_pump,
     pump_numbers,
 )
-from swashtwin.pump.numbers import with_numbers
+from swashtwin.pump.parameters import with_numbers
 
 TEXT = (resources.files("swashtwin.pump") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
 

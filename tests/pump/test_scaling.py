@@ -20,8 +20,7 @@ from swashtwin.pump import (
     scaled_pump,
     stroke_of,
 )
-from swashtwin.pump.geometry import compression_angle, decompression_angle
-from swashtwin.pump.scaling import catalog_mass
+from swashtwin.pump.scaling import catalog_mass, compression_angle, decompression_angle
 
 MASS = 24 + 4.6 + 0.7
 """Mass of the shipped pump [kg]."""

@@ -219,7 +219,7 @@ def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(monkeypat
     whole = inspect_recordings(recordings)
     (duplicate,) = [finding for finding in whole.findings if finding.kind == "duplicate"]
     assert "hold the same samples" in duplicate.message
-    monkeypatch.setattr("swashtwin.recordings.checks.channels.PART", 6401)
+    monkeypatch.setattr("swashtwin.recordings.channel_checks.PART", 6401)
     parts = inspect_recordings(recordings)
     assert [kinds(report) for report in parts.recordings] == [kinds(report) for report in whole.recordings]
     assert parts.findings == whole.findings

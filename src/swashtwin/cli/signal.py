@@ -1,15 +1,13 @@
 """Commands of the group signal, which need no classifier: features, spectrum, trend."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swashtwin.cli.console import note, say, table, tell, with_bar
-from swashtwin.cli.exits import resumable
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, reads_files
 from swashtwin.cli.outputs import FIGURE, Force, require_output
 from swashtwin.cli.shaft import Shaft, Tachometer, Track
@@ -68,30 +66,12 @@ def features(
     signal trend.
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
-    shaft = Shaft(tachometer, track)
-    recordings = load_sources(source, **reading)
-    if out is None:
-        indicators = _indicators_of(recordings, pistons, band, shaft)
-    else:
-        from swashtwin.foundation import partial_results, write_text
+    indicators = _indicators_of(load_sources(source, **reading), pistons, band, Shaft(tachometer, track))
+    if out is not None:
+        from swashtwin.foundation import write_text
 
-        settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "reading": reading}
-        partial = out.with_name(f"{out.name}.partial")
-        with (
-            resumable(f"{partial} holds the rows that are done: the same command goes on with them"),
-            partial_results(partial, {**settings, "sources": _stamps(source)}) as results,
-        ):
-            indicators = _indicators_of(recordings, pistons, band, shaft, results)
-            write_text(out, indicators.csv)
+        write_text(out, indicators.csv)
     tell({"csv": out, **indicators.to_dict()}, as_json, lambda: _show_indicators(indicators, out))
-
-
-def _stamps(sources: Sequence[Path]) -> list[tuple[str, int, int]]:
-    """Path, size and time of change of each file of the sources."""
-    from swashtwin.recordings import source_files
-
-    files = [file for path in sources for file in source_files(path)]
-    return [(str(file.absolute()), file.stat().st_size, file.stat().st_mtime_ns) for file in files]
 
 
 def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
@@ -233,20 +213,11 @@ def trend(
 
 
 def _indicators_of(
-    recordings: "Sequence[Recording]",
-    pistons: int | None,
-    bands: list[str] | None,
-    shaft: Shaft,
-    results: tuple[list[Any], Callable[[Any], None]] | None = None,
+    recordings: "Sequence[Recording]", pistons: int | None, bands: list[str] | None, shaft: Shaft
 ) -> "IndicatorTable":
-    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found.
-
-    Parameters
-    ----------
-    results : `partial_results` of the first recordings, and the function that adds those of the next.
-    """
-    from swashtwin.foundation import DataError, InputError, from_table, to_table
-    from swashtwin.signals import BANDS, FAMILIES, Band, IndicatorTable, indicators_of, long_indicators, stacked
+    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found."""
+    from swashtwin.foundation import DataError, InputError
+    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, long_indicators, stacked
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
     refusals: list[str] = []
@@ -261,19 +232,11 @@ def _indicators_of(
         vibration = shaft.vibration_of(recording)
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 
-    finished, add = results or ([], None)
     tables = []
-    for number, recording in enumerate(with_bar(recordings, "indicators")):
-        if number < len(finished):
-            table_of, refusal = finished[number]
-            tables.append(from_table(table_of, IndicatorTable))
-            refusals += refusal
-            continue
+    for recording in with_bar(recordings, "indicators"):
         count = len(refusals)
         tables.append(long_indicators(recording.unloaded(), describe))
         del refusals[count + 1 :]  # of stretches, one each
-        if add is not None:
-            add((to_table(tables[-1]), refusals[count:]))
     if refusals and len(refusals) == len(recordings):
         raise DataError(refusals[0])
     for reason in refusals:

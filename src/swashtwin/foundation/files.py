@@ -11,16 +11,15 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import IO, Any, Final, TypedDict
 
-from swashtwin.foundation.cards import first_difference
 from swashtwin.foundation.errors import ArtifactError, DataError, InputError
-from swashtwin.foundation.version import VERSION
+from swashtwin.foundation.packages import VERSION
 
 try:
     import fcntl
@@ -207,48 +206,15 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
         raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
 
 
-@contextmanager
-def partial_results(path: Path, settings: Mapping[str, Any]) -> Iterator[tuple[list[Any], Callable[[Any], None]]]:
-    """Results that an interrupted run with equal settings left in `path`, and a function that adds the next one.
-
-    Each result is a line of JSON. The file is removed when the block ends well or by an error; it stays after an
-    interrupt or a kill.
-
-    Parameters
-    ----------
-    settings : whatever the results depend on, as JSON can hold it.
-    """
-    header = json.dumps({"version": VERSION, **settings}, sort_keys=True)
-    results = []
-    if path.is_file():
-        first, *lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1] or [
-            ""
-        ]  # the last line is empty or unfinished
-        with suppress(ValueError):
-            results = [json.loads(line) for line in (lines if first == header else ())]
-    file: IO[str] | None = None
-
-    def add(result: Any) -> None:
-        nonlocal file
-        if file is None:
-            write_text(path, "".join(f"{line}\n" for line in (header, *map(json.dumps, results))))
-            file = path.open("a", **TEXT)
-        file.write(f"{json.dumps(result)}\n")
-        file.flush()
-
-    is_over = True
-    try:
-        yield list(results), add
-    except Exception:
-        raise
-    except BaseException:
-        is_over = False
-        raise
-    finally:
-        if file is not None:
-            file.close()  # Windows removes no open file
-        if is_over:
-            path.unlink(missing_ok=True)
+def first_difference(before: Any, now: Any, name: str = "") -> str:
+    """First entry in which two tables differ, with both values, in words; empty where there is none."""
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        differences = (
+            first_difference(before.get(key), now.get(key), f"{name}.{key}" if name else key)
+            for key in sorted({*before, *now})
+        )
+        return next(filter(None, differences), "")
+    return "" if before == now else f"{name} was {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
 
 
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:

@@ -24,15 +24,11 @@ from .faults import ValvePlateWear as ValvePlateWear
 from .faults import fault_type as fault_type
 from .faults import read_fault as read_fault
 from .faults import register_fault as register_fault
-from .geometry import stroke_of as stroke_of
 from .labels import CLASSES as CLASSES
 from .labels import canonical_label as canonical_label
 from .labels import is_healthy as is_healthy
 from .labels import is_same_class as is_same_class
 from .labels import propose_class as propose_class
-from .numbers import in_trade_units as in_trade_units
-from .numbers import pump_numbers as pump_numbers
-from .numbers import with_number as with_number
 from .parameters import LETTERS as LETTERS
 from .parameters import PARAMETERS as PARAMETERS
 from .parameters import Bearings as Bearings
@@ -42,6 +38,10 @@ from .parameters import InterfaceValue as InterfaceValue
 from .parameters import Pump as Pump
 from .parameters import Rated as Rated
 from .parameters import Sensor as Sensor
+from .parameters import in_trade_units as in_trade_units
+from .parameters import pump_numbers as pump_numbers
+from .parameters import with_number as with_number
 from .scaling import Nameplate as Nameplate
 from .scaling import read_nameplate as read_nameplate
 from .scaling import scaled_pump as scaled_pump
+from .scaling import stroke_of as stroke_of

@@ -24,10 +24,8 @@ from swashtwin.foundation import (
     read_text,
     write_text,
 )
-from swashtwin.pump.geometry import require_sound_geometry
-from swashtwin.pump.numbers import pump_text
-from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor
-from swashtwin.pump.scaling import Nameplate, scaled_pump
+from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor, pump_text
+from swashtwin.pump.scaling import Nameplate, require_sound_geometry, scaled_pump
 
 FORMAT = 1
 

@@ -1,21 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
-from .checks.channels import clipped_samples as clipped_samples
-from .checks.channels import refuse_unfit as refuse_unfit
-from .checks.comparison import inspect_recordings as inspect_recordings
-from .checks.comparison import layout_findings as layout_findings
-from .checks.comparison import several_healthy as several_healthy
-from .checks.comparison import usual_window as usual_window
-from .checks.comparison import window_findings as window_findings
-from .checks.findings import Finding as Finding
-from .checks.findings import InspectionReport as InspectionReport
-from .checks.findings import RecordingReport as RecordingReport
+from .channel_checks import Finding as Finding
+from .channel_checks import clipped_samples as clipped_samples
+from .channel_checks import refuse_unfit as refuse_unfit
 from .collection import Recordings as Recordings
 from .collection import load_recordings as load_recordings
-from .columns import BLOCK as BLOCK
 from .entry import Entry as Entry
-from .facts import RecordingFacts as RecordingFacts
-from .facts import facts_of as facts_of
+from .formats.raw import BLOCK as BLOCK
 from .formats.raw import RATES as RATES
 from .formats.raw import Options as Options
 from .formats.raw import RawFile as RawFile
@@ -30,9 +21,11 @@ from .formats.registry import suffixes as suffixes
 from .formats.registry import write_blocks as write_blocks
 from .formats.registry import write_recording as write_recording
 from .grouping import GROUPS as GROUPS
+from .grouping import RecordingFacts as RecordingFacts
 from .grouping import best_test_rows as best_test_rows
 from .grouping import condition_names as condition_names
 from .grouping import condition_words as condition_words
+from .grouping import facts_of as facts_of
 from .grouping import no_group as no_group
 from .grouping import recording_groups as recording_groups
 from .grouping import stated_angular_speed as stated_angular_speed
@@ -49,6 +42,13 @@ from .index import source_files as source_files
 from .index import write_index as write_index
 from .index_editing import FactChange as FactChange
 from .index_editing import change_facts as change_facts
+from .inspection import InspectionReport as InspectionReport
+from .inspection import RecordingReport as RecordingReport
+from .inspection import inspect_recordings as inspect_recordings
+from .inspection import layout_findings as layout_findings
+from .inspection import several_healthy as several_healthy
+from .inspection import usual_window as usual_window
+from .inspection import window_findings as window_findings
 from .loading import load_beside as load_beside
 from .loading import load_recording as load_recording
 from .loading import recording_of as recording_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
-from swashtwin.recordings.checks.findings import Finding, listed
+from swashtwin.recordings.channel_checks import Finding, listed
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
     best_test_rows,

@@ -19,7 +19,7 @@ from swashtwin.foundation import (
     write_text,
 )
 from swashtwin.pump import in_trade_units, is_same_class
-from swashtwin.recordings.checks.findings import Finding
+from swashtwin.recordings.channel_checks import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import PUMP_KEYS, recording_of

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
-from swashtwin.recordings.checks.findings import listed
+from swashtwin.recordings.channel_checks import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
 from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, plain_text
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.columns import BLOCK
+from swashtwin.recordings.formats.raw import BLOCK
 from swashtwin.recordings.samples import Samples
 
 _OF_SAMPLES: Any = object()

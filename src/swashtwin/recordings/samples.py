@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError, require_memory
-from swashtwin.recordings.columns import BLOCK, Column, number_type
+from swashtwin.recordings.formats.raw import BLOCK, Column, number_type
 
 _UNEQUAL = 0.25
 """Share by which the steps of a ramp may differ: those of a time that was written with few digits do."""

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import Column, part_of
-from swashtwin.recordings.formats.raw import Options, RawFile, plain_unit
+from swashtwin.recordings.formats.raw import Column, Options, RawFile, part_of, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, TimeColumn, read_time_column
 

@@ -16,10 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, load_extra, require_disk_space, spreadsheet_text
-from swashtwin.recordings.columns import Column, side_by_side
 from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
 from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
-from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.raw import Column, Options, RawFile, side_by_side
 from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
 from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import StampReader, is_stamp

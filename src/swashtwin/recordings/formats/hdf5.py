@@ -16,9 +16,16 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
-from swashtwin.recordings.columns import Column, side_by_side
 from swashtwin.recordings.formats.clock import named_as_time, timed
-from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, known_unit, require_plausible_size
+from swashtwin.recordings.formats.raw import (
+    STORE_KIND,
+    Column,
+    Options,
+    RawFile,
+    known_unit,
+    require_plausible_size,
+    side_by_side,
+)
 from swashtwin.recordings.formats.tables import (
     LISTS,
     SCALE_NAMES,

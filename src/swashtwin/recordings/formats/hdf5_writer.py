@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import BLOCK
 from swashtwin.recordings.formats.hdf5 import CONDITION, FORMAT, STORE_FORMAT
+from swashtwin.recordings.formats.raw import BLOCK
 from swashtwin.recordings.recording import Recording, require_same_facts
 
 _LAYOUT = ("v110", "v110")

@@ -26,9 +26,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, keep_freed_memory, memory_limit
-from swashtwin.recordings.columns import BLOCK, Column, file_stamp, number_type, require_unchanged
 from swashtwin.recordings.formats.clock import split
-from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.raw import BLOCK, Column, Options, RawFile, file_stamp, number_type, require_unchanged
 
 _PATIENCE = 30.0
 """Seconds that an answer about any file may take."""

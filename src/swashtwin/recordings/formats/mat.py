@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, load_extra, parse, require_memory
-from swashtwin.recordings.columns import Column
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, plain_unit
+from swashtwin.recordings.formats.raw import Column, Options, RawFile, known_unit, plain_unit
 from swashtwin.recordings.formats.tables import LISTS, SCALE_NAMES, obeyed, stated_sensitivities, unknown_scale
 from swashtwin.recordings.recording import Recording
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import load_extra
-from swashtwin.recordings.columns import Column, LazyColumn
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size
+from swashtwin.recordings.formats.raw import Column, LazyColumn, Options, RawFile, require_plausible_size
 from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.recording import Recording
 

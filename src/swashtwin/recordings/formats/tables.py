@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse
-from swashtwin.recordings.columns import Column, LazyColumn
-from swashtwin.recordings.formats.raw import SAMPLE_UNITS, Options, known_unit, plain_unit
+from swashtwin.recordings.formats.raw import SAMPLE_UNITS, Column, LazyColumn, Options, known_unit, plain_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _AFTER_WORD = re.compile(r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
-from swashtwin.recordings.columns import Column, LazyColumn, part_of
 from swashtwin.recordings.formats.clock import TIME_UNITS, timed
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, snapped_rate
+from swashtwin.recordings.formats.raw import Column, LazyColumn, Options, RawFile, known_unit, part_of, snapped_rate
 from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
 from swashtwin.recordings.recording import Recording
 

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.columns import BLOCK, Column
-from swashtwin.recordings.formats.raw import snapped_rate
+from swashtwin.recordings.formats.raw import BLOCK, Column, snapped_rate
 
 COARSE = 5e-3
 """Relative doubt about a rate beyond which a time column does not state it."""

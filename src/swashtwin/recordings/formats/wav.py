@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, load_extra
-from swashtwin.recordings.columns import side_by_side
-from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size
+from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size, side_by_side
 from swashtwin.recordings.recording import Recording
 
 soundfile: Any = load_extra("soundfile", "readers", "a WAV file")

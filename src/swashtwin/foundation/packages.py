@@ -1,11 +1,20 @@
-"""Optional packages, imported where they are needed."""
+"""The version of this package, the optional ones, and loops that are compiled to machine code."""
 
 import sys
+from collections.abc import Callable
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from swashtwin.foundation.errors import MissingExtraError
+
+try:
+    VERSION = version("swashtwin")
+except PackageNotFoundError:  # run from a source tree that was never installed
+    VERSION = "0+unknown"
+__version__ = VERSION
+"""The same, by the name that other packages give it."""
 
 
 def load_extra(module: str, extra: str, need: str) -> Any:
@@ -43,3 +52,20 @@ def require_modules(*modules: str, extra: str, need: str) -> None:
 
 def _missing(module: str, extra: str, need: str) -> MissingExtraError:
     return MissingExtraError(f'{need} needs {module}, which is not installed: pip install "swashtwin[{extra}]".')
+
+
+_F = TypeVar("_F", bound=Callable)
+
+
+def compiled(function: _F) -> _F:
+    """`function`, compiled by numba; the machine code is kept on disk where that can be written.
+
+    Give each such function ``@no_type_check`` beneath this decorator: the tests' run-time checker would otherwise wrap
+    it in something that cannot be compiled. Arguments are plain numbers and arrays.
+    """
+    import numba
+
+    try:
+        return cast(_F, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # no folder to keep the machine code in
+        return cast(_F, numba.njit(error_model="numpy")(function))

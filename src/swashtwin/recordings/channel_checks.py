@@ -2,14 +2,37 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.checks.findings import Finding
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
+
+Severity = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong, or worth knowing."""
+
+    kind: str
+    """Short name, such as ``"clipping"``."""
+    severity: Severity
+    """``error``: must not be used; ``warning``: look at it; ``note``: worth knowing."""
+    channel: str | None
+    """Channel it was found in, or None where it concerns all."""
+    message: str
+    """The finding in words, with the numbers."""
+
+
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """The first `most` names, and how many more."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
 
 PART = 1 << 22
 """Samples of a channel that are looked at together; a stretch across the border of two parts counts as two."""

@@ -78,12 +78,12 @@ def test_a_dataclass_comes_back_from_a_table() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"rate": "fast"}, "rate: expected `float`, got `str`"),
-        ({"rate": None}, "rate: expected `float`, got `null`"),
+        ({"rate": "fast"}, "rate: expected a number, got text"),
+        ({"rate": None}, "rate: expected a number, got nothing"),
         ({"levels": {"level": {"array": "levels.level"}, "names": ["a"]}}, "levels: not one name for each level"),
         ({"levels": {"level": {"array": "speed"}, "names": ["a"]}}, "levels.level: expected"),
         ({"levels": {"level": {"array": "gone"}, "names": ["a"]}}, "'gone'"),
-        ({"weights": 3}, "weights: expected `object`, got `int`"),
+        ({"weights": 3}, "weights: expected a table, got a whole number"),
     ],
 )
 def test_a_card_that_misfits_is_refused_by_the_entry(tmp_path: Path, change: dict, words: str) -> None:

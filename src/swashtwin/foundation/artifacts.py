@@ -28,6 +28,10 @@ from swashtwin.foundation.files import replacing
 T = TypeVar("T")
 
 _MOST_DIGITS = 40
+_KINDS = {
+    "str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "array": "a list",
+    "object": "a table", "null": "nothing",
+}  # fmt: skip
 _UNKNOWN = re.compile(r"Object contains unknown field `(.+)`")
 
 
@@ -76,7 +80,7 @@ def from_table(
     --------
     >>> from_table(["a", 1], list[str], "card.json")
     Traceback (most recent call last):
-    swashtwin.foundation.errors.InputError: card.json: [1]: expected `str`, got `int`.
+    swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number.
     """
     try:
         return msgspec.convert(table, form, dec_hook=to_array or _array_of_list, str_keys=True)
@@ -99,9 +103,17 @@ def _misfit(message: str, form: Any) -> str:
     if match := _UNKNOWN.fullmatch(text):
         near = difflib.get_close_matches(match[1], _names(form), 1)
         text = f"there is no entry {match[1]!r}{f'; did you mean {near[0]!r}?' if near else ''}"
+    elif text.startswith("Expected"):
+        text = re.sub("`([^`]*)`", _in_words, f"e{text[1:]}")
     else:
         text = text[:1].lower() + text[1:].rstrip(".")
     return f"{path}: {text}" if path else text
+
+
+def _in_words(kinds: re.Match[str]) -> str:
+    """Types as msgspec names them, in plain words."""
+    names = kinds[1].removesuffix(" | null").split(" | ")
+    return " or ".join(_KINDS.get(name, name) for name in names)
 
 
 def _names(form: Any) -> set[str]:

@@ -46,8 +46,6 @@ _FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
 """A stretch of one value is flat from this many samples and this long [s] on."""
 _OFFSET_RATIO = 5.0
 """Mean over standard deviation from which an offset is called large."""
-_FULL_SCALES = tuple(2**bits for bits in range(9, 24))
-"""Steps from zero to the end of a converter."""
 
 
 class ChannelStatistics:
@@ -106,11 +104,6 @@ class ChannelStatistics:
         """Root mean square, offset included; NaN without a finite sample."""
         return math.hypot(self.mean, self.std)
 
-    @property
-    def key(self) -> tuple[float, ...]:
-        """Figures that are the same, bit for bit, for equal samples."""
-        return self.count, self.least, self.most, self.mean, self._square
-
 
 def channel_statistics(recording: Recording) -> list[ChannelStatistics]:
     """Statistics of each channel."""
@@ -166,18 +159,27 @@ def unfit(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iter
 
 def channel_findings(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iterator[Finding]:
     """Clipping, dropouts and offsets of each channel that is not constant."""
-    totals = np.zeros((len(statistics), 2, 3), int)
+    totals = np.zeros((len(statistics), 2, 2), int)
     for start in range(0, recording.n_samples, PART):
         signal = recording.samples.signal_part(start, start + PART)
         for number, (row, channel) in enumerate(zip(signal, statistics, strict=True)):
             if not channel.is_constant:
                 totals[number] += _at_extremes(row, channel.least, channel.most)
-    for number, (name, channel) in enumerate(zip(recording.channels, statistics, strict=True)):
+    for name, channel, counts in zip(recording.channels, statistics, totals.tolist(), strict=True):
         if channel.is_constant:
             continue
-        crowds = [_crowd(*counts) for counts in totals[number].tolist()]
-        if (finding := _clipping(recording, number, channel, crowds, totals[number, :, 2])) is not None:
-            yield finding
+        crowds = [_crowd(*each) for each in counts]
+        if max(crowds) > recording.n_samples / 2:
+            message = (
+                f"{max(crowds)} samples ({max(crowds) / recording.n_samples:.2%}) are as good as equal beside the "
+                f"others, of {channel.least:.4g} to {channel.most:.4g} {recording.unit}: spikes, or the pulses of a "
+                "tachometer?"
+            )
+            yield Finding("spikes", "warning", name, message)
+        elif clipped := sum(crowds):
+            share = clipped / recording.n_samples
+            message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
+            yield Finding("clipping", "warning", name, message)
         values = np.array([value for _, _, value in channel.stretches])
         interior = ~np.isclose(values[:, None], (channel.least, channel.most)).any(axis=1)
         flat = [item for item, inside in zip(channel.stretches, interior, strict=True) if inside or not sum(crowds)]
@@ -204,30 +206,6 @@ def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     return sum(_crowd(*counts) for counts in _at_extremes(row, low, high).tolist())
 
 
-def _clipping(
-    recording: Recording,
-    number: int,
-    channel: ChannelStatistics,
-    crowds: list[int],
-    touching: Int[np.ndarray, " extreme"],
-) -> Finding | None:
-    name, span = recording.channels[number], f"{channel.least:.4g} to {channel.most:.4g}"
-    if max(crowds) > recording.n_samples / 2:
-        message = (
-            f"{max(crowds)} samples ({max(crowds) / recording.n_samples:.2%}) are as good as equal beside the others, "
-            f"of {span} {recording.unit}: spikes, or the pulses of a tachometer?"
-        )
-        return Finding("spikes", "warning", name, message)
-    if clipped := sum(crowds):
-        share = clipped / recording.n_samples
-        message = f"{clipped} samples ({share:.2%}) stand in a row at the extreme: the range was exceeded."
-        return Finding("clipping", "warning", name, message)
-    if touching.sum() > 2 and not channel.bad and _touches_full_scale(recording, number, channel, touching):
-        message = f"samples touch the converter's full scale ({span}): peaks may be cut off."
-        return Finding("clipping", "warning", name, message)
-    return None
-
-
 def _runs(numbers: Int[np.ndarray, " number"]) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
     """First number and length of each run of consecutive numbers."""
     if not numbers.size:
@@ -236,35 +214,20 @@ def _runs(numbers: Int[np.ndarray, " number"]) -> tuple[Int[np.ndarray, " run"],
     return numbers[first], np.diff(np.append(first, numbers.size))
 
 
-def _at_extremes(row: Float[np.ndarray, " time"], least: float, most: float) -> Int[np.ndarray, "extreme 3"]:
-    """Samples in runs at the lower and the upper extreme, samples near it but not at it, and samples that equal it."""
-    counts, span = np.zeros((2, 3), int), most - least
+def _at_extremes(row: Float[np.ndarray, " time"], least: float, most: float) -> Int[np.ndarray, "extreme 2"]:
+    """Samples in runs at the lower and the upper extreme, and samples near it but not at it."""
+    counts, span = np.zeros((2, 2), int), most - least
     for number, (signed, extreme) in enumerate(((-row, -least), (row, most))):
         near = np.flatnonzero(signed >= extreme - _NEAR * span)
         at = near[extreme - signed[near] <= _AT * span]
         _, lengths = _runs(at)
-        counts[number] = lengths[lengths >= _CLIP_RUN].sum(), near.size - at.size, (signed[at] == extreme).sum()
+        counts[number] = lengths[lengths >= _CLIP_RUN].sum(), near.size - at.size
     return counts
 
 
-def _crowd(in_runs: int, near: int, touching: int) -> int:
+def _crowd(in_runs: int, near: int) -> int:
     """Samples in runs at the extreme, where it is crowded as only a stop makes it."""
     return in_runs if in_runs > max(near, 2 * _CLIP_RUN - 1) else 0
-
-
-def _touches_full_scale(
-    recording: Recording, number: int, channel: ChannelStatistics, touching: Int[np.ndarray, " extreme"]
-) -> bool:
-    """Whether several samples are -2^k or 2^k - 1 converter steps, as far as a converter of k + 1 bits reaches."""
-    values = np.unique(recording.samples.signal_part(0, PART)[number])
-    if len(values) < 3:
-        return False
-    step = float(np.diff(values).min())
-    steps = values / step
-    if np.abs(steps[[0, -1]]).max() > 2**24 or np.abs(steps - np.round(steps)).max() > 0.01:
-        return False
-    low = int(touching[0]) * (round(-channel.least / step) in _FULL_SCALES)
-    return low + int(touching[1]) * (round(channel.most / step) + 1 in _FULL_SCALES) >= 2
 
 
 _HARMONICS = 10

@@ -8,11 +8,14 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from swashtwin.foundation import (
     DataError,
     InputError,
     MissingFileError,
     SwashTwinError,
+    from_table,
     plain_text,
     read_text,
     sha256_of,
@@ -21,6 +24,7 @@ from swashtwin.foundation import (
 from swashtwin.pump import in_trade_units, is_same_class
 from swashtwin.recordings.channel_checks import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.formats.raw import Text
 from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import PUMP_KEYS, recording_of
 from swashtwin.recordings.recording import Recording, require_distinct
@@ -207,34 +211,34 @@ def index_table(index: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as cause:  # numbers of thousands of digits, and lists in lists, too
         hint = "; write / between folders, or put a text with \\ into single quotes" if "\\" in str(cause) else ""
         raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}{hint}") from cause
-    unknown = sorted(set(table) - {"format", "classes", "root", "fault_of", "defaults", "recording"})
-    if unknown:
-        raise DataError(
-            f"{index}: unknown key {unknown[0]!r}; known: format, classes, root, [fault_of], [defaults], [[recording]]."
-        )
     if table.get("format") != 1 or isinstance(table["format"], bool):
         raise DataError(f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1.")
-    kinds = {"classes": list, "root": str, "fault_of": dict, "defaults": dict, "recording": list}
-    words = {list: "a list", str: "a text", dict: "a table"}
-    for key, kind in kinds.items():
-        if key in table and not isinstance(table[key], kind):
-            raise DataError(f"{index}: {key} = {table[key]!r} must be {words[kind]}.")
-    if not all(isinstance(name, str) and plain_text(name) for name in table.get("classes", [])):
-        raise DataError(f"{index}: classes = {table['classes']!r} must be a list of texts.")
-    if not all(isinstance(fault, str) for fault in table.get("fault_of", {}).values()):
-        raise DataError(f"{index}: fault_of = {table['fault_of']!r} must name a fault for each class.")
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")
+    try:
+        from_table(table, _Index, str(index))
+    except InputError as cause:
+        raise DataError(str(cause)) from cause
     return table
 
 
+class _Index(msgspec.Struct, forbid_unknown_fields=True):
+    """Form of an index."""
+
+    format: int
+    recording: list[dict[str, Any]]
+    classes: list[Text] = []
+    root: str = ""
+    fault_of: dict[str, str] = {}
+    defaults: dict[str, Any] = {}
+
+
 def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
-    entries = []
-    for number, values in enumerate(table["recording"], 1):
-        if not isinstance(values, dict):
-            raise DataError(f"{index}: entry {number} is not a [[recording]] table.")
-        entries.append(Entry.from_mapping({**table.get("defaults", {}), **values}, where=f"{index}: entry {number}"))
-    return entries
+    defaults = table.get("defaults", {})
+    return [
+        Entry.from_mapping({**defaults, **values}, where=f"{index}: entry {number}")
+        for number, values in enumerate(table["recording"], 1)
+    ]
 
 
 def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]:

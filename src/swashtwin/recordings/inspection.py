@@ -2,7 +2,6 @@
 
 import math
 import statistics as figures
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -22,7 +21,6 @@ from swashtwin.recordings.channel_checks import (
 )
 from swashtwin.recordings.grouping import stated_speed
 from swashtwin.recordings.recording import Recording
-from swashtwin.recordings.samples import hash_channels
 
 
 @dataclass(frozen=True)
@@ -136,11 +134,13 @@ def inspect_recordings(
     progress : called with the number of recordings that are done, and of all.
     """
     recordings = list(recordings)
-    reports, statistics = [], []
+    reports, statistics, hashes = [], [], []
     for number, stored in enumerate(recordings, 1):
-        report, channels = _report(stored.unloaded())
+        recording = stored.unloaded()
+        report, channels = _report(recording)
         reports.append(report)
         statistics.append(channels)
+        hashes.append(recording.content_hashes())
         if progress:
             progress(number, len(recordings))
     lengths = sorted(recording.duration for recording in recordings) or [0.0]
@@ -149,7 +149,7 @@ def inspect_recordings(
         *layout_findings(recordings),
         *window_findings(recordings, window),
         *([Finding("length", "warning", None, message)] if lengths[-1] > 3 * lengths[0] else []),
-        *_duplicates(recordings, statistics),
+        *_duplicates(recordings, hashes),
         *_odd_levels(recordings, statistics),
         *several_healthy(recording.label for recording in recordings),
         *_thin_classes(recordings),
@@ -266,26 +266,13 @@ def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recordin
     return groups
 
 
-def _duplicates(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
-    """Channels that hold the same samples; only those of equal figures are compared by their content."""
-    rows = [
-        (channel.key, recording, number)
-        for recording, channels in zip(recordings, statistics, strict=True)
-        for number, channel in enumerate(channels)
-        if not channel.is_constant
-    ]
-    counts = Counter(key for key, *_ in rows)
-    groups = _by_value(
-        (hash_channels(block.signal[[number]] for block in recording.unloaded().blocks())[0], recording)
-        for key, recording, number in rows
-        if counts[key] > 1
-    )
-    groups.pop("", None)  # ramps, such as counters
-    reported = set()
-    for group in groups.values():
-        ids = tuple(recording.recording_id for recording in group)
-        if len(ids) > 1 and ids not in reported:
-            reported.add(ids)
+def _duplicates(recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]) -> Iterator[Finding]:
+    """Recordings with a channel of the same samples."""
+    pairs = zip(recordings, hashes, strict=True)
+    groups = _by_value((digest, recording) for recording, digests in pairs for digest in digests)
+    members = {tuple(recording.recording_id for recording in group): group for group in groups.values()}
+    for ids, group in members.items():
+        if len(ids) > 1:
             message = (
                 f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
             )

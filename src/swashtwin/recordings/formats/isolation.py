@@ -18,6 +18,7 @@ import threading
 import time
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -41,8 +42,6 @@ _COLUMNS = 10_000
 _LIBRARIES = 1 << 29
 """Bytes that the libraries themselves may take."""
 _COMMAND = "from swashtwin.recordings.formats.isolation import serve; serve()"
-_PIPE = 1 << 20
-"""Bytes that a pipe holds, where the system lets a program say so: fewer switches between the two processes."""
 
 
 @dataclass(frozen=True)
@@ -110,22 +109,17 @@ class _Reader:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
-        self._paths: set[str] = set()
-        """Files that the process was asked for."""
 
     def ask(self, source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
         """The recordings of a file, or the samples `wanted`: recording, column, start and stop."""
         with self._lock:
-            others = self._paths - {source.path}
-            try:
-                answer = self._exchange(source, wanted)
-            except _DiedError as cause:
-                if not others or "no end" in str(cause):
-                    raise DataError(f"{source.name} is damaged: {cause}.") from cause
-                try:  # what an earlier file broke in that process must not be blamed on this one
+            for is_second in (False, True):  # what an earlier file broke in that process is not blamed on this one
+                try:
                     answer = self._exchange(source, wanted)
-                except _DiedError as again:
-                    raise DataError(f"{source.name} is damaged: {again}.") from again
+                    break
+                except _DiedError as cause:
+                    if is_second or "no end" in str(cause):
+                        raise DataError(f"{source.name} is damaged: {cause}.") from cause
         if isinstance(answer, MemoryError):
             raise DataError(
                 f"{source.name} of {source.stamp[0] / 1e9:.3g} GB takes more than the limit of "
@@ -141,7 +135,6 @@ class _Reader:
     def _exchange(self, source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
         process, began = self._running(), time.monotonic()
         seconds = _PATIENCE + source.stamp[0] / _BYTES_PER_SECOND
-        self._paths.add(source.path)
         assert process.stdin is not None
         assert process.stdout is not None
         try:
@@ -165,7 +158,6 @@ class _Reader:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                pipesize=_PIPE,
                 env={
                     **os.environ,
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
@@ -179,7 +171,7 @@ class _Reader:
         """Exit code of the process, which is ended where it does not end by itself within `patience` [s]."""
         if self._process is None:
             return 0
-        process, self._process, self._paths = self._process, None, set()
+        process, self._process = self._process, None
         try:
             process.wait(patience)
         except subprocess.TimeoutExpired:
@@ -198,10 +190,8 @@ class _Reader:
 
 def _close(process: "subprocess.Popen[bytes]") -> None:
     for pipe in (process.stdin, process.stdout):
-        try:
+        with suppress(OSError):  # it was full when the process died
             pipe and pipe.close()
-        except OSError:
-            continue  # it was full when the process died
 
 
 _reader = _Reader()
@@ -220,7 +210,6 @@ def serve() -> None:
     end_with(os.getppid())
     warnings.simplefilter("ignore")
     keep_freed_memory()
-    files = _Files()
     with os.fdopen(os.dup(1), "wb") as answers, open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(2, 1)  # whatever a library prints goes nowhere
         while True:
@@ -230,17 +219,17 @@ def serve() -> None:
                 return
             os.environ[MEMORY_VARIABLE] = memory
             faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
-            pickle.dump(_answer(files, source, wanted), answers, protocol=pickle.HIGHEST_PROTOCOL)
+            pickle.dump(_answer(source, wanted), answers, protocol=pickle.HIGHEST_PROTOCOL)
             answers.flush()
             faulthandler.cancel_dump_traceback_later()
 
 
-def _answer(files: "_Files", source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
+def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
     """What was asked for, or an error that stands for whatever a library raised."""
     try:
         try:
             require_unchanged(Path(source.path), source.stamp)
-            content = files.content(source)
+            content = _content(source)
             if wanted is None:
                 return {part: _remote(source, part, raw) for part, raw in content.items()}
             part, name, start, stop = wanted
@@ -249,11 +238,11 @@ def _answer(files: "_Files", source: _Source, wanted: tuple[str, str | None, int
             return np.ascontiguousarray(column[start:stop])
         finally:
             if not _STAY_OPEN:
-                files.clear()
+                _contents.clear()
             require_unchanged(Path(source.path), source.stamp)  # else what a library says of it misleads
     except Exception as cause:
         if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM:
-            files.clear()
+            _contents.clear()
             return MemoryError()
         message = (str(cause).splitlines() or [""])[0][:400]
         if isinstance(cause, SwashTwinError):
@@ -271,42 +260,34 @@ def _remote(source: _Source, part: str, raw: RawFile) -> RawFile:
     return replace(raw, columns=columns, speeds=None if raw.speeds is None else remote(None, raw.speeds))
 
 
-class _Files:
-    """The files that were asked for last."""
+_contents: dict[str, tuple[_Source, Mapping[str, RawFile], int]] = {}
+"""What the files hold that were asked for last, and bytes of it in memory."""
 
-    def __init__(self) -> None:
-        self._contents: dict[str, tuple[_Source, Mapping[str, RawFile], int]] = {}
 
-    def content(self, source: _Source) -> Mapping[str, RawFile]:
-        """What a file holds, read where it is not open."""
-        known = self._contents.pop(source.path, None)
-        if known is None or known[0] != source:
-            del known  # the old content first: the HDF5 library would give it again
-            for path in [path for path in self._contents if not os.path.exists(path)]:
-                del self._contents[path]  # of a watch, which deletes what it has judged
-            known = self._read(source)
-        self._contents[source.path] = known
-        while len(self._contents) > 1 and (
-            len(self._contents) > _FILES or sum(size for *_, size in self._contents.values()) > _BYTES
-        ):
-            del self._contents[next(iter(self._contents))]  # the one that was not asked for the longest
-        return known[1]
+def _content(source: _Source) -> Mapping[str, RawFile]:
+    """What a file holds, read where it is not open."""
+    known = _contents.pop(source.path, None)
+    if known is None or known[0] != source:
+        del known  # the old content first: the HDF5 library would give it again
+        for path in [path for path in _contents if not os.path.exists(path)]:
+            del _contents[path]  # of a watch, which deletes what it has judged
+        known = _read(source)
+    _contents[source.path] = known
+    while len(_contents) > 1 and (len(_contents) > _FILES or sum(size for *_, size in _contents.values()) > _BYTES):
+        del _contents[next(iter(_contents))]  # the one that was not asked for the longest
+    return known[1]
 
-    @staticmethod
-    def _read(source: _Source) -> tuple[_Source, Mapping[str, RawFile], int]:
-        _limit_memory()
-        module = import_module(f"swashtwin.recordings.formats.{source.module}")
-        result = getattr(module, source.function)(Path(source.path), source.options)
-        content = {"": split(result)} if isinstance(result, RawFile) else result
-        if max((len(raw.columns) for raw in content.values()), default=0) > _COLUMNS:
-            raise DataError(f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement.")
-        columns = [column for raw in content.values() for column in raw.columns.values()]
-        size = sum(column.nbytes if isinstance(column, np.ndarray) else BLOCK for column in columns)
-        return source, content, size
 
-    def clear(self) -> None:
-        """Close and forget every file."""
-        self._contents.clear()
+def _read(source: _Source) -> tuple[_Source, Mapping[str, RawFile], int]:
+    _limit_memory()
+    module = import_module(f"swashtwin.recordings.formats.{source.module}")
+    result = getattr(module, source.function)(Path(source.path), source.options)
+    content = {"": split(result)} if isinstance(result, RawFile) else result
+    columns = [column for raw in content.values() for column in raw.columns.values()]
+    if len(columns) > _COLUMNS and "" in content:
+        raise DataError(f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement.")
+    size = sum(column.nbytes if isinstance(column, np.ndarray) else BLOCK for column in columns)
+    return source, content, size
 
 
 def _limit_memory() -> None:

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
+from msgspec import Meta
 
 from swashtwin.foundation import DataError, MissingFileError, UnitError, is_unit, memory_limit, parse
 from swashtwin.pump import OperatingCondition
@@ -103,6 +104,11 @@ _PACKING = 100
 """How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead channel to more."""
 
 
+Text = Annotated[str, Meta(min_length=1)]
+_Count = Annotated[int, Meta(ge=0, lt=1 << 31)]
+_Texts = Annotated[tuple[Text, ...], Meta(min_length=1)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """What a file does not say of itself: the keys of an index, and the options of every command that reads a file.
@@ -112,25 +118,25 @@ class Options:
 
     sample_rate: str | None = None
     """Samples per second, such as ``"25.6 kHz"``."""
-    unit: str | None = None
+    unit: Text | None = None
     """Unit of the numbers in the file; ``"1"`` where the scale is unknown."""
-    sensitivity: str | tuple[str, ...] | None = None
+    sensitivity: Text | _Texts | None = None
     """What the numbers in the file stand for: ``"99.7 mV/g"`` for channels in volts, ``"0.488 mg/count"`` or ``"256
     LSB/g"`` for those of a converter, ``"0.1 g"`` for one unit of the file (full scale of an integer WAV). One for all
     channels, one for each, or ``"NAME=99.7 mV/g"`` for those that are named."""
-    channels: tuple[str | int, ...] | None = None
+    channels: Annotated[tuple[Text | _Count, ...], Meta(min_length=1)] | None = None
     """Columns or variables to read: names, patterns such as ``"*_DE_time"``, or numbers from 0; all where None."""
-    names: tuple[str, ...] | None = None
+    names: _Texts | None = None
     """What to call the channels; as in the file where None."""
-    time_column: str | int | None = None
+    time_column: Text | _Count | None = None
     """Name or number (from 0) of the column with the time; found by its name, or as it rises evenly, where None."""
-    time_unit: str | None = None
+    time_unit: Text | None = None
     """Unit of that column, such as ``"us"``; its heading or its size say it where None."""
-    header_lines: int | None = None
+    header_lines: _Count | None = None
     """Lines before the first sample of a text file; detected where None."""
-    separator: str | None = None
+    separator: Annotated[str, Meta(min_length=1, max_length=1)] | None = None
     """Character between two columns of a text file; detected where None."""
-    decimal: str | None = None
+    decimal: Literal[".", ","] | None = None
     """Decimal mark of a text file, ``"."`` or ``","``; detected where None."""
     speed: str | None = None
     """Speed of the shaft, such as ``"860 rpm"``; without `pressure` it is kept as an attribute."""

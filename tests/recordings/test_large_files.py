@@ -107,7 +107,7 @@ def test_a_resampling_beyond_memory_is_refused_with_both_numbers(tmp_path: Path)
 
 def test_a_large_file_is_read_in_parts_and_refused_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(Recording(np.ones((2, 50_000)), 25600.0, "a", channels=("x", "y")), tmp_path / "a.h5")
-    monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "0.0005")
+    monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "0.0006")
     loaded = load_recording(path)
     assert loaded.slice(40_000, 40_010).signal.sum() == 20
     with pytest.raises(DataError, match=r"with all its samples in memory, 0\.0008 GB, more than the limit"):

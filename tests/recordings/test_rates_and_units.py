@@ -74,7 +74,7 @@ def test_two_rates_for_the_same_vector_are_refused_by_name(tmp_path: Path) -> No
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["x"] = X
         file["x"].attrs.update({"fs": 25600.0, "samplerate": 12800.0})
-    with pytest.raises(DataError, match=r"two sample rates for /x \(fs = 25600 Hz, samplerate = 12800 Hz\)"):
+    with pytest.raises(DataError, match=r"two sample rates for x \(fs = 25600\.0, samplerate = 12800\.0\)"):
         load_recording(tmp_path / "a.h5", unit="g")
 
 

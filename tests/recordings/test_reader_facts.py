@@ -65,7 +65,7 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         ({"unit": "g", "sample_rate": 1000, "channels": [2]}, DataError, "it has 0 'a', 1 'b'"),
         ({"unit": "g", "sample_rate": 1000, "names": ["one"]}, DataError, "1 name for 2 channels"),
         ({"unit": "g", "sample_rate": 1000, "labl": "normal"}, DataError, "did you mean 'label'"),
-        ({"unit": "g", "sample_rate": 1000, "label": 3}, DataError, "must be text"),
+        ({"unit": "g", "sample_rate": 1000, "label": 3}, DataError, "label: expected text"),
         ({"unit": "g", "sample_rate": 1000, "speed": "14.3 1/s"}, UnitError, "is a frequency; write it as"),
         ({"unit": "g", "sample_rate": 1000, "discharge_pressure": "0 MPa"}, DataError, "must be above zero"),
         (

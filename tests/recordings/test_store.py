@@ -39,7 +39,7 @@ def make(name: str, count: int = 5000, **changes: object) -> Recording:
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of which a recording of these tests has several."""
-    for module in ("recordings.recording", "recordings.formats.hdf5_writer", "learning.windows.cutting"):
+    for module in ("recordings.recording", "recordings.formats.hdf5", "learning.windows.cutting"):
         monkeypatch.setattr(f"swashtwin.{module}.BLOCK", 700)
 
 

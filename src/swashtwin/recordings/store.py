@@ -46,7 +46,7 @@ def write_store(
     DataError
         There is no recording, or a file is damaged.
     """
-    from swashtwin.recordings.formats.hdf5_writer import write_many
+    from swashtwin.recordings.formats.hdf5 import write_many
 
     path = Path(path)
     if path.suffix.lower() not in _SUFFIXES:

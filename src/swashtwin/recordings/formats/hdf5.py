@@ -7,17 +7,20 @@ are ``sample_rate`` [Hz], ``unit``, ``channels``, ``factor``, ``recording_id``, 
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
-from swashtwin.recordings.formats.clock import named_as_time, timed
+from swashtwin.recordings.formats.clock import timed
+from swashtwin.recordings.formats.npz import with_facts
 from swashtwin.recordings.formats.raw import (
+    BLOCK,
     STORE_KIND,
     Column,
     Options,
@@ -26,14 +29,8 @@ from swashtwin.recordings.formats.raw import (
     require_plausible_size,
     side_by_side,
 )
-from swashtwin.recordings.formats.tables import (
-    LISTS,
-    SCALE_NAMES,
-    header_rate,
-    obeyed,
-    stated_sensitivities,
-    unknown_scale,
-)
+from swashtwin.recordings.formats.tables import LISTS
+from swashtwin.recordings.recording import Recording, require_same_facts
 
 KIND = "swashtwin recording "
 """What every version of a file of one recording begins its name with."""
@@ -97,13 +94,8 @@ def require_links_within(path: Path, file: h5py.File) -> None:
 
 
 def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
-    """Refuse a data set whose samples are not all in this file, or do not fit in memory block by block.
-
-    Raises
-    ------
-    DataError
-        It is virtual or external, parts of it were never written, its chunks are too large, or what it unpacks to is
-        too much for the size of the file.
+    """Refuse a data set whose samples are not all in this file, or do not fit in memory block by block: a virtual or
+    external one, one of which parts were never written, with chunks too large, or packed beyond what is plausible.
     """
     if not dataset.size:
         return
@@ -130,13 +122,7 @@ def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
 
 
 def _require_format(path: Path, file: h5py.File, current: str) -> None:
-    """Refuse a file that calls itself by another name than `current`, such as ``"swashtwin store 2"``.
-
-    Raises
-    ------
-    ArtifactError
-        An earlier or a newer version of swashtwin wrote it.
-    """
+    """Refuse a file of another version of swashtwin, which calls itself by another name than `current`."""
     name = _text(file.attrs.get("format")) or ""
     if name == current:
         return
@@ -193,15 +179,20 @@ def _texts(value: Any) -> list[str]:
 
 
 def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
+    """Vectors of a file of anybody else, with what attributes and single values around them state."""
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    rates: dict[str, float] = {}
-    starts: dict[str, str] = {}
-    sensitivities: dict[str, str] = {}
+    sources: dict[str, tuple[str, int, int]] = {}
+    facts = {name.lower(): _fact(value) for name, value in file.attrs.items()}
     left_out: list[str] = []
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or item.size is None or item.size < 2:
+        own = {key.lower(): value for key, value in item.attrs.items()}
+        facts.update({f"{name}/{key}": _fact(value) for key, value in own.items()})
+        if not isinstance(item, h5py.Dataset) or not item.size:
+            return
+        if item.size == 1:
+            facts[name.lower()] = _fact(item[()])
             return
         fields = item.dtype.names or ("",)
         kinds = {field: (item.dtype[field] if field else item.dtype).kind for field in fields}
@@ -209,16 +200,6 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         if not set(kinds.values()) & set("fiu"):
             return
         require_data_within(path, item)
-        holder, facts = item, [_attributes(item)]
-        while holder.name != "/":
-            holder = holder.parent
-            facts.append(_attributes(holder))
-        stated = (each.get(key) for each in (facts[0], facts[-1]) for key in ("unit", "units"))
-        unit = next((unit for text in stated if (unit := known_unit(text or ""))), None)
-        rate = next((rate for each in facts if (rate := _rate(path, item.name, each)) is not None), None)
-        own = {key.lower(): value for key, value in item.attrs.items()}
-        around = [] if named_as_time(name) else reversed(facts[1:])
-        scales = {key: value for each in around for key, value in each.items() if key in SCALE_NAMES} | own
         for field in (field for field in fields if kinds[field] in "fiu"):
             vectors = _vectors_in(item, field)
             names, listed = (
@@ -229,44 +210,28 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
             for number, column in enumerate(vectors):
                 part = (names[number] if names else str(number)) if len(vectors) > 1 else ""
                 key = "/".join(filter(None, (name, field, part)))
-                columns[key] = obeyed(f"{path}: {item.name}", column, scales, options, number, len(vectors))
-                for values, value in (
-                    (units, None if unknown_scale(scales) else known_unit(listed[number]) if listed else unit),
-                    (rates, rate),
-                    (starts, next((each[of] for each in facts for of in _STARTS if of in each), None)),
-                    (sensitivities, next(iter(stated_sensitivities(facts[0].items())), None)),
-                ):
-                    if value is not None:
-                        values[key] = value  # type: ignore[assignment]
+                columns[key], sources[key] = column, (name, number, len(vectors))
+                if listed and (unit := known_unit(listed[number])):
+                    units[key] = unit
 
     file.visititems(visit)
-    attributes = {name: text for name, text in _attributes(file).items() if len(text) < _LONGEST_FACT}
+    attributes = {
+        name: fact
+        for name, fact in facts.items()
+        if "/" not in name and isinstance(fact, str) and len(fact) < _LONGEST_FACT
+    }
     attributes |= {"left_out": ", ".join(left_out)} if left_out else {}
-    return RawFile(columns, None, units, attributes, rates=rates, starts=starts, sensitivities=sensitivities)
+    return with_facts(path, RawFile(columns, None, units, attributes), facts, options, sources)
 
 
 _LONGEST_FACT = 200
 """Letters of a fact of the file that is kept; a longer one is another file within it."""
-_STARTS = ("start_time", "starttime", "wf_start_time", "t0", "start")
 
 
-def _attributes(holder: h5py.Group | h5py.Dataset) -> dict[str, str]:
-    """Attributes of a data set or a group as texts, by their names in small letters, with a group's single values."""
-    pairs = dict(holder.attrs)
-    if isinstance(holder, h5py.Group):
-        pairs |= {name: item[()] for name, item in holder.items() if isinstance(item, h5py.Dataset) and item.size == 1}
-    singles = {name.lower(): np.asarray(value) for name, value in pairs.items()}
-    singles = {name: value.reshape(()) for name, value in singles.items() if value.size == 1}
-    return {name: str(_text(value.item()) or value.item()) for name, value in singles.items()}
-
-
-def _rate(path: Path, name: str, facts: dict[str, str]) -> float | None:
-    """Sample rate [Hz] among the attributes of a group or a data set, or None."""
-    rates = {each: rate for each, text in facts.items() if (rate := header_rate([(each, text)])) is not None}
-    if len(set(rates.values())) > 1:
-        listed = ", ".join(f"{name} = {rate:g} Hz" for name, rate in rates.items())
-        raise DataError(f"{path} states two sample rates for {name} ({listed}); remove the wrong one.")
-    return next(iter(rates.values()), None)
+def _fact(value: Any) -> Any:
+    """A single value as text, several as they are."""
+    array = np.asarray(value)
+    return str(_text(array.item()) or array.item()) if array.size == 1 else array
 
 
 def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
@@ -293,3 +258,141 @@ def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
         return block if across < along else block.T
 
     return side_by_side(vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype)
+
+
+_LAYOUT = ("v110", "v110")
+"""A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless loop."""
+_CHUNK = 16384
+"""Samples of one block of the file, which has one checksum."""
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write the whole recording: samples in the number type of its file, with their factors, facts as attributes."""
+    _fill(path, lambda file, target: _write_one(file, recording, target))
+
+
+def write_many(recordings: list[Recording], path: Path, written: Callable[[int], None]) -> None:
+    """Write a store; `written` is called with the bytes of each block."""
+
+    def fill(file: h5py.File, target: _PatientFile) -> None:
+        file.attrs["format"] = np.bytes_(STORE_FORMAT.encode())
+        for number, recording in enumerate(recordings):
+            _write_one(file.create_group(f"{number:06d}"), recording, target, written)
+
+    _fill(path, fill)
+
+
+def _write_one(
+    group: h5py.Group, recording: Recording, target: "_PatientFile", written: Callable[[int], None] = lambda count: None
+) -> None:
+    """Write a recording into a file or a group of it, block by block."""
+    samples, count = recording.samples, recording.n_samples
+    shape, chunk = (recording.n_channels, count), (recording.n_channels, min(_CHUNK, count))
+    signal = group.create_dataset("signal", shape, samples.dtype, chunks=chunk, fletcher32=True)
+    speed = None
+    if recording.has_speed:
+        speed = group.create_dataset("speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True)
+    for start in range(0, count, BLOCK):
+        block = samples.raw(start, start + BLOCK)
+        signal[:, start : start + BLOCK] = block
+        if speed is not None:
+            speed[start : start + BLOCK] = samples.speed_part(start, start + BLOCK)
+        target.raise_error()
+        written(block.nbytes)
+    _write_facts(group, recording)
+    group.attrs["factor"] = np.array(samples.factors)
+    if hashes := samples.original_hashes():
+        group.attrs["hashes"] = np.bytes_(json.dumps(hashes).encode())
+
+
+def write_stream(blocks: Iterator[Recording], path: Path) -> None:
+    """Write blocks as one recording, in double precision; only one block is in memory at a time."""
+    first = next(blocks, None)
+    if first is None:
+        raise DataError("no block to make a recording of.")
+
+    def fill(file: h5py.File, target: _PatientFile) -> None:
+        for name, values in _vectors(first).items():
+            shape = (*values.shape[:-1], _CHUNK)
+            empty, limit = (*values.shape[:-1], 0), (*values.shape[:-1], None)
+            file.create_dataset(name, empty, np.float64, chunks=shape, maxshape=limit, fletcher32=True)
+        for block in chain([first], blocks):
+            require_same_facts(first, block)
+            for name, values in _vectors(block).items():
+                end = file[name].shape[-1]
+                file[name].resize(end + values.shape[-1], axis=values.ndim - 1)
+                file[name][..., end:] = values
+            target.raise_error()
+        _write_facts(file, first)
+
+    _fill(path, fill)
+
+
+class _PatientFile:
+    """File that keeps its first error and then lets all else be written nowhere.
+
+    On a full disk the HDF5 library would leave its file open and complain past any handler; so it never learns.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.error: OSError | None = None
+        self.seek, self.tell, self.read = file.seek, file.tell, file.read
+
+    def write(self, data: Any) -> int:
+        """Number of bytes of `data` (a memoryview, or what is like one), written or not."""
+        left = memoryview(data)
+        try:
+            while self.error is None and left.nbytes:
+                left = left[self._file.write(left) :]
+        except OSError as cause:
+            self.error = cause
+        return len(data)
+
+    def truncate(self, size: int) -> int:
+        """`size`, to which the file was cut or stretched."""
+        try:
+            if self.error is None:
+                self._file.truncate(size)
+        except OSError as cause:
+            self.error = cause
+        return size
+
+    def flush(self) -> None:
+        """Nothing: no byte waits."""
+
+    def raise_error(self) -> None:
+        """Raise the first error, where there was one."""
+        if self.error is not None:
+            raise self.error
+
+
+def _fill(path: Path, fill: Callable[[h5py.File, _PatientFile], None]) -> None:
+    with path.open("wb+", buffering=0) as stream:
+        target = _PatientFile(stream)
+        with h5py.File(target, "w", libver=_LAYOUT) as file:
+            fill(file, target)
+        target.raise_error()
+
+
+def _vectors(recording: Recording) -> dict[str, np.ndarray]:
+    return {"signal": recording.signal} | ({} if recording.speed is None else {"speed": recording.speed})
+
+
+def _write_facts(file: h5py.Group, recording: Recording) -> None:
+    """Write the facts of a recording as attributes of a file or a group of it."""
+    facts: dict[str, Any] = {
+        "format": FORMAT,
+        "sample_rate": float(recording.sample_rate),
+        "unit": recording.unit,
+        "channels": json.dumps(recording.channels),
+        "recording_id": recording.recording_id,
+        "synthetic": bool(recording.synthetic),
+        "attributes": json.dumps(dict(recording.attributes)),
+    }
+    texts = {"label": recording.label, "specimen": recording.specimen}
+    facts |= {name: text for name, text in texts.items() if text is not None}
+    if recording.condition is not None:
+        facts |= {f"condition.{name}": float(getattr(recording.condition, name)) for name in CONDITION}
+    for name, value in facts.items():  # texts of fixed length: the library checks no others
+        file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value

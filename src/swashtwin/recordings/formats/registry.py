@@ -180,5 +180,4 @@ def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
 
 def _writer(suffix: str) -> Any:
     """Module that writes files of a suffix."""
-    name = "hdf5_writer" if _FORMATS[suffix] == "hdf5" else _FORMATS[suffix]
-    return import_module(f"swashtwin.recordings.formats.{name}")
+    return import_module(f"swashtwin.recordings.formats.{_FORMATS[suffix]}")

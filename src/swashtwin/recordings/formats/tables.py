@@ -32,12 +32,12 @@ _RATE_NAME = re.compile(
     r"|samples[ _]?(?:per|/)[ _]?s(?:ec(?:ond)?)?",
     re.IGNORECASE,
 )
-_BARE_RATE = re.compile(r"rate|freq\w*", re.IGNORECASE)
-_LEAST_BARE_RATE = 200.0
+BARE_RATE = re.compile(r"rate|freq\w*", re.IGNORECASE)
+_LEASTBARE_RATE = 200.0
 """What is called a frequency only is that of the mains, a filter or the shaft up to this [Hz]."""
 _STEP_NAME = re.compile(
-    r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:sampl\w*|time)[ _-]?(?:interval|period|step|increment|time)|increment"
-    r"|h[ _-]?resolution",
+    r"(?:delta|[\u03b4\u2206])[ _]?[tx]|dt|ts|(?:t|(?:sampl\w*|time)[ _-]?)(?:interval|period|step|increment|time)"
+    r"|(?:wf_)?increment|h[ _-]?resolution",
     re.IGNORECASE,
 )
 _UNITS_NAME = re.compile(r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical[ _])?units?|einheit(?:en)?", re.I)
@@ -115,7 +115,7 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                     value = parse(f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base)
                 except UnitError:
                     continue
-                if value > (_LEAST_BARE_RATE if _BARE_RATE.fullmatch(heading.strip()) else 0.0):
+                if value > (_LEASTBARE_RATE if BARE_RATE.fullmatch(heading.strip()) else 0.0):
                     rates.add(float(f"{value if base == 'Hz' else 1 / value:.9g}"))
     return rates.pop() if len(rates) == 1 else None
 
@@ -178,7 +178,7 @@ SCALES = (
 """What the CF conventions call scales, missing values, and bounds beyond which a value is missing."""
 LISTS = (
     ("names", "channels", "channel_names", "channelnames", "labels", "titles"),
-    ("unit", "units", "unit_string", "quantity.label"),
+    ("unit", "units", "unit_string"),
 )
 """What a list of names, and one of units, is called that has a text for each vector of a matrix."""
 _DATE = re.compile(r"\d{4}-\d\d|\d[./]\d{1,2}[./]\d{2}")

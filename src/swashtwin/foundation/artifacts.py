@@ -148,8 +148,6 @@ def _parse_float(text: str) -> float:
     return number
 
 
-T = TypeVar("T")
-
 _LONGEST_REASON = 300
 _ARRAY = "array"
 """The one entry of what stands for an array in a card."""

@@ -102,7 +102,7 @@ def with_facts(
         return known_unit(text) if name in LISTS[1] and isinstance(text, str) else None
 
     columns: dict[str, Column] = {}
-    stated: dict[str, dict[str, Any]] = {"rates": {}, "units": {}, "starts": {}, "sensitivities": {}}
+    stated: dict[str, Any] = {"rates": {}, "units": {}, "starts": {}, "sensitivities": {}}
     for key, column in raw.columns.items():
         source, number, count = (key, 0, 1) if sources is None else sources[key]
         levels = list(_levels(source, scopes))

@@ -5,7 +5,7 @@ import pytest
 
 from swashtwin.learning import WindowSet, build_network, cut_windows, evaluate, fit
 from swashtwin.recordings import Recording
-from swashtwin_bench.rivals.baselines import UNSCALED
+from swashtwin_bench.rivals.baselines import BASELINES, UNSCALED, OnFeatures
 
 CLASSES = ("normal", "piston", "valve_plate")
 
@@ -21,10 +21,13 @@ def tones(tag: str, classes: tuple[str, ...] = CLASSES) -> WindowSet:
     return cut_windows(recordings, length=128)
 
 
+@pytest.mark.parametrize("baseline", BASELINES)
 @pytest.mark.parametrize("classes", [CLASSES, CLASSES[:2]])
-def test_support_vectors_tell_tones_of_new_recordings_apart(classes: tuple[str, ...]) -> None:
+def test_every_baseline_tells_tones_of_new_recordings_apart(
+    baseline: type[OnFeatures], classes: tuple[str, ...]
+) -> None:
     train, test = tones("train", classes), tones("test", classes)
-    first, second = (fit(build_network("svm", 1, len(classes)), train, settings=UNSCALED) for _ in range(2))
+    first, second = (fit(build_network(baseline.name, 1, len(classes)), train, settings=UNSCALED) for _ in range(2))
     probability = first.predict_proba(test)
     np.testing.assert_allclose(probability.sum(axis=1), 1)
     np.testing.assert_array_equal(probability, second.predict_proba(test))

@@ -29,6 +29,8 @@ CLASSIFIERS = {
     "cnn_lstm": "CNN-LSTM",
     "extra_trees": "extra trees",
     "svm": "SVM",
+    "logistic": "logistic regression",
+    "ridge": "ridge classifier",
     "autoencoder": "sparse autoencoder",
     "sensor_graph": "graph over sensors",
 }

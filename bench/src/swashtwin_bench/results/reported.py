@@ -49,7 +49,7 @@ def paper_words(study: str, row: Mapping[str, str]) -> str:
     """
     name, classifier = study.removeprefix(PAPER_STUDY), row["classifier"]
     matching = [(keys, figures) for of, keys, figures in REPORTED if of == name and keys.items() <= row.items()]
-    if row["level"] not in ("L0", "L2") or not matching or classifier in ("extra_trees", "svm"):
+    if row["level"] not in ("L0", "L2") or not matching or classifier in ("extra_trees", "logistic", "ridge", "svm"):
         return ""
     keys, figures = matching[0]
     text = ", ".join(

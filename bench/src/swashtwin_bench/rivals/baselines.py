@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 from scipy.special import log_softmax
+from sklearn.linear_model import LogisticRegression, RidgeClassifierCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
@@ -15,15 +16,15 @@ UNSCALED = TrainingSettings(epochs=1, normalization="none")
 """Training on features, which need no scaling of the windows."""
 
 
-class SupportVectors(SolvedNetwork):
-    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995, DOI 10.1007/BF00994018).
+class OnFeatures(SolvedNetwork):
+    """A classifier on `feature_values`, each in deviations of the training's; it cannot be saved.
 
-    It works on `feature_values`, each in deviations of the training's, and cannot be saved. The logarithm of a
-    probability is the log-softmax of its decision values; with two classes, of (-d, d). Its height means little until
-    `learn_confidence` calibrates it. No setting was chosen by any score of this package.
+    The logarithm of a probability is the log-softmax of its decision values; with two classes, of (-d, d). Its height
+    means little until `learn_confidence` calibrates it. No setting was chosen by any score of this package.
     """
 
-    name: ClassVar[str] = "svm"
+    estimator: ClassVar[Any]
+    """The classifier, not fitted."""
 
     def __init__(self, n_channels: int, n_classes: int) -> None:
         super().__init__(n_channels=n_channels, n_classes=n_classes)
@@ -39,9 +40,7 @@ class SupportVectors(SolvedNetwork):
         self, values: Float32[np.ndarray, "window feature"], target: Int[np.ndarray, " window"], seed: int
     ) -> None:
         """Fit the classifier."""
-        self._fitted = make_pipeline(StandardScaler(), SVC(kernel="rbf", C=1.0, gamma="scale")).fit(
-            values.astype(np.float64), target
-        )
+        self._fitted = make_pipeline(StandardScaler(), self.estimator).fit(values.astype(np.float64), target)
 
     def scores(self, values: Float32[np.ndarray, "window feature"]) -> Float64[np.ndarray, "window class"]:
         """Logarithm of each class's probability."""
@@ -51,7 +50,32 @@ class SupportVectors(SolvedNetwork):
         return np.asarray(log_softmax(decision, axis=1))
 
 
-ON_FEATURES = ("extra_trees", "random_forest", SupportVectors.name)
+class SupportVectors(OnFeatures):
+    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995, DOI 10.1007/BF00994018)."""
+
+    name: ClassVar[str] = "svm"
+    estimator: ClassVar[Any] = SVC(kernel="rbf", C=1.0, gamma="scale")
+
+
+class Logistic(OnFeatures):
+    """Logistic regression (Cox 1958, DOI 10.1111/j.2517-6161.1958.tb00292.x)."""
+
+    name: ClassVar[str] = "logistic"
+    estimator: ClassVar[Any] = LogisticRegression(max_iter=5000)
+
+
+class Ridge(OnFeatures):
+    """Ridge classifier, penalty by cross-validation (Hoerl and Kennard 1970, DOI 10.1080/00401706.1970.10488634)."""
+
+    name: ClassVar[str] = "ridge"
+    estimator: ClassVar[Any] = RidgeClassifierCV(alphas=np.logspace(-3, 3, 10))
+
+
+BASELINES: tuple[type[OnFeatures], ...] = (SupportVectors, Logistic, Ridge)
+"""The classifiers."""
+
+ON_FEATURES = ("extra_trees", "random_forest", *(baseline.name for baseline in BASELINES))
 """Names of all networks on features."""
 
-register_network(SupportVectors.name, SupportVectors)
+for _baseline in BASELINES:
+    register_network(_baseline.name, _baseline)

@@ -1,10 +1,10 @@
-"""The explorer in a real Chromium: first picture of a folder, moving a long recording, and from drag to picture.
+"""The explorer in a real Chromium: first picture of a folder, and from drag to picture.
 
     python benchmarks/explorer.py
 
-A virtual rig of 270 recordings is served. First picture: from the address to the table's rows. Moving: frames a second
-over a minute at 50 kHz. Sliders: time from a drag to its picture, 50th and 95th percentile. One line of JSON each, with
-the machine's load beside, on which all depend. Needs playwright and /usr/bin/chromium.
+A virtual rig of 270 recordings is served. First picture: from the address to the table's rows. Sliders: time from a
+drag to its picture, 50th and 95th percentile. One line of JSON each, with the machine's load beside, on which all
+depend. Needs playwright and /usr/bin/chromium. Frames a second over a long recording are a nightly test.
 """
 
 import json
@@ -19,7 +19,6 @@ from playwright.sync_api import Page, sync_playwright
 
 from swashtwin.explorer import Workspace, build_explorer
 from swashtwin.monitoring import serving_page
-from swashtwin.recordings import Recording, write_recording
 from swashtwin_bench import build_rig
 
 PORT = 18765
@@ -28,16 +27,6 @@ SLIDERS: list[tuple[str, str, dict[str, float]]] = [
     ("", "K_v: block", {}), ("", "Discharge pressure", {}), ("swash_plate", "Fault: depth", RECESS),
     ("piston", "Fault: clearance", {"clearance": 4e-5}), ("loose_slipper", "Fault: clearance", {"clearance": 1e-4}),
 ]  # fmt: skip
-PAN = """async () => {
-  const chart = document.querySelector("section[aria-label=wave]").chart;
-  const begin = performance.now(), frames = chart.frames;
-  while (performance.now() - begin < 2000) {
-    const start = 10 + (performance.now() - begin) / 200;
-    chart.show([start, start + 4]);
-    await new Promise((done) => requestAnimationFrame(done));
-  }
-  return (chart.frames - frames) / 2;
-}"""
 
 
 def told(**figures: object) -> None:
@@ -81,7 +70,6 @@ def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> 
 def main(folder: Path) -> None:
     """Serve, open, move and drag."""
     index = build_rig(folder / "rig", seed=0, size="small", jobs=2)
-    long = Recording(np.random.default_rng(0).normal(size=(1, 3_000_000)), 50_000.0, "long", label="normal")
     with sync_playwright() as driver:
         chromium = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
@@ -91,11 +79,6 @@ def main(folder: Path) -> None:
             page.locator("text=still being read").wait_for(state="hidden")
             for each in SLIDERS:
                 slider(page, *each)
-        with serving_page(build_explorer(Workspace(write_recording(long, folder / "long.h5"))), "127.0.0.1", PORT):
-            page.goto("about:blank")
-            page.goto(f"http://127.0.0.1:{PORT}/#recording?name=long")
-            page.locator("canvas[aria-label^='Waterfall']").wait_for()
-            told(figure="moving a minute at 50 kHz", frames_per_second=page.evaluate(PAN))
         chromium.close()
 
 

@@ -51,12 +51,8 @@ def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
     compared = classifier.with_healthy([item for item in tested if item.label == "normal"])
     layout = RecordingLevels(recordings[0].sample_rate, 98304, 40)
     shafts = [item.condition.speed / (2 * np.pi) for item in recordings if item.condition is not None]
-    levels = np.stack(
-        [
-            layout.measure(item.signal[:, : layout.length], shaft).ravel()
-            for item, shaft in zip(recordings, shafts, strict=True)
-        ]
-    )
+    heard = zip(recordings, shafts, strict=True)
+    levels = np.stack([layout.measure(item.signal[:, : layout.length], shaft).ravel() for item, shaft in heard])
     pressure = np.array([item.condition.discharge_pressure for item in recordings if item.condition is not None])
     changes = levels.copy()
     for row in range(len(levels)):

@@ -139,7 +139,7 @@ class WatchProcess:
         return self.process.wait(60)
 
     def usage(self) -> dict[str, float]:
-        """CPU time [s] and memory [MB] of it and of the processes it started; its open handles and threads."""
+        """CPU time [s] and memory [MB] of it and of the processes it started."""
         import psutil
 
         assert self.process is not None
@@ -149,8 +149,6 @@ class WatchProcess:
         return {
             "cpu_s": sum(item.user + item.system for item in times),
             "memory_mb": sum(member.memory_info().rss for member in family) / 1e6,
-            "handles": parent.num_fds(),
-            "threads": parent.num_threads(),
         }
 
 
@@ -220,15 +218,8 @@ class Database:
 
     def _run(self, program: str, *words: str) -> None:
         command = [str(self._programs / program), *words]
-        subprocess.run(
-            command,
-            cwd=self._folder,
-            user=self._user,
-            check=True,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=120,
-        )
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        subprocess.run(command, cwd=self._folder, user=self._user, check=True, timeout=120, **quiet)
 
 
 def wait_for_port(port: int, seconds: float = 30) -> None:
@@ -423,9 +414,7 @@ def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
         watch.kill()
         events["kills"] += 1
         watch.start()
-        print(
-            f"{number + 1} of {kills}: {dict(events)}, {len(deliveries.names)} delivered", file=sys.stderr, flush=True
-        )
+        print(f"{number + 1} of {kills}: {dict(events)}, {len(deliveries.names)} delivered", file=sys.stderr)
     deliveries.stop()
     watch.kill()
     watch.start()

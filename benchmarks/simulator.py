@@ -7,10 +7,9 @@ One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's de
 in a process of its own. Peers step through it with the fourth-order Runge-Kutta method; stability asks for steps of
 1 us, and the revolution is cut into 72,000. They are given what costs time and is not theirs: the forces, computed
 beforehand, and the settled motion to start from, where the paper's way drops start-up revolutions first. Compilation is
-not counted. A peer that takes too long is timed over a share of the steps and scaled up (`measured_share`). `error` is
-that of the sensors' accelerations against the Runge-Kutta method at a quarter of the step, `error_radau` against
-scipy's Radau at a relative tolerance of 1e-10, `error_gradient` that of the slopes against other code. A peer that is
-not installed is named with what would install it.
+not counted. `error` is that of the sensors' accelerations against the Runge-Kutta method at a quarter of the step,
+`error_gradient` that of the slopes against other code. A peer that is not installed is named with what installs it. At
+the tag evidence-0.2 the table has torchdiffeq, other settings of JAX and diffrax, Radau, and 20,000 steps too.
 """
 
 import argparse
@@ -24,7 +23,7 @@ import numpy as np
 from peers import throughput
 from peers.measuring import Entry, alone, measured
 from peers.problem import STEPS_PER_REVOLUTION
-from peers.reference import references, slopes
+from peers.reference import references
 
 from swashtwin.foundation import json_text
 
@@ -33,71 +32,40 @@ ENTRIES = (
     Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
     Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
     Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
-    Entry("jax_again", "JAX lax.scan RK4, unrolled, recomputing", "jax_side", "JaxScanAgain", "jax"),
     Entry("diffrax", "diffrax RK4, RecursiveCheckpointAdjoint", "diffrax_side", "Diffrax", "diffrax"),
-    Entry("diffrax_all", "diffrax RK4, as many checkpoints as steps", "diffrax_side", "DiffraxRemembering", "diffrax"),
-    Entry("torchdiffeq", "torchdiffeq rk4 (3/8 rule)", "ode_library", "TorchDiffEq", "torchdiffeq", steps=2000),
     Entry("eager", "PyTorch eager RK4, autograd", "eager", "Eager"),
 )
 FINE = Entry("steady_rk4_fine", "ours: RK4 in steady state, quarter step", "ours", "SteadyRungeKutta", refine=4)
-SHORT = 20_000
-"""Steps of the second table."""
 BATCH = 200
-PACKAGES = ("swashtwin", "torch", "numpy", "scipy", "numba", "jax", "diffrax", "torchdiffeq")
+PACKAGES = ("swashtwin", "torch", "numpy", "scipy", "numba", "jax", "diffrax")
 FLAT_MB = 2.0
 """Memory may differ by so much and still be called flat."""
 
 
-def rows_at(n_steps: int) -> list[dict[str, Any]]:
-    """The table for so many of the peers' steps, errors left to be filled in."""
-    return [alone(measured, entry, n_steps) for entry in ENTRIES]
-
-
 def relative(values: np.ndarray, target: np.ndarray) -> float:
-    """Largest difference over the largest of `wanted`, as far as both reach."""
+    """Largest difference over the largest of `target`, as far as both reach."""
     length = min(len(values), len(target))
     target = target[:length]
     return float(np.abs(values[:length] - target).max() / np.abs(target).max())
 
 
-def judge(rows: list[dict[str, Any]], n_steps: int) -> list[dict[str, Any]]:
-    """Rows with their errors, and without the motion from which these came."""
-    truth = alone(references, n_steps)
-    stepped: dict[int, np.ndarray] = {}
-    judged = []
+def judged() -> list[dict[str, Any]]:
+    """The table: each contender's row with its errors, and without the motion from which these came."""
+    truth = alone(references, STEPS_PER_REVOLUTION)
+    rows = [alone(measured, entry, STEPS_PER_REVOLUTION) for entry in ENTRIES]
     for row in rows:
-        row = dict(row)
         if "missing" not in row:
-            gains, gradient = row.pop("gains"), np.array(row.pop("slopes"))
-            wanted = {"slopes": truth["steady_slopes"], **truth}
-            if not row["key"].startswith("steady"):
-                timed = round(n_steps * row["measured_share"])
-                if timed not in stepped:
-                    stepped[timed] = alone(slopes, timed)
-                wanted["slopes"] = stepped[timed]
-            row["error"] = relative(gains, wanted["quarter"])
-            row["error_radau"] = relative(gains, wanted["radau"])
-            row["error_gradient"] = relative(gradient, wanted["slopes"])
-        judged.append(row)
-    return judged
-
-
-def fastest(rows: list[dict[str, Any]], *keys: str) -> float:
-    """Least time [s] of a value and gradient among the rows of these keys; NaN where none was measured."""
-    times = [row["gradient_s"] for row in rows if row["key"] in keys and "missing" not in row]
-    return min(times, default=math.nan)
+            wanted = truth["steady_slopes" if row["key"].startswith("steady") else "slopes"]
+            row["error"] = relative(row.pop("gains"), truth["quarter"])
+            row["error_gradient"] = relative(np.array(row.pop("slopes")), wanted)
+    return rows
 
 
 def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """How many times longer the peers take than ours."""
-    steady, eager, jax = fastest(rows, "steady"), fastest(rows, "eager"), fastest(rows, "jax", "jax_again")
-    return {
-        "eager": eager / steady,
-        "diffrax": fastest(rows, "diffrax", "diffrax_all") / steady,
-        "jax": jax / steady,
-        "torchdiffeq": fastest(rows, "torchdiffeq") / steady,
-        "steady_rk4_eager": eager / fastest(rows, "steady_rk4"),
-    }
+    """How many times longer the peers take than ours; NaN where one was not measured."""
+    times = {row["key"]: row.get("gradient_s", math.nan) for row in rows}
+    ratios = {name: times[name] / times["steady"] for name in ("eager", "diffrax", "jax")}
+    return {**ratios, "steady_rk4_eager": times["eager"] / times["steady_rk4"]}
 
 
 def memory_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -156,13 +124,10 @@ def machine() -> dict[str, Any]:
 
 def everything() -> dict[str, Any]:
     """All that is measured."""
-    rows = judge(rows_at(STEPS_PER_REVOLUTION), STEPS_PER_REVOLUTION)
-    short = judge(rows_at(SHORT), SHORT)
+    rows = judged()
     report = {
         "rows": rows,
         "ratios": ratios_of(rows),
-        "rows_at_20000_steps": short,
-        "ratios_at_20000_steps": ratios_of(short),
         "batch": batch_times(),
         "windows_s": alone(throughput.windows),
         "memory": memory_of(rows),
@@ -172,24 +137,14 @@ def everything() -> dict[str, Any]:
 
 
 def show(report: dict[str, Any]) -> None:
-    """Print the tables and the bars."""
-    for rows in (report["rows"], report["rows_at_20000_steps"]):
-        print(f"{'':44}{'steps':>8}{'value s':>10}{'gradient s':>12}{'MB':>8}{'error':>9}{'Radau':>9}{'slopes':>9}")
-        for row in rows:
-            if "missing" in row:
-                print(f"{row['name']:44}not installed: {row['missing']}")
-                continue
-            scaled = "" if row["measured_share"] == 1 else f"  scaled from {row['measured_share']:.1%}"
-            errors = (row["error"], row["error_radau"], row["error_gradient"])
-            error_columns = "".join(f"{error:9.1e}" for error in errors)
-            print(
-                f"{row['name']:44}{row['steps']:8d}{row['value_s']:10.3g}{row['gradient_s']:12.3g}"
-                f"{row['memory_mb']:8.3g}{error_columns}{scaled}"
-            )
-        print()
-    for name, ratio in report["ratios"].items():
-        print(f"{name}: {ratio:.3g} (at 20,000 steps {report['ratios_at_20000_steps'][name]:.3g})")
-    print()
+    """Print the table and the bars."""
+    print(f"{'':44}{'steps':>8}{'value s':>10}{'gradient s':>12}{'MB':>8}{'error':>9}{'slopes':>9}")
+    for row in report["rows"]:
+        if "missing" in row:
+            print(f"{row['name']:44}not installed: {row['missing']}")
+            continue
+        times = f"{row['steps']:8d}{row['value_s']:10.3g}{row['gradient_s']:12.3g}{row['memory_mb']:8.3g}"
+        print(f"{row['name']:44}{times}{row['error']:9.1e}{row['error_gradient']:9.1e}")
     for bar in report["bars"]:
         verdict = {True: "met", False: "MISSED", None: "not measured"}[bar["passed"]]
         print(f"{bar['bar']:48}{bar['value']:10.3g}  {bar['wanted']:16}{verdict}")

@@ -47,9 +47,7 @@ def eager(benchmarks: None) -> tuple[float, np.ndarray, np.ndarray]:
     [
         ("numba_adjoint", "Numba", "numba"),
         ("jax_side", "JaxScan", "jax"),
-        ("jax_side", "JaxScanAgain", "jax"),
         ("diffrax_side", "Diffrax", "diffrax"),
-        ("diffrax_side", "DiffraxRemembering", "diffrax"),
     ],
 )
 def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(

@@ -14,8 +14,6 @@ class Contender(ABC):
 
     per_step = 2
     """Forces it wants per step."""
-    grows = True
-    """Whether its cost grows with the steps."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -60,12 +58,10 @@ class TorchLoss(Contender):
         """Loss at the six values."""
 
     def value(self, values: np.ndarray) -> float:
-        """Loss at the six values."""
         with torch.no_grad():
             return self._loss(torch.as_tensor(values)).item()
 
     def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss and its slopes."""
         at = torch.tensor(values, requires_grad=True)
         loss = self._loss(at)
         return loss.item(), torch.autograd.grad(loss, at)[0].numpy()
@@ -100,6 +96,5 @@ class TorchTrajectory(TorchLoss):
         return ((amplitude - self.target).square().mean() / self.target.square().mean()).sqrt()
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
-        """Velocities of the sensors after each step [m/s]."""
         with torch.no_grad():
             return self._velocities(torch.as_tensor(values)).numpy()

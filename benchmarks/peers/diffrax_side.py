@@ -29,12 +29,7 @@ class ClassicalRungeKutta(diffrax.AbstractERK):
 class Diffrax(JaxTrajectory):
     """`diffeqsolve` with `ConstantStepSize`; time counts steps, so that every force is found by its number."""
 
-    def adjoint(self) -> diffrax.AbstractAdjoint:
-        """How it is differentiated: by default with as few states kept as the library finds right."""
-        return diffrax.RecursiveCheckpointAdjoint()
-
     def states(self, state: Array, load: Array, motion: Array, weight: Array) -> Array:
-        """States, the start first."""
         h, n = self.problem.step, self.problem.n_steps
 
         def rate(time: Array, x: Array, parts: tuple[Array, Array]) -> Array:
@@ -51,16 +46,8 @@ class Diffrax(JaxTrajectory):
             y0=self.start,
             args=(h * state, weight),
             saveat=diffrax.SaveAt(t0=True, steps=True),
-            adjoint=self.adjoint(),
+            adjoint=diffrax.RecursiveCheckpointAdjoint(),
             max_steps=n,
             throw=False,
         )
         return solution.ys
-
-
-class DiffraxRemembering(Diffrax):
-    """Every state kept."""
-
-    def adjoint(self) -> diffrax.AbstractAdjoint:
-        """As many checkpoints as steps."""
-        return diffrax.RecursiveCheckpointAdjoint(checkpoints=self.problem.n_steps)

@@ -10,7 +10,6 @@ class Eager(TorchTrajectory):
     """The classical Runge-Kutta method, without avoidable waste: `addmv`, `unbind`, no tensor indexed in the loop."""
 
     def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
-        """States, the start first."""
         h, rows = self.problem.step, push.unbind(0)
         x = self.start
         states = [x]

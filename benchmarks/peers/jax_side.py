@@ -56,29 +56,20 @@ class JaxTrajectory(Contender):
         return time.perf_counter() - started
 
     def value(self, values: np.ndarray) -> float:
-        """Loss at the six values."""
         return float(self._run("value", self._loss, values))
 
     def gradient(self, values: np.ndarray) -> tuple[float, np.ndarray]:
-        """Loss and its slopes."""
         loss, slopes = self._run("gradient", jax.value_and_grad(self._loss), values)
         return float(loss), np.asarray(slopes)
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
-        """Velocities of the sensors after each step [m/s]."""
         return np.asarray(self._run("velocities", self.motion_of, values))
 
 
 class JaxScan(JaxTrajectory):
     """The classical Runge-Kutta method in `lax.scan`."""
 
-    unroll = 1
-    """Steps that the compiler sees at once."""
-    remember = True
-    """Whether the way back finds all stages, or only states."""
-
     def states(self, state: Array, load: Array, motion: Array, weight: Array) -> Array:
-        """States, the start first."""
         h = self.problem.step
         push = load + motion @ weight
 
@@ -91,14 +82,5 @@ class JaxScan(JaxTrajectory):
             x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
             return x, x
 
-        body = step if self.remember else jax.checkpoint(step)
-        pushes = (push[:-2:2], push[1::2], push[2::2])
-        states = jax.lax.scan(body, self.start, pushes, unroll=self.unroll)[1]
+        states = jax.lax.scan(step, self.start, (push[:-2:2], push[1::2], push[2::2]))[1]
         return jnp.concatenate([self.start[None], states])
-
-
-class JaxScanAgain(JaxScan):
-    """The same, four steps unrolled and the stages computed again on the way back."""
-
-    unroll = 4
-    remember = False

@@ -39,8 +39,6 @@ class Entry:
     of_class: str
     install: str = ""
     """Package without which it cannot run."""
-    steps: int | None = None
-    """Steps that are timed, and scaled up to those asked for; None times them all."""
     refine: int = 1
     """Into how many of its own one of the others' steps is cut."""
 
@@ -102,11 +100,10 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
         kind = contender_class(entry)
     except ImportError:
         return {"key": entry.key, "name": entry.name, "missing": f"pip install {entry.install}"}
-    timed = min(n_steps, entry.steps or n_steps)
     cut = {"per_step": kind.per_step, "per_revolution": STEPS_PER_REVOLUTION * entry.refine}
     values = pump_twin().values.numpy()
     kind.rehearsal(Problem(WARM_UP_STEPS, **cut)).gradient(values)
-    contender = kind(Problem(timed * entry.refine, **cut))
+    contender = kind(Problem(n_steps * entry.refine, **cut))
     compile_s = contender.prepare(values)
     results: list[tuple[float, np.ndarray]] = []
     memory_mb, gradient_s = peak_memory(lambda: results.append(contender.gradient(values)))
@@ -115,16 +112,14 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
     velocities = contender.velocities(values)
     contender.value(values)  # compiles, where there is a compiler
     value_s = seconds(lambda: contender.value(values))
-    share = timed / n_steps if kind.grows else 1.0
     loss, slopes = results[0]
     return {
         "key": entry.key,
         "name": entry.name,
-        "value_s": value_s / share,
-        "gradient_s": gradient_s / share,
-        "memory_mb": memory_mb / share,
-        "steps": round(contender.steps / share),
-        "measured_share": share,
+        "value_s": value_s,
+        "gradient_s": gradient_s,
+        "memory_mb": memory_mb,
+        "steps": contender.steps,
         "compile_s": compile_s,
         "loss": loss,
         "slopes": list(slopes * values),

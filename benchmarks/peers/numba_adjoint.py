@@ -77,5 +77,4 @@ class Numba(TorchTrajectory):
     """The classical Runge-Kutta method, stages recomputed on the way back."""
 
     def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
-        """States, the start first."""
         return _Steps.apply(state.contiguous(), push, self.start, self.problem.step)

@@ -14,8 +14,6 @@ from swashtwin.physics import RK4, SteadySolver
 class Steady(TorchLoss):
     """The loss of the settled pump: what a trajectory comes near to after several revolutions."""
 
-    grows = False
-
     def __init__(self, problem: Problem, bandwidth: float | None = None) -> None:
         super().__init__(problem)
         self.twin = pump_twin()
@@ -43,7 +41,6 @@ class Steady(TorchLoss):
         return (difference.square().mean() / self.target.square().mean()).sqrt()
 
     def velocities(self, values: np.ndarray) -> np.ndarray:
-        """Velocities of the sensors after each step [m/s]."""
         with torch.no_grad():
             lines = self.twin.acceleration(torch.as_tensor(values), solver=self.solver()).numpy().T
         rate = 1j * self.twin.condition.speed * self.twin.orders[:, None]

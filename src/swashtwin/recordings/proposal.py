@@ -89,7 +89,8 @@ def propose_index(
     _require_understood(defaults, pressure_unit)
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
     found = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
-    readable = [path.relative_to(folder).as_posix() for path in found if suffix_of(path) in suffixes()]
+    known = suffixes()
+    readable = [path.relative_to(folder).as_posix() for path in found if suffix_of(path) in known]
     files = [
         name
         for name in (readable if stated is None else stated)

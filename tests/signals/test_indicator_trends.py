@@ -1,6 +1,5 @@
 """Trends of indicators: a recording against its own machine's healthy ones."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from pump_signals import SHAFT, pump
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
-from swashtwin.signals import Indicator, IndicatorTable, Row, indicators_of, stacked, trend_of
+from swashtwin.signals import indicators_of, stacked, trend_of
 
 HEALTHY = [1.0, 1.01, 0.99, 1.02, 0.98, 1.005]
 
@@ -78,29 +77,3 @@ def test_what_has_no_trend_is_said() -> None:
         trend(fleet([1.0]), channel="x")
     result = trend([pump(1.0, f"r{i}", i) for i in range(4)], healthy=["r*"])
     assert all(point.healthy for point in result.points)
-
-
-def phases(healthy: Sequence[float], last: float) -> str:
-    """Status of a phase [degrees] against a baseline of others."""
-    rows = [Row(f"r{i}", "cover", "Healthy") for i in range(len(healthy))] + [Row("last", "cover", "piston")]
-    values = np.radians([*healthy, last])[:, None]
-    table = IndicatorTable(tuple(rows), (Indicator("order_phase 7x", "rad", "phase"),), values)
-    points = {point.row.recording_id: point for point in trend_of(table, "order_phase 7x").points}
-    assert all(point.status == "within" for name, point in points.items() if name != "last")
-    assert abs(points["last"].value - points["last"].median) <= np.pi
-    return points["last"].status
-
-
-@pytest.mark.parametrize("turned", [0.0, 90.0, 180.0, -135.0])
-def test_phases_are_compared_around_the_circle(turned: float) -> None:
-    def wrapped(degrees: float) -> float:
-        return (degrees + turned + 180) % 360 - 180
-
-    healthy = [wrapped(phase) for phase in (-3.0, -2.0, -1.0, 0.5, 1.5, 2.5, 3.0)]
-    assert phases(healthy, wrapped(2.0)) == "within"
-    assert phases(healthy, wrapped(60.0)) == "above"
-    assert phases(healthy, wrapped(-60.0)) == "below"
-
-
-def test_equal_phases_do_not_make_any_difference_a_fault() -> None:
-    assert phases([0.0] * 6, 1.0) == "within"

@@ -116,7 +116,7 @@ def indicators_of(
     """Indicators of each channel of a recording.
 
     What a recording is too short, too slow or not known well enough for is NaN, or has no column: orders need a speed
-    (an `angle`, or one that somebody stated), phases an `angle`.
+    (an `angle`, or one that somebody stated).
 
     Parameters
     ----------
@@ -219,8 +219,7 @@ LEAST_HEALTHY = 5
 """Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie 5 spreads off."""
 
 _LEAST_SPREAD = 0.01
-"""Spread of a baseline relative to its median, of phases in rad, at least: equal samples do not make any difference a
-fault."""
+"""Spread of a baseline relative to its median, at least: equal samples do not make any difference a fault."""
 
 Status = Literal["within", "above", "below", "no baseline"]
 
@@ -236,10 +235,9 @@ class TrendPoint:
     healthy: bool
     """Whether somebody stated that the machine was healthy."""
     median: float
-    """Median of the other healthy recordings at the operating point, of a phase the turn that is nearest to the value;
-    NaN where there are too few."""
+    """Median of the other healthy recordings at the operating point; NaN where there are too few."""
     spread: float
-    """1.4826 times their median absolute deviation, at least 1 % of the median or 0.01 rad; NaN as above."""
+    """1.4826 times their median absolute deviation, at least 1 % of the median; NaN as above."""
     count: int
     """How many healthy recordings the baseline has."""
     status: Status
@@ -289,8 +287,7 @@ def trend_of(
     """Each recording's indicator against the median and the MAD of the healthy ones of the same machine and point.
 
     The same machine is the same `specimen`; the same operating point is a speed within 2 % and a pressure within 6 %. A
-    healthy recording is compared with the *other* healthy ones, never with itself. Phases [rad] are compared around the
-    circle: 179 and -179 degrees are 2 apart. Few recordings make a poor baseline:
+    healthy recording is compared with the *other* healthy ones, never with itself. Few recordings make a poor baseline:
     docs/how-to/indicators.md says how often a healthy one is flagged.
 
     Parameters
@@ -324,7 +321,7 @@ def trend_of(
         raise DataError(
             f"no recording is stated to be healthy (class or id like {', '.join(healthy)}); name some with --healthy."
         )
-    points = [_point(index, picked, good, k, column.unit == "rad") for index in range(len(picked))]
+    points = [_point(index, picked, good, k) for index in range(len(picked))]
     return Trend(column, channel, k, by, tuple(sorted(points, key=lambda point: _order(point.row, by))))
 
 
@@ -339,9 +336,7 @@ def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:
     return row.date, row.recording_id
 
 
-def _point(
-    index: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float, is_phase: bool
-) -> TrendPoint:
+def _point(index: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float) -> TrendPoint:
     row, value = picked[index]
     others = [
         other
@@ -355,14 +350,9 @@ def _point(
     ]
     if len(others) < LEAST_HEALTHY or not math.isfinite(value):
         return TrendPoint(row, value, good[index], math.nan, math.nan, len(others), "no baseline")
-    if is_phase:  # each taken at the turn nearest to their mean direction
-        middle = float(np.angle(np.exp(1j * np.array(others)).sum()))
-        others = [middle + math.remainder(other - middle, 2 * math.pi) for other in others]
     median = float(np.median(others))
     mad = float(np.median(np.abs(np.array(others) - median)))
-    spread = max(1.4826 * mad, _LEAST_SPREAD * (1.0 if is_phase else abs(median)))
-    if is_phase:
-        median = value - math.remainder(value - median, 2 * math.pi)
+    spread = max(1.4826 * mad, _LEAST_SPREAD * abs(median))
     status: Status = "within"
     if abs(value - median) > k * spread:
         status = "above" if value > median else "below"

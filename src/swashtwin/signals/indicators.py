@@ -14,12 +14,12 @@ from swashtwin.foundation import InputError
 from swashtwin.recordings import Recording
 from swashtwin.signals.envelope import envelopes, kurtograms
 from swashtwin.signals.levels import Spectrum, band_rms, segment_length, shape_statistics
-from swashtwin.signals.shaft_angle import ShaftAngle, synchronous_lines
+from swashtwin.signals.shaft_angle import ShaftAngle, resampled_by_angle
 from swashtwin.signals.spectra import order_spectrum, power_density, segment_densities
 
 _BAND = re.compile(r"([0-9]+\.?[0-9]*)\s*-\s*([0-9]+\.?[0-9]*)\s*(Hz|kHz|x)")
 
-_SHOWN = {"m/s": (1000.0, "mm/s"), "rad": (180 / math.pi, "deg")}
+_SHOWN = {"m/s": (1000.0, "mm/s")}
 """Factor and unit of the trade for what is shown to people; files and JSON are in SI units."""
 
 
@@ -77,7 +77,7 @@ class Indicator:
 
     @property
     def shown(self) -> tuple[float, str]:
-        """Factor to the unit in which people read it, and that unit: millimeters per second, degrees."""
+        """Factor to the unit in which people read it, and that unit, such as millimeters per second."""
         return _SHOWN.get(self.unit, (1.0, self.unit))
 
 
@@ -90,7 +90,7 @@ class Measured:
     shaft: float | None
     """Shaft frequency [Hz], or None where nobody knows it."""
     angle: ShaftAngle | None
-    """Angle of the shaft where it was measured or followed; phases need it."""
+    """Angle of the shaft where it was measured or followed."""
     orders: tuple[int, ...]
     """Multiples of the shaft whose lines are wanted."""
     bands: tuple[Band, ...]
@@ -130,15 +130,16 @@ def _level(measured: Measured, low: float, high: float, *, of_velocity: bool = F
         return np.full(len(signal), math.nan)
 
 
-def _order_amplitudes(measured: Measured, shaft: float, signal: np.ndarray) -> Iterator[np.ndarray]:
-    """Amplitude of each order wanted, from one power density of the signal; NaN where it has none."""
-    rate = measured.recording.sample_rate
+def _order_amplitudes(
+    orders: tuple[int, ...], signal: np.ndarray, rate: float, shaft: float
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Each order with its amplitude, from one power density of the signal; NaN where it has none."""
     densities = segment_densities(signal, rate)
-    for order in measured.orders:
+    for order in orders:
         try:
-            yield order_spectrum(signal, rate, shaft, np.array([order]), densities=densities).amplitude[:, 0]
+            yield order, order_spectrum(signal, rate, shaft, np.array([order]), densities=densities).amplitude[:, 0]
         except InputError:
-            yield np.full(len(signal), math.nan)
+            yield order, np.full(len(signal), math.nan)
 
 
 def _velocity(measured: Measured) -> Values:
@@ -160,26 +161,14 @@ def _levels(measured: Measured) -> Values:
 def _lines(measured: Measured) -> Values:
     if measured.shaft is None:
         return
-    shaft, angle, unit = measured.shaft, measured.angle, measured.recording.unit
-    gathered = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
-    turning = "peak amplitude of the line that turns with the shaft's angle"
-    if angle is None:
-        amplitudes = _order_amplitudes(measured, shaft, measured.recording.signal)
-        for order, amplitude in zip(measured.orders, amplitudes, strict=True):
-            yield Indicator(f"order_amplitude {order}x", unit, gathered), amplitude
-        return
-    for order in measured.orders:
-        try:
-            lines = synchronous_lines(measured.recording.signal, angle, np.array([order]))
-            amplitude, phase = (values[:, 0] for values in lines)
-        except InputError:
-            amplitude = phase = np.full(measured.recording.n_channels, math.nan)
-        reference = "the tachometer's pulse" if angle.absolute else "the first channel"
-        yield Indicator(f"order_amplitude {order}x", unit, turning), amplitude
-        yield (
-            Indicator(f"order_phase {order}x", "rad", f"its phase against {reference}, positive where it leads"),
-            phase,
-        )
+    signal, rate, shaft = measured.recording.signal, measured.recording.sample_rate, measured.shaft
+    meaning = "peak amplitude of the line, its power gathered over 0.6 % of wandering speed, noise taken away"
+    if measured.angle is not None:
+        turned = resampled_by_angle(measured.recording, measured.angle)
+        signal, rate, shaft = turned.signal, float(turned.attributes["samples_per_turn"]), 1.0
+        meaning = "peak amplitude of the line along the shaft's angle, noise taken away"
+    for order, amplitude in _order_amplitudes(measured.orders, signal, rate, shaft):
+        yield Indicator(f"order_amplitude {order}x", measured.recording.unit, meaning), amplitude
 
 
 def _envelope(measured: Measured) -> Values:
@@ -197,8 +186,7 @@ def _envelope(measured: Measured) -> Values:
     yield Indicator("envelope_band_high", "Hz", f"upper {meaning}"), bands[:, 1]
     if measured.shaft is None:
         return
-    amplitudes = _order_amplitudes(measured, measured.shaft, envelopes(signal, rate, bands))
-    for order, amplitude in zip(measured.orders, amplitudes, strict=True):
+    for order, amplitude in _order_amplitudes(measured.orders, envelopes(signal, rate, bands), rate, measured.shaft):
         meaning = "peak amplitude of the envelope's line"
         yield Indicator(f"envelope_amplitude {order}x", measured.recording.unit, meaning), amplitude
 

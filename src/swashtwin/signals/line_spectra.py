@@ -104,7 +104,7 @@ def spectrum_of(
         marks = _marks(shaft, pistons)
         return LineSpectrum(*header, "frequency", "Hz", frequency, amplitude, unit, marks, bands)
     angle = stated_angle(recording) if angle is None else angle
-    turned = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
+    turned = resampled_by_angle(recording, angle)
     per_turn = float(turned.attributes["samples_per_turn"])
     order, amplitude = amplitude_spectrum(turned.signal, per_turn)
     marks = _marks(1.0, pistons)

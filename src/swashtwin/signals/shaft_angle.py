@@ -1,4 +1,4 @@
-"""From time to turns: where the shaft stood at each sample, the recording along its angle, and lines that turn with it.
+"""From time to turns: where the shaft stood at each sample, and the recording along its angle.
 
 A speed that wanders by half a percent smears the line at order 100 over half an order; along the shaft's angle it
 stands still. The angle comes from a tachometer channel (`tachometer_speed`), from a line of the signal itself
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.signal
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 from scipy.ndimage import median_filter
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.recordings import Recording, stated_speed
 
 
@@ -30,8 +30,6 @@ class ShaftAngle:
     """Standard deviation of the angle's error [rad], as far as noise makes it; NaN where nothing tells."""
     quality: float
     """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN where nothing was measured."""
-    absolute: bool
-    """Whether angle 0 is a mark on the shaft (one pulse per turn), so that phases mean something between recordings."""
     source: str
     """Where it comes from, in words."""
 
@@ -82,7 +80,7 @@ def stated_angle(recording: Recording) -> ShaftAngle:
         source = "the stated speed"
     if angle[-1] <= 0:
         raise InputError(f"{recording.recording_id}: the shaft stands still; there is no angle to go by.")
-    return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, absolute=False, source=source)
+    return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, source)
 
 
 _RISE, _FALL = 0.6, 0.4
@@ -136,9 +134,8 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
     scatter = float(np.std(np.diff(pulses, 2))) / math.sqrt(6)
     rate = float((marks[-1] - marks[0]) / (pulses[-1] - pulses[0]))
     covered = float((pulses[-1] - pulses[0]) / (len(level) - 1))
-    once = pulses_per_turn == 1
-    source = f"{channel}, {pulses_per_turn} pulse{'' if once else 's'} per turn"
-    return ShaftAngle(angle, recording.sample_rate, scatter * rate, covered, absolute=once, source=source)
+    source = f"{channel}, {plural(pulses_per_turn, 'pulse')} per turn"
+    return ShaftAngle(angle, recording.sample_rate, scatter * rate, covered, source)
 
 
 def _rising_edges(level: Float[np.ndarray, " time"]) -> Float[np.ndarray, " pulse"]:
@@ -187,7 +184,7 @@ _DENSEST = 64
 
 
 def resampled_by_angle(
-    recording: Recording, angle: ShaftAngle, samples_per_turn: int, *, played_at: float | None = None
+    recording: Recording, angle: ShaftAngle, samples_per_turn: int | None = None, *, played_at: float | None = None
 ) -> Recording:
     """The recording at even steps of the shaft's angle, as if the shaft had turned steadily.
 
@@ -200,7 +197,8 @@ def resampled_by_angle(
 
     Parameters
     ----------
-    samples_per_turn : even number of samples per revolution; orders below 0.4 of it are kept to 1 %.
+    samples_per_turn : even number of samples per revolution; orders below 0.4 of it are kept to 1 %. None takes as many
+        as the fastest turn has.
     played_at : angular speed of the steady turning [rad/s]; the mean speed by default. Recordings of several speeds
         that are to be cut into one set of windows need one in common.
 
@@ -213,6 +211,8 @@ def resampled_by_angle(
     if recording.attributes.get("domain") == "angle":
         raise InputError(f"{recording.recording_id} lies along the shaft's angle already.")
     angle.require_fits(recording)
+    if samples_per_turn is None:
+        samples_per_turn = 2 * math.ceil(recording.sample_rate * math.pi / float(angle.speed.max()))
     if samples_per_turn < 4 or samples_per_turn % 2:
         raise InputError(f"samples_per_turn ({samples_per_turn}) must be an even number from 4 on.")
     speed = angle.mean_speed if played_at is None else played_at
@@ -258,59 +258,3 @@ def _read_off(
         fine = scipy.signal.resample_poly(row, _FINER, 1, padtype="line")
         rows.append(make_interp_spline(np.arange(len(fine)) / _FINER, fine, k=3)(at))
     return np.stack(rows)
-
-
-_PARTS = 4
-"""The scatter between so many parts of the recording says how well a line is known."""
-_LEAST_TURNS = 16
-_CLEAR = 5.2
-"""Amplitude over noise from which a line has a phase: noise reaches it once in 1000 lines (F of 2 and 6 degrees)."""
-
-
-def synchronous_lines(
-    signal: Float[np.ndarray, "channel time"], angle: ShaftAngle, orders: Int[np.ndarray, " order"]
-) -> tuple[Float[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """Peak amplitude and phase [rad] of lines amplitude · cos(order · angle + phase) that turn with the shaft.
-
-    They are averaged along the shaft's angle with a Hann taper over the whole of it. A phase is positive where the line
-    peaks before the reference: the tachometer's pulse where the angle is absolute, else the first channel's line. It is
-    NaN where the line, or the reference's, does not stand clear of noise: it would be random.
-    Only what keeps its phase with the shaft counts: noise and lines of other machines average out, and a line whose
-    angle is not known well enough reads low (`signals.order_spectrum` gathers the power beside it instead).
-
-    Raises
-    ------
-    InputError
-        The signal and the angle differ in length, an order below 1 or above half the samples per turn, or fewer than
-        16 revolutions.
-    """
-    if signal.shape[1] != len(angle.angle):
-        raise InputError(f"{signal.shape[1]} samples and {len(angle.angle)} angles; give the signal's own angle.")
-    fastest = float(angle.speed.max()) / (2 * math.pi)
-    if orders.min() < 1 or orders.max() * fastest >= angle.sample_rate / 2:
-        raise InputError(
-            f"orders {orders.min()} to {orders.max()} must lie from 1 to below half the sample rate "
-            f"({angle.sample_rate / 2 / fastest:.1f} orders)."
-        )
-    if angle.turns < _LEAST_TURNS:
-        raise InputError(f"{angle.turns:.1f} revolutions are too few for lines that turn with the shaft; record 16.")
-    whole = _averaged(signal, angle.angle, orders)
-    parts = np.array_split(np.arange(signal.shape[1]), _PARTS)
-    scatter = np.stack([_averaged(signal[:, part], angle.angle[part], orders) for part in parts])
-    noise = scatter.std(axis=0, ddof=1) / math.sqrt(_PARTS)
-    clear = np.abs(whole) > _CLEAR * noise
-    if not angle.absolute:
-        whole, clear = whole * np.exp(-1j * np.angle(whole[0])), clear & clear[:1]
-    return np.abs(whole), np.where(clear, np.angle(whole), math.nan)
-
-
-def _averaged(
-    signal: Float[np.ndarray, "channel time"], angle: Float[np.ndarray, " time"], orders: Int[np.ndarray, " order"]
-) -> Complex[np.ndarray, "channel order"]:
-    share = (angle - angle[0]) / (angle[-1] - angle[0])
-    weight = (1 - np.cos(2 * np.pi * share)) * np.gradient(angle)
-    weight = weight / weight.sum()
-    centered = signal - (signal @ weight)[:, None]
-    turning = np.exp(-1j * np.outer(angle, orders))
-    result: np.ndarray = 2 * (centered * weight) @ turning
-    return result

@@ -64,7 +64,7 @@ def tracked_speed(
     if near is None:
         start = stated_angle(recording)
     elif math.isfinite(near) and near > 0:
-        start = ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, False, "near")
+        start = ShaftAngle(near * recording.time, recording.sample_rate, math.nan, math.nan, "near")
     else:
         raise InputError(f"near ({near:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
     orders = [order] if isinstance(order, int) else list(order)
@@ -117,8 +117,7 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
         raise DataError(
             f"{recording.recording_id}: by its line at order {order} the shaft turns back; follow a stronger line."
         )
-    source = f"the line at order {order}"
-    return ShaftAngle(angle, recording.sample_rate, deviation, quality, absolute=False, source=source)
+    return ShaftAngle(angle, recording.sample_rate, deviation, quality, f"the line at order {order}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from commandline import run
 import swashtwin
 from swashtwin.learning import NETWORKS
 from swashtwin.pump.faults import _faults
-from swashtwin.recordings.formats.registry import _registered
+from swashtwin.recordings.files import _registered
 
 pytestmark = pytest.mark.nightly
 

@@ -13,7 +13,6 @@ from swashtwin.foundation import (
     MissingFileError,
     parse_json,
     read_artifact,
-    refuse_misfits,
     write_artifact,
 )
 
@@ -119,13 +118,6 @@ def test_values_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, value
         read(path)
     _, loaded = read_artifact(path, "thing", 3, advice="make it again", may_be_nan=["weight"])
     np.testing.assert_array_equal(loaded["weight"], tensors["weight"])
-
-
-@pytest.mark.parametrize("cause", [KeyError("x"), TypeError("x"), ValueError("x\ny"), RuntimeError(""), IndexError()])
-def test_a_card_that_does_not_fit_is_refused_in_one_line(cause):
-    with pytest.raises(ArtifactError, match="does not fit this swashtwin") as caught, refuse_misfits("f", "thing"):
-        raise cause
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Files that are whole or not there, and seeds that never share a stream."""
 
 import errno
-import hashlib
 import os
 from pathlib import Path
 
@@ -11,16 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import swashtwin
-from swashtwin.foundation import InputError, derive_seed, replacing, sha256_of, stream, write_text
+from swashtwin.foundation import InputError, derive_seed, replacing, stream, write_text
 
 WORDS = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
-
-
-def test_a_written_text_is_there_whole_and_alone(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "folder" / "a.txt"
-    assert write_text(path, "Größe 1\n") == path
-    assert path.read_bytes() == "Größe 1\n".encode()
-    assert os.listdir(path.parent) == ["a.txt"]
 
 
 def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
@@ -54,14 +46,6 @@ def test_a_folder_in_the_way_is_left_alone(tmp_path: Path) -> None:
         write_text(tmp_path / "a.txt", "new")
     assert os.listdir(tmp_path) == ["a.txt"]
     assert os.listdir(tmp_path / "a.txt") == ["inside"]
-
-
-def test_the_checksum_is_that_of_the_bytes(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"abc")
-    assert sha256_of(tmp_path / "a") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    large = os.urandom(300_000)
-    (tmp_path / "b").write_bytes(large)
-    assert sha256_of(tmp_path / "b") == hashlib.sha256(large).hexdigest()
 
 
 @given(seed=st.integers(0, 2**63), purpose=st.lists(WORDS, max_size=3), other=st.lists(WORDS, max_size=3))

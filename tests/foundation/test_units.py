@@ -6,38 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, hertz, mm, parse, rpm, um, units
+from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, parse, rpm, um, units
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (rpm(60), 2 * math.pi),
-        (hertz(1), 2 * math.pi),
-        (MPa(15), 15e6),
-        (bar(150), 15e6),
-        (mm(30), 0.03),
-        (um(12), 12e-6),
-        (deg(180), math.pi),
-        (celsius(45), 318.15),
-    ],
-)
-def test_units_of_the_trade_become_si(value: float, expected: float) -> None:
-    assert value == pytest.approx(expected, rel=1e-15)
-
-
-@settings(deadline=None)  # the first quantity loads the table of units
-@given(x=NUMBERS)
-def test_any_number_of_millimeters_is_a_thousandth_of_it_in_meters(x: float) -> None:
-    assert parse(f"{x} mm", "m") == pytest.approx(x / 1000, rel=1e-14)
-
-
-@settings(deadline=None)  # the first quantity loads the table of units
-@given(x=NUMBERS)
-def test_a_quantity_already_in_si_keeps_its_number(x: float) -> None:
-    assert parse(f"{x!r} rad/s", "rad/s") == pytest.approx(x, rel=1e-14)
 
 
 @settings(deadline=None)  # the first quantity loads the table of units

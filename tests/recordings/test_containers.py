@@ -38,14 +38,6 @@ def test_time_stamps_of_a_parquet_table_give_the_rate(unit: str, tmp_path: Path)
     assert (loaded.channels, loaded.sample_rate) == (("x",), 500.0)
 
 
-def test_an_archive_of_arrays_gives_vectors_rate_and_unit(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", x=SIGNAL[0], both=SIGNAL.T, fs=12800.0, unit="g", sensor=np.array("352C33"))
-    loaded = load_recording(tmp_path / "a.npz", channels=["both*"])
-    assert (loaded.channels, loaded.sample_rate) == (("both(:,1)", "both(:,2)"), 12800.0)
-    np.testing.assert_allclose(loaded.signal, SIGNAL * 9.80665)
-    assert loaded.attributes["sensor"] == "352C33"
-
-
 def test_an_archive_that_would_run_code_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", x=np.array([1.5, "b", None], dtype=object))
     with pytest.raises(DataError, match="allow_pickle=False"):
@@ -73,13 +65,6 @@ def test_channels_of_one_rate_are_chosen_from_a_measurement_of_several(tmp_path:
         np.testing.assert_allclose(loaded.signal[0], SIGNAL[0] * 9.80665)
     with pytest.raises(DataError, match=r"several rates \(acc: 25600 Hz, speed: 100 Hz\), .* channels = \[...\]"):
         load_recording(path, channels=["*"])
-
-
-def test_channels_of_two_rates_are_not_one_recording(tmp_path: Path) -> None:
-    path = write_mdf(tmp_path / "a.mf4", ("x", SIGNAL[0], 25600.0, "g"), ("x", SIGNAL[1], 12800.0, "g"))
-    with pytest.raises(DataError, match=r"several rates \(0/x: 25600 Hz, 1/x: 12800 Hz\)"):
-        load_recording(path)
-    assert load_recording(path, channels=["1/x"]).sample_rate == 12800.0
 
 
 # ---- the time column

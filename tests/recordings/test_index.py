@@ -1,6 +1,5 @@
 """One index says what every file of a folder is, and nothing in it is taken on trust."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -180,26 +179,12 @@ def test_a_wrong_index_is_refused_in_one_line(text: str, message: str, tmp_path:
     assert "\n" not in str(caught.value)
 
 
-def test_an_index_in_another_encoding_is_named_once(tmp_path: Path) -> None:
-    path = tmp_path / "recordings.toml"
-    path.write_bytes('format = 1\nclasses = ["größer"]'.encode("latin-1"))
-    with pytest.raises(DataError, match=f"^{re.escape(str(path))} is no UTF-8 text"):
-        load_recordings(tmp_path)
-
-
 def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:
     with pytest.raises(MissingFileError, match="swashtwin index"):
         load_recordings(tmp_path)
     save(tmp_path, "")
     with pytest.raises(DataError, match="does not say its sample rate"):
         load_recordings(tmp_path / "a.csv")
-
-
-def test_two_recordings_of_one_name_are_not_indexed(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="'a'"):
-        write_index([make("a"), make("a")], ["1.h5", "2.h5"], tmp_path)
-    with pytest.raises(InputError, match="1 files for 2"):
-        write_index([make("a"), make("b")], ["1.h5"], tmp_path)
 
 
 # ---- proposals
@@ -295,18 +280,6 @@ def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
     write_index(recordings, ["normal_15MPa.csv"], tmp_path / "again.toml")
     assert stated_pressure(load_recordings(tmp_path / "again.toml")[0]) == MPa(15)
     assert propose_index(tmp_path, sample_rate="1 kHz", unit="g", speed="860 rpm").notes == ()
-
-
-def test_a_proposal_takes_facts_from_files_that_carry_them(tmp_path: Path) -> None:
-    for name, label in (("1", "normal"), ("2", "piston")):
-        write_recording(make(name, label), tmp_path / f"{name}.h5")
-    (tmp_path / "notes.txt").write_text("measured on a Friday")
-    proposal = propose_index(tmp_path)
-    assert proposal.index["recording"] == [{"file": "1.h5"}, {"file": "2.h5"}]
-    assert len(proposal.skipped) == 1
-    assert "notes.txt" in proposal.skipped[0]
-    save_index(proposal.index, tmp_path / "recordings.toml")
-    assert [recording.label for recording in load_recordings(tmp_path)] == ["normal", "piston"]
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
@@ -610,14 +583,3 @@ def test_one_file_of_two_recordings_gets_two_entries(tmp_path: Path) -> None:
     recordings = load_recordings(tmp_path)
     assert recordings.recording_ids == ("normal_1_1", "normal_1_2")
     assert [recording.n_channels for recording in recordings] == [1, 1]
-
-
-def test_a_class_has_no_marks_at_its_ends(tmp_path: Path) -> None:
-    facts = touch(tmp_path, "1_normal.csv")
-    assert propose_index(tmp_path, label_pattern=r"\d(?P<label>.*)\.csv", **facts).index["classes"] == ["normal"]
-
-
-def test_a_channel_is_chosen_by_its_number_in_text_as_well(tmp_path: Path) -> None:
-    facts = touch(tmp_path, "normal_1.csv")
-    save_index(propose_index(tmp_path, channels=["1"], **facts).index, tmp_path / "recordings.toml")
-    assert load_recordings(tmp_path)[0].channels == ("y",)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from swashtwin.foundation import DataError
 from swashtwin.recordings import Recording, load_recording
 from swashtwin.recordings.formats.raw import RawFile
 from swashtwin.recordings.stated_facts import facts_of_header
@@ -61,29 +60,6 @@ def test_a_counter_that_skips_tells_lost_samples(tmp_path: Path) -> None:
     recording = load_recording(text(tmp_path / "a.csv", "sample,x [g]", *lines), sample_rate=RATE)
     assert recording.channels == ("x",)
     assert recording.attributes["time_gaps"] == "sample skips 1 samples at 1 places"
-
-
-@pytest.mark.parametrize(("unit", "scale"), [("ms", 1e3), ("us", 1e6), ("s", 1.0)])
-@pytest.mark.parametrize("name", ["timestamp", "timestamps", "time_stamp"])
-def test_counts_since_1970_are_a_clock(name: str, unit: str, scale: float, tmp_path: Path) -> None:
-    stamps = [f"{(1774430000 + number / 100) * scale:.2f}" for number in range(2000)]
-    assert_noise(load_recording(text(tmp_path / "a.csv", f"{name},x [g]", *rows(stamps, NOISE))), rate=100.0)
-
-
-def test_the_unit_of_the_clock_can_be_stated(tmp_path: Path) -> None:
-    path = text(tmp_path / "a.csv", "tick,x [g]", *rows(range(0, 200_000, 100), NOISE))
-    assert_noise(load_recording(path, time_column="tick", time_unit="us"))
-    with pytest.raises(DataError, match=r"'tick' is in 'furlong', .*time_unit"):
-        load_recording(path, time_column="tick", time_unit="furlong")
-
-
-def test_volts_become_accelerations_by_the_sensitivity(tmp_path: Path) -> None:
-    path = text(tmp_path / "a.csv", "time [s],ai0 [mV]", *rows(seconds(), NOISE * 99.7))
-    assert load_recording(path).unit == "mV"
-    assert_noise(load_recording(path, sensitivity="99.7 mV/g"))
-    assert_noise(load_recording(path, sensitivity="0.0997 V/(m/s^2)"), factor=1)
-    with pytest.raises(DataError, match="is for channels in pC"):
-        load_recording(path, sensitivity="99.7 pC/g")
 
 
 # ---- containers

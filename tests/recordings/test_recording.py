@@ -74,12 +74,6 @@ def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], messa
             make().slice(0, stop)
 
 
-def test_a_recording_keeps_its_speed_when_its_label_or_its_channels_change() -> None:
-    recording = replace(make(), speed=np.array([80.0, 82.0, 0.0, 81.0]))
-    for other in (recording.relabeled("piston"), recording.picked(["z"])):
-        assert other.speed is recording.speed
-
-
 @pytest.mark.parametrize(
     ("speed", "message"),
     [

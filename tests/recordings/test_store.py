@@ -207,17 +207,6 @@ def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(stride: int
         )
 
 
-def test_windows_of_an_unfit_recording_are_refused_in_blocks(tmp_path: Path) -> None:
-    signal = make("a").signal
-    signal[0, 4999] = -np.inf
-    for recording in (
-        make("a", signal=signal),
-        load_recording(write_recording(make("a", signal=signal), tmp_path / "a.h5")),
-    ):
-        with pytest.raises(DataError, match=r"1 of 5000 .*, the first at 4.999 s"):
-            list(window_batches(recording, length=100))
-
-
 @pytest.mark.parametrize("normalization", ["window", "set", "none"])
 def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: str, tmp_path: Path) -> None:
     recordings = [make("a"), make("b", label="piston", signal=make("b").signal * 3 + 1)]

@@ -1,6 +1,5 @@
 """Recordings longer than memory: written block by block, many to a folder, and taken up again."""
 
-import json
 import os
 import resource
 import shutil
@@ -245,34 +244,6 @@ def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None
     assert run.blocks == [2, 3]
     write_series(tmp_path / "two" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
     assert contents(tmp_path / "one" / "runs") == contents(tmp_path / "two" / "runs")
-
-
-def test_a_folder_made_with_other_settings_is_refused_and_the_difference_named(tmp_path: Path) -> None:
-    def write(settings: dict[str, Any]) -> None:
-        write_series(tmp_path / "runs", 1, SeriesRun([]).blocks_of, settings=settings, bytes_each=9000)
-
-    write({"seed": 0, "twin": {"fault": None, "values": (1.0, 2.0)}})
-    before = contents(tmp_path / "runs")
-    with pytest.raises(InputError, match=r"seed was 0, now 1\."):
-        write({"seed": 1, "twin": {"fault": None, "values": (1.0, 2.0)}})
-    with pytest.raises(InputError, match=r'twin\.fault\.depth was null, now 0\.1|twin\.fault was null, now \{"depth"'):
-        write({"seed": 0, "twin": {"fault": {"depth": 0.1}, "values": (1.0, 2.0)}})
-    manifest = tmp_path / "runs" / "series.json"
-    assert contents(tmp_path / "runs") == before
-    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "version": "0.0"}))
-    with pytest.raises(InputError, match=r'version was "0\.0"'):
-        write({"seed": 0, "twin": {"fault": None, "values": (1.0, 2.0)}})
-    manifest.write_text("{")
-    with pytest.raises(ArtifactError, match=r"series\.json is damaged"):
-        write({"seed": 0})
-
-
-def test_a_folder_of_something_else_and_a_file_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").touch()
-    for target in (tmp_path, tmp_path / "a.txt"):
-        with pytest.raises(InputError, match="choose a new folder"):
-            write_series(target, 1, SeriesRun([]).blocks_of, settings={}, bytes_each=9000)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_a_disk_without_space_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

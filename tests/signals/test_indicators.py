@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.integrate
 import scipy.signal
 import scipy.stats
 from hypothesis import given, settings
@@ -56,15 +55,6 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
     assert band_rms(signal[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(
         wanted, rel=0.02 if frequency < 13 else 0.004
     )
-
-
-def test_velocity_in_the_frequency_domain_is_that_of_an_integral_in_time() -> None:
-    noise = np.random.default_rng(0).standard_normal(len(TIME))
-    sos = scipy.signal.butter(6, [30, 600], "bandpass", fs=RATE, output="sos")
-    limited = scipy.signal.sosfiltfilt(sos, noise)
-    velocity = scipy.integrate.cumulative_trapezoid(limited, dx=1 / RATE, initial=0)
-    velocity = scipy.signal.detrend(velocity)
-    assert band_rms(limited[None], RATE, 10, 1000, of_velocity=True)[0] == pytest.approx(velocity.std(), rel=0.03)
 
 
 def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:

@@ -67,13 +67,6 @@ def test_pulses_give_the_angle_of_a_run_up(pulses: int, limit: float) -> None:
     assert 0 < math.degrees(angle.deviation) < 1
 
 
-def test_angle_zero_is_the_first_pulse_of_a_tachometer() -> None:
-    true = shaft_speed(start=15, end=15)
-    angle = tachometer_speed(tacho(true), "tacho")
-    first = np.flatnonzero(np.diff(tacho(true).signal[1]) > 1)[0] + 0.5
-    assert np.degrees(np.interp(first, np.arange(len(true)), angle.angle)) == pytest.approx(0, abs=0.01)
-
-
 def test_a_missed_pulse_is_refused_with_its_time() -> None:
     recording = tacho(shaft_speed(start=15, end=15))
     signal = recording.signal.copy()

@@ -111,13 +111,11 @@ def _misfit(message: str, form: Any) -> str:
 
 
 def _in_words(kinds: re.Match[str]) -> str:
-    """Types as msgspec names them, in plain words."""
     names = kinds[1].removesuffix(" | null").split(" | ")
     return " or ".join(_KINDS.get(name, name) for name in names)
 
 
 def _names(form: Any) -> set[str]:
-    """Names of all entries of a form and of the forms in it."""
     if is_dataclass(form):
         kinds = {field.name: field.type for field in fields(form)}
     elif isinstance(form, type) and issubclass(form, msgspec.Struct):

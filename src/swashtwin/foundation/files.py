@@ -75,7 +75,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _held_name(folder: Path) -> Iterator[str]:
-    """Hidden name in `folder` whose lock file is held."""
     while True:
         name = f"{_HIDDEN}{secrets.token_hex(6)}"
         lock = folder / f"{name}.lock"
@@ -90,7 +89,6 @@ def _held_name(folder: Path) -> Iterator[str]:
 
 
 def _is_locked(file: IO[bytes]) -> bool:
-    """Whether this process now holds the lock of an open file."""
     if fcntl is None:
         return True
     try:

@@ -112,7 +112,6 @@ def _unit(text: str) -> "Unit | None":
 
 
 def _dimension(unit: "Unit") -> str:
-    """Product of base units, in which a radian is one."""
     return str(_registry().Quantity(1.0, unit).to_root_units().units)
 
 

@@ -46,7 +46,6 @@ def _require_names(table: dict[str, Any], names: tuple[str, ...], where: str) ->
 
 
 def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
-    """Part of a pump from its table; notes where each number comes from."""
     if not isinstance(table, dict):
         raise DataError(f"[{path}] is missing or no table.")
     parts = {item.name: item for item in fields(kind)}

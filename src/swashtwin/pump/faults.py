@@ -64,7 +64,6 @@ class Fault:
 
 
 def _dimension(unit: str, default: Any = MISSING, **longest: float) -> Any:
-    """Field with an SI unit, and with the length [m] above which it can only be a slip of the unit."""
     return field(default=default, metadata={"unit": unit, **longest})
 
 

@@ -203,7 +203,6 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
 
 
 def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, float]:
-    """Ratios of the new pump to the original by their letters."""
     group, angle = original.rotating_group, nameplate.swash_angle or original.rotating_group.swash_angle
     chord = math.sin(math.pi / nameplate.piston_count) / math.sin(math.pi / group.piston_count)
     incline = math.tan(angle) / math.tan(group.swash_angle)
@@ -220,7 +219,6 @@ def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, flo
 
 
 def _power(law: str, ratios: dict[str, float]) -> float:
-    """Factor of a law such as ``"N D^2/S"``."""
     above, _, below = law.partition("/")
     factor = 1.0
     for text, sign in ((above, 1), (below, -1)):
@@ -255,14 +253,7 @@ def _with_timing(pump: Pump, original: Pump, rated: Rated, ratios: dict[str, flo
 
 
 def require_sound_geometry(pump: Pump) -> None:
-    """Refuse a pump two of whose parts cannot be built together; the error names them.
-
-    Raises
-    ------
-    InputError
-        Slippers overlap, a piston leaves its bore, a damping hole is wider than its pocket, the bores lie outside the
-        kidneys, kidneys overlap, a groove is too steep, or the block is pushed off the valve plate.
-    """
+    """Refuse a pump two of whose parts cannot be built together; the error names them."""
     group, plate = pump.rotating_group, pump.valve_plate
     chord = 2 * group.pitch_radius * math.sin(math.pi / group.piston_count)
     stroke = stroke_of(group)
@@ -325,11 +316,6 @@ def compression_angle(group: RotatingGroup, oil: Oil, pressure: float) -> float:
     The piston must sweep dV = V p / B of the full chamber V = V0 + 2 A R tan(gamma), and it sweeps A R tan(gamma)
     (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out (docs/explanation/physics.md, section
     4).
-
-    Raises
-    ------
-    InputError
-        The chamber is too large: not even the whole stroke reaches the pressure.
     """
     return _angle(group, oil, pressure, group.dead_volume + group.piston_area * stroke_of(group))
 

@@ -207,7 +207,6 @@ def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
 
 
 def _runs(numbers: Int[np.ndarray, " number"]) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """First number and length of each run of consecutive numbers."""
     if not numbers.size:
         return numbers, numbers
     first = np.concatenate(([0], np.flatnonzero(np.diff(numbers) != 1) + 1))

@@ -11,6 +11,7 @@ import numpy as np
 from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.channel_checks import Finding, listed
+from swashtwin.recordings.files import is_store, stored_recordings
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
     best_test_rows,
@@ -22,7 +23,6 @@ from swashtwin.recordings.grouping import (
 from swashtwin.recordings.index import indexed_recordings
 from swashtwin.recordings.loading import load_recording
 from swashtwin.recordings.recording import Recording, require_distinct
-from swashtwin.recordings.store import is_store, stored_recordings
 
 
 class Recordings(Sequence[Recording]):
@@ -265,5 +265,4 @@ def load_recordings(
 
 
 def _listed(values: Iterable[str | None]) -> str:
-    """Distinct values with commas, at most a dozen; "none" for a fact that is not stated."""
     return listed(list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values)), 12)

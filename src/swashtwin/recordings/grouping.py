@@ -206,7 +206,6 @@ def best_test_rows(
 
 
 def _one_sided(strata: Int[np.ndarray, " row"], rows: Int[np.ndarray, " _tested"]) -> int:
-    """Number of strata that are on one side only."""
     counts = np.bincount(strata)
     tested = np.bincount(strata[rows], minlength=counts.size)
     return int(np.sum((counts > 0) & ((tested == 0) | (tested == counts))))
@@ -280,7 +279,6 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
 
 
 def _listed(values: Iterable[str], noun: str = "", joint: str = ", ") -> str:
-    """The distinct values, or, where there are more than three, how many or from which to which."""
     distinct = list(dict.fromkeys(filter(None, values)))
     if len(distinct) <= _MOST:
         return joint.join(distinct)

@@ -1,9 +1,13 @@
-"""The index file ``recordings.toml``: one entry per file, and what each file is."""
+"""The index file ``recordings.toml``: one entry per file, what each file is, and facts that are edited."""
 
+import copy
 import os
 import re
+import threading
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -16,6 +20,7 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     from_table,
+    parse,
     plain_text,
     read_text,
     sha256_of,
@@ -24,12 +29,11 @@ from swashtwin.foundation import (
 from swashtwin.pump import in_trade_units, is_same_class
 from swashtwin.recordings.channel_checks import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.files import is_store, stem_of, suffix_of
 from swashtwin.recordings.formats.raw import Text
-from swashtwin.recordings.formats.registry import stem_of, suffix_of
 from swashtwin.recordings.loading import PUMP_KEYS, recording_of
 from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.stated_facts import is_quantity
-from swashtwin.recordings.store import is_store
 
 INDEX_NAME = "recordings.toml"
 _NO_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
@@ -45,11 +49,6 @@ def indexed_recordings(
     ----------
     unreadable : gets a finding for each entry that cannot be loaded, instead of an error for the first.
     label, specimen : only these; the files of entries that state others are not opened.
-
-    Raises
-    ------
-    DataError
-        The index or a file is missing or damaged, or one contradicts the other.
     """
     index = index_path(path)
     table = index_table(index)
@@ -58,7 +57,8 @@ def indexed_recordings(
     classes = _classes(table)
     root = indexed_path(index.parent, str(table.get("root", "")))
     for entry in _entries(table, index):
-        if _states_another(entry.label, label) or _states_another(entry.specimen, specimen):
+        pairs = ((entry.label, label), (entry.specimen, specimen))
+        if any(None not in pair and not is_same_class(plain_text(str(pair[0])), pair[1]) for pair in pairs):
             continue
         try:
             recording = recording_of(indexed_path(root, entry.file), entry)
@@ -79,18 +79,11 @@ def indexed_recordings(
     return recordings
 
 
-def _states_another(stated: str | None, wanted: str | None) -> bool:
-    """Whether an entry states another class or specimen than is wanted."""
-    return None not in (stated, wanted) and not is_same_class(plain_text(str(stated)), wanted)
-
-
 def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], path: str | Path) -> Path:
-    """Path of the index that now says what each of `files` holds.
+    """Path of the index that now says what each of `files` holds, whose paths are absolute or relative to it.
 
     Parameters
     ----------
-    recordings : what was written.
-    files : where each was written, absolute or relative to the index.
     path : index file, or the folder for ``recordings.toml``.
     """
     path = Path(path)
@@ -255,7 +248,7 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
         entry["synthetic"] = True
     attributes = {key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")}
     if suffix_of(file) not in _LOSSLESS:
-        entry |= {"names": list(recording.channels), "sample_rate": rate_text(recording.sample_rate)}
+        entry |= {"names": list(recording.channels), "sample_rate": f"{recording.sample_rate:.15g} Hz"}
         entry["unit"] = recording.unit
         if "discharge_pressure" in attributes:
             attributes["pressure"] = attributes.pop("discharge_pressure")
@@ -276,6 +269,128 @@ def path_from(folder: Path, path: Path) -> str:
         return path.absolute().as_posix()
 
 
-def rate_text(rate: float) -> str:
-    """Rate with its unit, such as ``25.6 kHz``."""
-    return f"{rate / 1e3:.15g} kHz" if rate >= 1e3 else f"{rate:.15g} Hz"
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_LOCK = threading.Lock()
+_HEADING = re.compile(r"^[ \t]*\[\[[ \t]*recording[ \t]*\]\][ \t]*(#.*)?$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class FactChange:
+    """One fact of one entry, as it was seen and as it shall be."""
+
+    entry: str
+    """Id of the entry, or its file where it states none."""
+    fact: str
+    """Key of an `Entry`, such as ``label``."""
+    before: Any
+    """What the entry, or the index's defaults, stated when it was looked at; None for nothing."""
+    after: Any
+    """What it shall state; None for nothing."""
+
+
+def change_facts(
+    path: Path, changes: Sequence[FactChange], *, proposed: Mapping[str, Any] | None = None, undo: bool = False
+) -> None:
+    """Write changed facts into an index; comments stay where only lines of facts change.
+
+    Changes by others of other facts are merged. Where somebody changed one of these facts since it was looked at,
+    nothing is written.
+
+    Parameters
+    ----------
+    proposed : what the index holds where there is no file yet.
+    undo : take a class that no recording has any more out of the index's classes.
+
+    Raises
+    ------
+    InputError
+        A fact is not any more what it was before, or an entry is there no more.
+    DataError, UnitError
+        A value cannot be.
+    """
+    with _alone(path.parent):
+        text = read_text(path) if path.is_file() or proposed is None else None
+        table = index_table(path) if text is not None else copy.deepcopy(dict(proposed or {}))
+        edited = copy.deepcopy(table)
+        for change in changes:
+            _apply(edited, change, path, undo=undo)
+        content = None if text is None else _edited_text(text, table, edited)
+        if (read_text(path) if path.is_file() else None) != text:
+            raise InputError(f"{path} is being changed by another program; look again, and repeat the change.")
+        save_index(edited, path) if content is None else write_text(path, content)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Within it no other thread or process changes facts of an index in `folder`."""
+    with _LOCK:
+        handle = None if fcntl is None else os.open(folder, os.O_RDONLY)
+        try:
+            if handle is not None:
+                with suppress(OSError):  # a file system without locks
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            if handle is not None:
+                os.close(handle)
+
+
+def _apply(table: dict[str, Any], change: FactChange, path: Path, *, undo: bool) -> None:
+    entries = [entry for entry in table["recording"] if change.entry in (entry.get("id"), entry.get("file"))]
+    if len(entries) != 1:
+        raise InputError(f"{path} has {len(entries)} entries {change.entry!r} now; load it again.")
+    (entry,), defaults = entries, table.get("defaults", {})
+    stated = {**defaults, **entry}.get(change.fact)
+    if stated != change.before:
+        raise InputError(
+            f"{change.entry}: {change.fact} was {change.before!r} and is {stated!r} now, since another window or "
+            "program changed it; nothing was written."
+        )
+    where = f"{path}: {change.entry}"
+    if change.after is None:
+        if change.fact in defaults:
+            raise InputError(f"{where}: {change.fact} is stated for all, in [defaults]; state another value.")
+        entry.pop(change.fact, None)
+    else:
+        entry[change.fact] = change.after
+        Entry.from_mapping({**defaults, **entry}, where)
+        if change.fact in QUANTITIES and parse(change.after, QUANTITIES[change.fact], name=change.fact) <= 0:
+            raise DataError(f"{where}: {change.fact} = {change.after!r} must be above zero.")
+    if change.fact == "label" and "classes" in table:
+        labels = [item.get("label") for item in table["recording"]]
+        classes = [name for name in table["classes"] if not (undo and name == change.before) or name in labels]
+        table["classes"] = classes + [change.after] * (change.after is not None and change.after not in classes)
+
+
+def _edited_text(text: str, table: Mapping[str, Any], edited: Mapping[str, Any]) -> str | None:
+    """`text` with only the lines of changed facts replaced; None where that does not give the edited table."""
+    starts = [match.start() for match in _HEADING.finditer(text)]
+    if len(starts) != len(edited["recording"]):
+        return None
+    head, *parts = (text[start:end] for start, end in zip([0, *starts], [*starts, len(text)], strict=True))
+    if table.get("classes") != edited.get("classes"):
+        head = _with_line(head, "classes", edited["classes"])
+    for number, (old, new) in enumerate(zip(table["recording"], edited["recording"], strict=True)):
+        for fact in sorted(old.keys() | new.keys()):
+            if old.get(fact) != new.get(fact):
+                parts[number] = _with_line(parts[number], fact, new.get(fact))
+    content = head + "".join(parts)
+    with suppress(tomllib.TOMLDecodeError):
+        return content if tomllib.loads(content) == edited else None
+    return None
+
+
+def _with_line(part: str, fact: str, value: Any) -> str:
+    """`part` of an index with the line of a fact replaced, added below that of the file, or without it."""
+    import tomli_w
+
+    line = "" if value is None else tomli_w.dumps({fact: value})
+    stated = re.compile(rf"^[ \t]*{re.escape(fact)}[ \t]*=[ \t]*(\[[^\]]*\]|.*)[^\n]*(\n|\Z)", re.MULTILINE)
+    if stated.search(part):
+        return stated.sub(lambda _: line, part, count=1)
+    file = re.compile(r"^[ \t]*file[ \t]*=.*(\n|\Z)", re.MULTILINE)
+    return file.sub(lambda match: f"{match[0].rstrip()}\n{line}", part, count=1)

@@ -243,7 +243,6 @@ def usual_window(recordings: Sequence[Recording]) -> int:
 
 
 def _power_of_two(samples: float) -> int:
-    """The greatest power of two that is not above it; 1 at least."""
     return 1 << max(0, math.floor(math.log2(max(samples, 1.0))))
 
 
@@ -259,7 +258,6 @@ def _turn(recording: Recording) -> int:
 
 
 def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recording]]:
-    """Recordings of each value."""
     groups: dict[str, list[Recording]] = {}
     for value, recording in pairs:
         groups.setdefault(value, []).append(recording)
@@ -267,7 +265,6 @@ def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recordin
 
 
 def _duplicates(recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]) -> Iterator[Finding]:
-    """Recordings with a channel of the same samples."""
     pairs = zip(recordings, hashes, strict=True)
     groups = _by_value((digest, recording) for recording, digests in pairs for digest in digests)
     members = {tuple(recording.recording_id for recording in group): group for group in groups.values()}
@@ -280,7 +277,6 @@ def _duplicates(recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]
 
 
 def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
-    """Recordings whose level is far from that of their class, with the channels that show it."""
     levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
     for recording, channels in zip(recordings, statistics, strict=True):
         for name, channel in zip(recording.channels, channels, strict=True):

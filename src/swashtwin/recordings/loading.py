@@ -14,8 +14,8 @@ import numpy as np
 from swashtwin.foundation import DataError, InputError, as_path, parse, plural, require_memory, sha256_of
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.files import open_raw, stem_of
 from swashtwin.recordings.formats.raw import RATES, Column, RawFile, file_stamp, require_unchanged
-from swashtwin.recordings.formats.registry import open_raw, stem_of
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples, hash_channels
 from swashtwin.recordings.scaling import scale, vibration_columns
@@ -95,7 +95,6 @@ def recording_of(path: Path, entry: Entry) -> Recording:
 
 
 def _columns(raw: RawFile, entry: Entry, chosen: Mapping[str, Column], path: Path) -> tuple[Columns, str]:
-    """The chosen columns with the factor of each, and the unit that comes out."""
     factors, unit = scale(raw, entry, tuple(chosen), str(path))
     return Columns(tuple(chosen.values()), tuple(factors), raw.speeds), unit
 
@@ -149,7 +148,6 @@ def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
 
 
 def _matching(raw: RawFile, channel: str | int) -> list[str]:
-    """Columns that a name, a pattern or a number stands for."""
     names = list(raw.columns)
     if isinstance(channel, str) and channel.isdecimal() and channel not in names:
         channel = int(channel)

@@ -155,7 +155,6 @@ def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
 
 
 def _length(text: str) -> int:
-    """Number of values of a fingerprint in each band."""
     return int(text.split(".")[1])
 
 

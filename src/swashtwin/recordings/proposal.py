@@ -10,8 +10,8 @@ from typing import Any
 from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
 from swashtwin.recordings.channel_checks import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.files import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
-from swashtwin.recordings.formats.registry import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.index import path_from
 from swashtwin.recordings.loading import choose_columns, rate_in_file, stated_rate
 from swashtwin.recordings.scaling import scale, vibration_columns
@@ -124,7 +124,6 @@ def propose_index(
 
 
 def _require_understood(defaults: Mapping[str, Any], pressure_unit: str | None) -> None:
-    """Refuse a fact that no reader of the index would understand, before anything is written."""
     Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
     for name in QUANTITIES.keys() & defaults.keys():
         parse(defaults[name], QUANTITIES[name], name=name)
@@ -261,7 +260,6 @@ class _Survey:
 
 
 def _remarks(raw: RawFile, columns: Iterable[str], entry: Entry) -> Iterator[str]:
-    """What to know of a file that is proposed."""
     if entry.channels is None and (others := [name for name in raw.columns if name not in columns]):
         yield f"columns that are no vibration are left out: {', '.join(others)}."
     if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
@@ -346,5 +344,4 @@ def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
 
 
 def _words(value: Any) -> str:
-    """A value as people write it: a list with commas."""
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

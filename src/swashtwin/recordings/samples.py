@@ -67,13 +67,7 @@ class Samples:
 
     @classmethod
     def from_columns(cls, name: str, columns: Columns, open_columns: Callable[[], Columns]) -> "Samples":
-        """Samples of a file that is open; `open_columns` opens it again.
-
-        Raises
-        ------
-        DataError
-            Not even the first sample can be read.
-        """
+        """Samples of a file that is open; `open_columns` opens it again."""
         shape = (len(columns.channels), len(columns.channels[0]))
         if columns.speed is not None and len(columns.speed) != shape[1]:
             raise DataError(f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples.")
@@ -91,11 +85,6 @@ class Samples:
         Parameters
         ----------
         origin : samples that they were made of.
-
-        Raises
-        ------
-        DataError
-            The arrays have another shape, or a speed is no number or below zero.
         """
         if signal.ndim != 2 or signal.size == 0:
             raise DataError(f"{name}: signal has shape {signal.shape}; it must be (channel, time).")

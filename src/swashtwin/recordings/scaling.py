@@ -140,7 +140,6 @@ def _scale_of(
 
 
 def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where: str) -> dict[str, _Sensitivity]:
-    """The sensitivity of each channel that has one."""
     stated = options.sensitivity
     if stated is None:
         return _sensitivities_in_file(raw, options, chosen, where)

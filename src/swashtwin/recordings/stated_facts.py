@@ -14,8 +14,8 @@ import regex
 from swashtwin.foundation import DataError, InputError, MissingFileError, UnitError, parse, read_text
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.files import stem_of
 from swashtwin.recordings.formats.raw import RawFile, plain_unit
-from swashtwin.recordings.formats.registry import stem_of
 from swashtwin.recordings.formats.tables import GROUPED, header_pairs, shows_decimal_comma, split_unit
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
@@ -60,13 +60,6 @@ def facts_of_name(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[s
     ----------
     pattern : regular expression whose named groups are facts, which count for more; without it the label is the
         folder's name or the words of the file name.
-
-    Raises
-    ------
-    InputError
-        The pattern is none, or takes too long.
-    DataError
-        The path does not match it.
     """
     path = Path(name)
     texts, words = {}, stem_of(path)
@@ -117,11 +110,6 @@ def facts_of_table(folder: Path, table: Path, columns: Mapping[str, str]) -> dic
     """Facts of each file below `folder` that a table names, by the file's path relative to it.
 
     The files are relative to the table, to `folder` or to the current folder, or are known by a name that occurs once.
-
-    Raises
-    ------
-    DataError
-        A column is missing, or no row names a file below `folder`.
     """
     if not table.is_file():
         raise MissingFileError(f"{table} does not exist.")

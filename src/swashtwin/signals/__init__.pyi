@@ -1,6 +1,10 @@
 """Names that other rooms import, and where each lives."""
 
+from .envelope import LineSpectrum as LineSpectrum
+from .envelope import LineSpectrumKind as LineSpectrumKind
+from .envelope import Mark as Mark
 from .envelope import defect_orders as defect_orders
+from .envelope import spectrum_of as spectrum_of
 from .filtering import NoiseKind as NoiseKind
 from .filtering import add_noise as add_noise
 from .filtering import band_limited as band_limited
@@ -20,10 +24,6 @@ from .indicators import Indicator as Indicator
 from .levels import TIME_STATISTICS as TIME_STATISTICS
 from .levels import OrderBands as OrderBands
 from .levels import time_statistics as time_statistics
-from .line_spectra import LineSpectrum as LineSpectrum
-from .line_spectra import LineSpectrumKind as LineSpectrumKind
-from .line_spectra import Mark as Mark
-from .line_spectra import spectrum_of as spectrum_of
 from .shaft_angle import ShaftAngle as ShaftAngle
 from .shaft_angle import resampled_by_angle as resampled_by_angle
 from .shaft_angle import stated_angle as stated_angle

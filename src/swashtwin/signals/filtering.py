@@ -70,7 +70,6 @@ def unit_noise(
 
 
 def _pink(white: Float[np.ndarray, "*axes time"]) -> Float[np.ndarray, "*axes time"]:
-    """White noise with its lines weighted by f^(-1/2), at an expected variance of 1."""
     spectrum = transform(white)
     weight = np.zeros(spectrum.shape[-1])
     weight[1:] = np.arange(1, len(weight)) ** -0.5

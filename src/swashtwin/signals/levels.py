@@ -115,12 +115,6 @@ def band_rms(
         is commonly stated from 10 to 1000 Hz.
     spectrum : `power_density` of the signal in segments of `segment_length`, where it is at hand.
 
-    Raises
-    ------
-    InputError
-        No band, one that reaches above half the sample rate or is narrower than a spectral line, or, of a velocity, one
-        below which the recording holds no full period.
-
     Examples
     --------
     >>> time = np.arange(4000) / 1000

@@ -220,13 +220,7 @@ def _fluctuating(power: Float[np.ndarray, " kept"], block: int) -> float:
 
 
 def _judged(line: _Line, change: Float[np.ndarray, " kept"], name: str) -> tuple[float, float]:
-    """Standard deviation of the angle [rad] by the noise half an order beside the line, and the time it stands clear.
-
-    Raises
-    ------
-    DataError
-        It stands clear for less than half of the time.
-    """
+    """Deviation of the angle [rad] by the noise half an order beside the line, and the share of time it stands clear."""
     strongest, weights = line.strongest(change)
     beside = [np.abs(weights @ line.near(change, _ASIDE, aside)) ** 2 for aside in (-0.5, 0.5)]
     level = float(np.mean([np.median(power) for power in beside])) / math.log(2)

@@ -51,11 +51,6 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     clock holds for the columns of its group or structure; of several, the last before a column holds for it. A counter
     states no rate, but samples that it skips are lost. Where a clock states no rate, the attribute ``time_gaps`` says
     why. Where a clock begins again, another recording begins.
-
-    Raises
-    ------
-    DataError
-        The rate of the times is another than one that the file states.
     """
     clocks = _clocks(path, raw, options)
     rest = {name: column for name, column in raw.columns.items() if name not in clocks}
@@ -224,7 +219,6 @@ def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
 
 
 def _steps_at(rate: float, column: Column) -> bool:
-    """Whether a column rises as seconds do at a rate [Hz]."""
     usual = float(np.median(np.diff(np.asarray(column[0:_HEAD], dtype=np.float64))))
     return math.isclose(usual * rate, 1.0, rel_tol=COARSE)
 

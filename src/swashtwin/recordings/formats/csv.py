@@ -180,7 +180,6 @@ class _Table:
         return b"\n".join(rows)
 
     def _numbers(self, frame: Any, body: bytes) -> Float[np.ndarray, "time channel"]:
-        """Numbers, and seconds of time stamps, of the `columns` of a table of polars."""
         block = np.full((frame.height, len(self.columns)), np.nan)
         for position, column in enumerate(self.columns):
             series, kind = frame[str(column)], self._kinds[column]
@@ -219,7 +218,6 @@ class _Table:
         return bool(wordy)
 
     def _damage(self, body: bytes) -> DataError:
-        """The first row that cannot be read, in words."""
         decimal, width = self._dialect.decimal, len(self._kinds)
         for number, line in enumerate(body.split(b"\n"), self._line + 1):
             fields = split_line(_decode(line), self._dialect.separator)
@@ -290,7 +288,6 @@ class _Table:
 
 
 def _last_value(frame: Any) -> int:
-    """Rows up to the last that has a value."""
     if any(value is not None for value in frame.row(-1)):
         return int(frame.height)
     has_value = frame.select(polars.any_horizontal(polars.all().is_not_null())).to_series().to_numpy()
@@ -346,7 +343,6 @@ def _decode(data: bytes) -> str:
 
 
 def _trimmed(data: bytes, separator: bytes) -> bytes:
-    """The lines without blanks beside separators and line ends."""
     if separator != b"\t" and b"\t" in data:
         data = data.replace(b"\t", b" ")
     if b" " not in data:

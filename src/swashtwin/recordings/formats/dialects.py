@@ -171,13 +171,7 @@ class Dialect:
 
 
 def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
-    """Dialect of the table that begins with these lines.
-
-    Raises
-    ------
-    DataError
-        There is no table, or its numbers can be read in two ways.
-    """
+    """Dialect of the table that begins with these lines."""
     if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
         raise DataError(
             f"{path} is the header of a DIAdem data set, whose samples are in another file; export it as text."
@@ -312,7 +306,6 @@ def _fits(fields: list[str], kinds: Sequence[Kind], decimal: str) -> bool:
 
 
 def _tests(decimal: str) -> dict[Kind, Callable[[str], bool]]:
-    """Whether a field is of a kind, for each kind that says more than text."""
     return {
         Kind.number: lambda field: NUMBER[decimal].fullmatch(field) is not None,
         Kind.stamp: is_stamp,
@@ -321,14 +314,12 @@ def _tests(decimal: str) -> dict[Kind, Callable[[str], bool]]:
 
 
 def _kind(fields: Sequence[str], decimal: str) -> Kind:
-    """What most of the fields of a column hold."""
     texts = [field for field in fields if field]
     likely = (kind for kind, test in _tests(decimal).items() if 2 * sum(map(test, texts)) >= len(texts))
     return next(likely, Kind.text) if texts else Kind.blank
 
 
 def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) -> bool:
-    """Whether a table with columns of text is one: enough rows, and no better separator within the text."""
     better = _SEPARATORS[: _SEPARATORS.index(separator)] if separator in _SEPARATORS else ()
     texts = [row[column] for row in rows for column, kind in enumerate(kinds) if kind is Kind.text]
     return len(rows) >= _FEW_ROWS.get(separator, 2) and not any(mark in text for text in texts for mark in better)

@@ -66,7 +66,6 @@ def read_store(path: Path, options: Options) -> dict[str, RawFile]:
 
 
 def _largest_chunk(file: h5py.File) -> int:
-    """Bytes of the largest chunk of any data set."""
     sizes = [0]
 
     def visit(name: str, item: Any) -> None:
@@ -134,7 +133,6 @@ def _require_format(path: Path, file: h5py.File, current: str) -> None:
 
 
 def _complete(path: Path, group: h5py.Group) -> RawFile:
-    """A recording of our own format, in a file or a group of it."""
     signal, speed, stated = group["signal"], group.get("speed"), group.attrs
     for dataset in (signal,) if speed is None else (signal, speed):
         require_data_within(path, dataset)
@@ -179,7 +177,6 @@ def _texts(value: Any) -> list[str]:
 
 
 def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
-    """Vectors of a file of anybody else, with what attributes and single values around them state."""
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     sources: dict[str, tuple[str, int, int]] = {}
@@ -229,7 +226,6 @@ _LONGEST_FACT = 200
 
 
 def _fact(value: Any) -> Any:
-    """A single value as text, several as they are."""
     array = np.asarray(value)
     return str(_text(array.item()) or array.item()) if array.size == 1 else array
 
@@ -285,7 +281,6 @@ def write_many(recordings: list[Recording], path: Path, written: Callable[[int],
 def _write_one(
     group: h5py.Group, recording: Recording, target: "_PatientFile", written: Callable[[int], None] = lambda count: None
 ) -> None:
-    """Write a recording into a file or a group of it, block by block."""
     samples, count = recording.samples, recording.n_samples
     shape, chunk = (recording.n_channels, count), (recording.n_channels, min(_CHUNK, count))
     signal = group.create_dataset("signal", shape, samples.dtype, chunks=chunk, fletcher32=True)
@@ -380,7 +375,6 @@ def _vectors(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def _write_facts(file: h5py.Group, recording: Recording) -> None:
-    """Write the facts of a recording as attributes of a file or a group of it."""
     facts: dict[str, Any] = {
         "format": FORMAT,
         "sample_rate": float(recording.sample_rate),

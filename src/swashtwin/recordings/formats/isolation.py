@@ -85,15 +85,7 @@ class _RemoteColumn:
 
 
 def read_in_subprocess(module: str, path: Path, options: Options, function: str = "read") -> Mapping[str, RawFile]:
-    """What ``swashtwin.recordings.formats.MODULE.FUNCTION`` gives for a file, by name; a single one is called ``""``.
-
-    Raises
-    ------
-    DataError
-        The file is damaged, or its library crashes on it, takes more memory than `memory_limit`, or finds no end.
-    MissingExtraError
-        The library is not installed.
-    """
+    """What a function of a module of formats gives for a file: its recordings by name, a single one called ``""``."""
     source = _Source(module, function, str(path.resolve()), str(path), options, file_stamp(path))
     content: Mapping[str, RawFile] = _reader.ask(source, None)
     return content
@@ -225,7 +217,6 @@ def serve() -> None:
 
 
 def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
-    """What was asked for, or an error that stands for whatever a library raised."""
     try:
         try:
             require_unchanged(Path(source.path), source.stamp)
@@ -251,7 +242,6 @@ def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) ->
 
 
 def _remote(source: _Source, part: str, raw: RawFile) -> RawFile:
-    """All of a recording but its samples."""
 
     def remote(name: str | None, column: Column) -> _RemoteColumn:
         return _RemoteColumn(source, part, name, len(column), number_type(column))

@@ -80,7 +80,6 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _require_data_within(path: Path) -> None:
-    """Refuse a version 7.3 file whose data sets are not all in it."""
     import h5py
 
     from swashtwin.recordings.formats.hdf5 import require_data_within, require_links_within

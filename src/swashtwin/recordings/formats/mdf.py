@@ -58,7 +58,6 @@ def read(path: Path, options: Options) -> RawFile:
 
 
 def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
-    """Whether a master channel is the time; one that counts samples, angles or distances is refused or left out."""
     counted, unit = _COUNTED.get(getattr(master, "sync_type", 1)), known_unit(master.unit or "")
     if counted is None and unit not in (None, *TIME_UNITS):
         counted = unit

@@ -83,11 +83,6 @@ def with_facts(
     ----------
     facts : numbers, texts and lists of them by their paths, such as ``a.fs``.
     sources : data set of each column, and which of how many vectors of it the column is; None where each is its own.
-
-    Raises
-    ------
-    DataError
-        Two different rates, units or starts are stated for the same vectors, or a scale that is not known.
     """
     scopes: dict[str, dict[str, Any]] = {}
     for name, value in facts.items():
@@ -129,7 +124,6 @@ def with_facts(
 
 
 def _split(name: str) -> tuple[str, str]:
-    """A path up to its last part, and that part."""
     last = _PARTS.split(name)[-1]
     return name[: len(name) - len(last)], last
 
@@ -171,7 +165,6 @@ def _sensitivity(levels: Iterable[Mapping[str, Any]]) -> str | None:
 
 
 def _texts(value: Any) -> list[str]:
-    """Texts of a cell array or an array of them; none where it holds anything else."""
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "UO":
         value = value.tolist()
     return value if isinstance(value, list) and value and all(isinstance(each, str) for each in value) else []

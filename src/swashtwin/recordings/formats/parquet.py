@@ -45,7 +45,6 @@ def write(recording: Recording, path: Path) -> None:
 
 
 def _samples(table: Any, start: int, stop: int) -> np.ndarray:
-    """Samples of a table of one column."""
     series = table.slice(start, stop - start).collect().to_series()
     if series.dtype.is_temporal():
         nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)

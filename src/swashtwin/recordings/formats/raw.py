@@ -17,13 +17,7 @@ BLOCK = 1 << 18
 
 
 def file_stamp(path: Path) -> tuple[int, int, int]:
-    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed one, has others.
-
-    Raises
-    ------
-    MissingFileError
-        No such file.
-    """
+    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed one, has others."""
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
     stat = path.stat()
@@ -277,13 +271,7 @@ def known_unit(text: object) -> str | None:
 
 
 def require_plausible_size(path: Path, size: float, name: str) -> None:
-    """Refuse content that is read in parts, where its `size` [byte] is beyond what measurements can be packed to.
-
-    Raises
-    ------
-    DataError
-        The content takes more than the memory limit, and `_PACKING` times the size of the file.
-    """
+    """Refuse content that is read in parts, where its `size` [byte] is beyond what measurements can be packed to."""
     packed, limit = path.stat().st_size, memory_limit()
     if size > limit and size > _PACKING * packed:
         raise DataError(
@@ -306,11 +294,6 @@ def snapped_rate(step: float, tolerance: float) -> float:
     ----------
     step : time between two samples [s].
     tolerance : relative error of `step`, such as 5e-6 for six digits.
-
-    Examples
-    --------
-    >>> snapped_rate(2.08333e-05, 5e-6), round(snapped_rate(5.85938e-05, 5e-6), 6)
-    (48000.0, 17066.666667)
     """
     rate = 1 / step
     candidates = [float(f"{rate:.{digits}e}") for digits in range(5)]

@@ -71,13 +71,7 @@ def header_pairs(header: str) -> list[tuple[str, str]]:
 
 
 def shows_decimal_comma(pairs: Iterable[tuple[str, str]]) -> bool:
-    """Whether a quantity is written with a decimal comma that marks no thousands.
-
-    Examples
-    --------
-    >>> shows_decimal_comma([("Speed", "980,5 1/min")]), shows_decimal_comma([("Speed", "1,480 rpm"), ("Used", "1,2")])
-    (True, False)
-    """
+    """Whether a quantity is written with a decimal comma that marks no thousands."""
     matches = [(name, _QUANTITY.fullmatch(text)) for name, text in pairs if "," in text]
     return any(
         match is not None
@@ -89,13 +83,7 @@ def shows_decimal_comma(pairs: Iterable[tuple[str, str]]) -> bool:
 
 
 def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
-    """Sample rate [Hz] that names and values state, or its inverse; None where none or two do.
-
-    Examples
-    --------
-    >>> header_rate([("Sample Interval", "1.0E-04,s")]), header_rate([("Fs (kHz)", "25,6")])
-    (10000.0, 25600.0)
-    """
+    """Sample rate [Hz] that names and values state, or its inverse; None where none or two do."""
     rates, pairs = set(), list(pairs)
     is_decimal = shows_decimal_comma(pairs)
     for name, text in pairs:
@@ -130,13 +118,7 @@ def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str |
 
 
 def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """Sensitivities in volts that names and values state, one or several; numbers where no unit is beside them.
-
-    Examples
-    --------
-    >>> stated_sensitivities([("Sensitivity (mV/g)", "99.7; 101")]), stated_sensitivities([("Sensitivity", "10 pC/g")])
-    (['99.7 mV/g', '101 mV/g'], [])
-    """
+    """Sensitivities in volts that names and values state, one or several; numbers where no unit is beside them."""
     pairs = list(pairs)
     beside = [text for name, text in pairs if _SENSITIVITY_NAME.fullmatch(name) and _PER_VOLT.fullmatch(text.strip())]
     for name, text in pairs:
@@ -208,12 +190,6 @@ def obeyed(
     ----------
     facts : by their names in small letters.
     number, count : which of how many columns it is, where the facts state a scale for each.
-
-    Raises
-    ------
-    DataError
-        A scale is stated in words that are not those of the CF conventions, and no sensitivity in the options; or more
-        or fewer numbers than there are columns.
     """
     if options.sensitivity is None and (scale := unknown_scale(facts)):
         quantity = re.search(r"\d[\d.eE+-]*", scale.partition("=")[2])
@@ -249,7 +225,6 @@ def obeyed(
 
 
 def _numbers(value: Any) -> np.ndarray:
-    """Numbers of an attribute, which may be text; none where it holds none."""
     try:
         return np.atleast_1d(np.asarray(value if value is not None else [], dtype=np.float64)).ravel()
     except (TypeError, ValueError):

@@ -100,7 +100,6 @@ def _columns(path: Path, file: Any, history: dict[str, list[tuple[int, dict[str,
 
 
 def _with_facts(path: Path, raw: RawFile, stated: Mapping[str, tuple[str, dict[str, Any], Any]], file: Any) -> RawFile:
-    """The columns with their units, rates, starts and sensitivities, by kind of samples, properties and group."""
     units, rates, starts, moments, sensitivities = {}, {}, {}, {}, {}  # type: ignore[var-annotated]
     for key, (kind, properties, group) in stated.items():
         pairs = [(name, str(value)) for name, value in properties.items()]

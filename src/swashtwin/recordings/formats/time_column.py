@@ -32,11 +32,6 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
     Parameters
     ----------
     unit : seconds of one unit of the column; None where nobody says it.
-
-    Raises
-    ------
-    DataError
-        The times do not rise, or the first is missing.
     """
     time = TimeColumn(column, unit or 1.0)
     sparse = time.every(time.stride)

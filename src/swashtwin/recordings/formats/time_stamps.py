@@ -26,13 +26,7 @@ _DAY = 86_400.0
 
 
 def is_stamp(text: str) -> bool:
-    """Whether `text` is a time of the day, with or without a date.
-
-    Examples
-    --------
-    >>> is_stamp("11.09.2019 08:00:00,125"), is_stamp("8:00:01 PM"), is_stamp("2019-09-11"), is_stamp("1.5")
-    (True, True, False, False)
-    """
+    """Whether `text` is a time of the day, with or without a date."""
     return _STAMP.fullmatch(text.strip()) is not None
 
 
@@ -107,7 +101,6 @@ class StampReader:
 
 
 def _moments(dates: Iterable[str], order: str) -> dict[str, datetime]:
-    """Each date as a moment; none where one of them does not have this order."""
     try:
         return {date: datetime.strptime(date, order) for date in dates}
     except ValueError:

@@ -95,7 +95,6 @@ def _opened(path: Path, head: bytes) -> Any:
 
 
 def _chunk(head: bytes, name: bytes) -> int | None:
-    """Where the content of a chunk begins, or None."""
     at = 12
     while at + 8 <= len(head):
         if head[at : at + 4] == name:

@@ -220,7 +220,7 @@ def _fluctuating(power: Float[np.ndarray, " kept"], block: int) -> float:
 
 
 def _judged(line: _Line, change: Float[np.ndarray, " kept"], name: str) -> tuple[float, float]:
-    """Deviation of the angle [rad] by the noise half an order beside the line, and the share of time that it is clear."""
+    """Deviation of the angle [rad] by the noise half an order beside the line, and the share of time it is clear."""
     strongest, weights = line.strongest(change)
     beside = [np.abs(weights @ line.near(change, _ASIDE, aside)) ** 2 for aside in (-0.5, 0.5)]
     level = float(np.mean([np.median(power) for power in beside])) / math.log(2)

@@ -5,11 +5,13 @@ from .application import main as main
 from .console import note as note
 from .console import note_done_before as note_done_before
 from .console import progress as progress
+from .console import require_files as require_files
+from .console import resumable as resumable
 from .console import say as say
 from .console import table as table
 from .console import tell as tell
-from .exits import require_files as require_files
-from .exits import resumable as resumable
+from .files import as_folder as as_folder
+from .files import require_output as require_output
 from .options import Index as Index
 from .options import Jobs as Jobs
 from .options import Json as Json
@@ -18,7 +20,5 @@ from .options import Window as Window
 from .options import read_pairs as read_pairs
 from .options import read_seeds as read_seeds
 from .options import read_words as read_words
-from .outputs import as_folder as as_folder
-from .outputs import require_output as require_output
 from .watching import require_extra as require_extra
 from .watching import stop_signals as stop_signals

@@ -8,43 +8,26 @@ from typing import Annotated, Any
 
 import typer
 
-from swashtwin.cli import (
-    calibrating,
-    data,
-    diagnosing,
-    exploring,
-    history,
-    prior,
-    recordings,
-    severity,
-    signal,
-    simulating,
-    synthesizing,
-    testing,
-    training,
-    twin,
-    watching,
-)
-from swashtwin.cli.console import safe_streams
-from swashtwin.cli.exits import GuardedGroup
+from swashtwin.cli import calibrating, diagnosing, models, recordings, signal, simulating, training, twin, watching
+from swashtwin.cli.console import GuardedGroup, safe_streams
 from swashtwin.foundation import InputError, keep_freed_memory
 
 FIRST: Mapping[str, Callable[..., None]] = {
     "index": recordings.index,
-    "explore": exploring.explore,
+    "explore": watching.explore,
     "inspect": recordings.inspect,
     "check": recordings.check,
     "train": training.train,
-    "evaluate": testing.evaluate,
+    "evaluate": models.evaluate,
     "diagnose": diagnosing.diagnose,
     "calibrate": calibrating.calibrate,
-    "synthesize": synthesizing.synthesize,
+    "synthesize": simulating.synthesize,
     "report": diagnosing.report,
 }
 """Commands of the first screen, in the order of a user's work."""
 
 GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
-    "data": ("Convert and split recordings.", {"convert": data.convert, "split": data.split}),
+    "data": ("Convert and split recordings.", {"convert": recordings.convert, "split": recordings.split}),
     "signal": (
         "Indicators, spectra and trends, without a classifier.",
         {"features": signal.features, "spectrum": signal.spectrum, "trend": signal.trend},
@@ -52,14 +35,14 @@ GROUPS: Mapping[str, tuple[str, Mapping[str, Callable[..., None]]]] = {
     "twin": (
         "Simulate, compare and use twins of pumps.",
         {
-            "simulate": simulating.simulate, "severity": severity.severity, "next": twin.plan_next,
-            "prior": prior.prior,
+            "simulate": simulating.simulate, "severity": twin.severity, "next": twin.plan_next,
+            "prior": models.prior,
         },
     ),
-    "history": ("Use the history of watched machines in other programs.", {"export": history.export}),
+    "history": ("Use the history of watched machines in other programs.", {"export": watching.export}),
     "model": (
         "Adapt a shipped model to a machine, or use a trained one in other programs.",
-        {"adapt": prior.adapt, "export": testing.export},
+        {"adapt": models.adapt, "export": models.export},
     ),
 }  # fmt: skip
 """Help and commands of each group."""

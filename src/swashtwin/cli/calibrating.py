@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import resumable
+from swashtwin.cli.console import note, progress, resumable, say, table, tell
+from swashtwin.cli.files import Force, Report, is_collection, load_sources, require_output, require_page, write_page
 from swashtwin.cli.options import (
     FaultText,
     Json,
@@ -29,8 +29,6 @@ from swashtwin.cli.options import (
     read_settings,
     reads_files,
 )
-from swashtwin.cli.outputs import Force, Report, require_output, require_page, write_page
-from swashtwin.cli.sources import is_collection, load_sources
 from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, note_merged, say, table, tell, with_bar
-from swashtwin.cli.exits import NO_VERDICT, require_files
+from swashtwin.cli.console import NO_VERDICT, note, note_merged, require_files, say, table, tell, with_bar
+from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
 from swashtwin.cli.options import (
     Json,
     ModelFile,
@@ -16,8 +16,6 @@ from swashtwin.cli.options import (
     Sources,
     reads_files,
 )
-from swashtwin.cli.outputs import Force, Report, require_page, write_page
-from swashtwin.cli.sources import load_sources
 from swashtwin.cli.summaries import class_words, confidence_advice
 from swashtwin.foundation import plural
 

@@ -1,23 +1,22 @@
 """Commands of the group signal, which need no classifier: features, spectrum, trend."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, say, table, tell, with_bar
-from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, reads_files
-from swashtwin.cli.outputs import FIGURE, Force, require_output
-from swashtwin.cli.shaft import Shaft, Tachometer, Track
-from swashtwin.cli.sources import load_sources
+from swashtwin.cli.console import note, resumable, say, table, tell, with_bar
+from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
+from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
 from swashtwin.cli.summaries import MOST_ROWS, show_medians, show_trend
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
-    from swashtwin.signals import IndicatorTable, LineSpectrum
+    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle
 
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
@@ -46,6 +45,60 @@ class Order(StrEnum):
 
     time = "time"
     name = "name"
+
+
+Tachometer = Annotated[
+    str | None,
+    typer.Option(metavar="CHANNEL[:PULSES]", help='Channel with the pulses of a tachometer; "tacho:60" has 60 a turn.'),
+]
+Track = Annotated[
+    str | None,
+    typer.Option(metavar="ORDERS", help='Follow the clearest line of these orders for the shaft angle: "7,14,28".'),
+]
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """Where a recording's shaft angle comes from; options that contradict each other are a wrong command line."""
+
+    tachometer: str | None
+    track: str | None
+
+    def __post_init__(self) -> None:
+        if self.tachometer is not None and self.track is not None:
+            raise typer.BadParameter("give either --tachometer or --track, not both.", param_hint="--track")
+        read_list(self.track, int, "--track")
+
+    def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
+        """The shaft's angle, or None where no option says how to find it."""
+        if self.tachometer is not None:
+            from swashtwin.recordings import load_beside
+            from swashtwin.signals import tachometer_speed
+
+            channel, pulses = self._tachometer_of(recording)
+            source = recording if channel in recording.channels else load_beside(recording, channel)
+            return tachometer_speed(source, channel, pulses)
+        orders = read_list(self.track, int, "--track")
+        if orders is None:
+            return None
+        from swashtwin.signals import tracked_speed
+
+        return tracked_speed(recording, order=orders)
+
+    def vibration_of(self, recording: "Recording") -> "Recording":
+        """The recording without the tachometer."""
+        if self.tachometer is None:
+            return recording
+        channel, _ = self._tachometer_of(recording)
+        return recording.picked([name for name in recording.channels if name != channel])
+
+    def _tachometer_of(self, recording: "Recording") -> tuple[str, int]:
+        """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a colon."""
+        assert self.tachometer is not None
+        channel, colon, pulses = self.tachometer.rpartition(":")
+        if self.tachometer in recording.channels or not (colon and pulses.isdigit() and int(pulses) > 0):
+            return self.tachometer, 1
+        return channel, int(pulses)
 
 
 @reads_files

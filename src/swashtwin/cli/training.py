@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.exits import require_files
+from swashtwin.cli.console import note, progress, require_files, say, table, tell
+from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     GroupName,
     Index,
@@ -20,7 +20,6 @@ from swashtwin.cli.options import (
     read_pairs,
     read_settings,
 )
-from swashtwin.cli.outputs import Force, artifact_marks, require_output
 from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 

@@ -1,4 +1,4 @@
-"""Commands of a watch: run it, write its configuration, tell it of events, and let people see its page."""
+"""Commands of pages: the watch, its history in other programs, and the explorer."""
 
 import signal
 import threading
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.cli.console import note, say, tell
+from swashtwin.cli.console import note, require_files, say, table, tell
+from swashtwin.cli.files import Force, as_folder, require_output
 from swashtwin.cli.options import Json
 
 if TYPE_CHECKING:
@@ -179,3 +180,57 @@ def _tell_end(status: "WatchStatus", as_json: bool) -> None:
             note(f"note: {problem}")
 
     tell({**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show)
+
+
+def export(
+    database: Annotated[
+        str, typer.Argument(metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the tables.", callback=as_folder)],
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write the history to tables: recordings, indicators by machine, alarms, events and the rest."""
+    from swashtwin.monitoring import History, load_watch_config
+
+    require_output(*out.glob("*.csv"), *out.glob("indicators/*.csv"), inputs=[Path(database)], force=force)
+    if "://" in database:
+        url, folder = database, out
+    else:
+        config = load_watch_config(Path(database))
+        url, folder = config.history_url, config.folder
+    history = History.open(url, folder, is_new=False)
+    try:
+        counts = history.export(out, note)
+    finally:
+        history.close()
+    rows = [(f"{name}.csv", count) for name, count in counts.items()]
+
+    def show() -> None:
+        table("history", ("file", "rows"), rows)
+        say(f"Tables are in {out}.")
+
+    tell({"folder": str(out), "rows": counts}, as_json, show)
+
+
+def explore(
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER|INDEX|FILE|CALIBRATION", help="What to look at; a folder needs no index."),
+    ],
+    model: Annotated[
+        Path | None, typer.Option(help="Model to diagnose with; others can be dropped on the page.")
+    ] = None,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")] = 8643,
+) -> None:
+    """Look at recordings in the browser, edit their facts, fit a twin by eye and diagnose, until Ctrl-C."""
+    require_extra("the explorer")
+    from swashtwin.explorer import run_explorer
+
+    require_files([source, model])
+
+    def tell_start(address: str) -> None:
+        note(f"exploring {source} at {address} . Ctrl-C ends it.")
+
+    with stop_signals() as stop:
+        run_explorer(source, model=model, port=port, stop=stop, started=tell_start)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from swashtwin.foundation import MPa, rpm
-from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, choose_point
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

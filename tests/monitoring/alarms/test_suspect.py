@@ -16,8 +16,7 @@ from watched_pumps import LEARNING, hum, watch_config, write_hum
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import DataError, to_table
 from swashtwin.monitoring import History, PointMonitor, PointState, run_watch
-from swashtwin.monitoring.alarms.baseline import read_baseline
-from swashtwin.monitoring.alarms.points import OperatingPoint
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, read_baseline
 from swashtwin.monitoring.alarms.suspect import FaultSize, Suspect, Suspects, UnadaptedError
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.application import build_app

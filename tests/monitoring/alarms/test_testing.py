@@ -9,7 +9,7 @@ from hypothesis import strategies as some
 
 from swashtwin.foundation import from_table, to_table
 from swashtwin.learning import wilson_interval
-from swashtwin.monitoring.alarms.testing import (
+from swashtwin.monitoring.alarms.monitor import (
     N_BETS,
     PERSISTENCE,
     POWERS,

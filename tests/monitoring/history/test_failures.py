@@ -76,7 +76,7 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     start(file_recordings, history_url, tmp_path, "pump-1", count).join(120)
     _is_consistent(history, "pump-1", count)
     assert history.outbox.waiting(["log"]) == count
-    monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
+    monkeypatch.setattr("swashtwin.monitoring.history.database._AGE", -1)
     history.waveforms.sweep()
     rows = [
         history.waveforms.folder / item.waveform

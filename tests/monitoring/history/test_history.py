@@ -180,6 +180,6 @@ def test_sweeping_removes_old_files_that_no_recording_has(history: History, monk
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1), waveform=paths[0])
     assert history.waveforms.sweep() == 0
-    monkeypatch.setattr("swashtwin.monitoring.history.waveforms._AGE", -1)
+    monkeypatch.setattr("swashtwin.monitoring.history.database._AGE", -1)
     assert history.waveforms.sweep() == 1
     assert [(history.waveforms.folder / path).is_file() for path in paths] == [True, False]

@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.page.server import MOST_UPLOAD_BYTES
 from swashtwin.monitoring.service.running import WatchStatus
 from swashtwin.monitoring.sources.delivery import check_facts
 

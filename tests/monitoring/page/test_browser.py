@@ -11,7 +11,7 @@ from mqtt_broker import free_port
 from swashtwin.monitoring.config.loading import load_watch_config
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.serving import serving_page
+from swashtwin.monitoring.page.server import serving_page
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = "/usr/bin/chromium"

@@ -17,10 +17,18 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.config.settings import PageSettings
 from swashtwin.monitoring.page import access as access_module
-from swashtwin.monitoring.page.access import COOKIE, FREE_ATTEMPTS, Access, Throttle
+from swashtwin.monitoring.page.access import (
+    COOKIE,
+    FREE_ATTEMPTS,
+    Access,
+    Throttle,
+    UserFile,
+    add_token,
+    add_user,
+    remove_entry,
+)
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.site import local_path
-from swashtwin.monitoring.page.users import UserFile, add_token, add_user, remove_entry
 
 PASSWORD = "correct horse battery"
 HOST = "http://127.0.0.1:8642"

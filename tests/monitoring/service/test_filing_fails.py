@@ -69,7 +69,7 @@ def file_all(folder: Path, content: bytes, number: int, kind: str, monkeypatch: 
         elif kind == "fsync":
             patch.setattr(os, "fsync", failure.before(os.fsync))
         else:
-            patch.setattr("swashtwin.monitoring.history.waveforms.write_store", failure.before(_write_store()))
+            patch.setattr("swashtwin.monitoring.history.database.write_store", failure.before(_write_store()))
             patch.setattr("swashtwin.monitoring.sources.spool._write", failure.before(_spool_write()))
         received = datetime.now(UTC)
         repeat(lambda: spool.add(Delivery("inbox", "a.h5", received, "pump-1"), content))

@@ -27,8 +27,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import LevelLayout
 from swashtwin.monitoring import History, record_event
 from swashtwin.monitoring.alarms.baseline import PointBaseline
-from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.alarms.testing import Condition, ConformalTest
+from swashtwin.monitoring.alarms.monitor import Condition, ConformalTest, PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.service import judging
 from swashtwin.monitoring.sources.contents import Contents
 from swashtwin.monitoring.sources.delivery import Delivery

@@ -13,7 +13,7 @@ from swashtwin.foundation import DataError, MPa, rpm
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.contents import Tags, read_contents
 from swashtwin.monitoring.sources.delivery import Delivery, UnfitError
-from swashtwin.monitoring.sources.message import read_message
+from swashtwin.monitoring.sources.mqtt import read_message
 from swashtwin.monitoring.sources.spool import Spool, SpoolFile
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording

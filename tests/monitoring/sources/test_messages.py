@@ -13,8 +13,7 @@ from mqtt_broker import wait_for
 
 from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST, UnfitError
-from swashtwin.monitoring.sources.message import read_message, samples_recording
-from swashtwin.monitoring.sources.mqtt import MqttWatch
+from swashtwin.monitoring.sources.mqtt import MqttWatch, read_message, samples_recording
 from swashtwin.recordings import Options
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)

@@ -1,6 +1,14 @@
-"""`PointMonitor`: what one recording says about a machine at an operating point, given all before it."""
+"""When an alarm begins and ends: a sequential test that may be looked at after every recording, and persistence.
 
-from collections.abc import Mapping
+The test is one of exchangeability, a conformal test martingale. Vovk and others, "Testing randomness online",
+Statistical Science 36(4), 2021, DOI 10.1214/20-STS817. A gambler starts with a capital of 1 and bets against the
+p-value of each recording. As long as recordings are exchangeable, smoothed p-values are independent and uniform, no bet
+gains on average, and the chance that the capital ever reaches 1/a is at most a (Ville's inequality).
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -9,11 +17,164 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError, from_table, plural, stream, to_table
-from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names, read_baseline
-from swashtwin.monitoring.alarms.points import point_layout
+from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names, point_layout, read_baseline
 from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
-from swashtwin.monitoring.alarms.testing import Change, Condition, ConformalTest
 from swashtwin.recordings import Recording, stated_speed
+
+PERSISTENCE = 2
+"""Recordings that must speak for an alarm, of the last `RECENT`."""
+RECENT = 3
+"""Recordings that persistence looks at."""
+QUIET = 5
+"""Recordings in a row that do not speak for the alarm, until its condition is over."""
+
+Change = Literal["raised", "cleared"]
+"""What happened to an alarm condition at a recording."""
+
+
+POWERS = (0.1, 0.3, 0.5)
+"""Exponents e of the bets e p^(e - 1)."""
+STAKES = (0.5, 0.8, 0.95)
+"""Stakes g of the bets that the next recording is large: of b, the share of large ones so far with the next counted
+among them, they pay g / b where p is at most b, and (1 - g) / (1 - b) elsewhere."""
+SHARING = 0.1
+"""Share of the capital that is dealt out anew, evenly among the bets, before each of them: so a bet that lost all comes
+back, and the best bet may change with time (Herbster and Warmuth, 1998, DOI 10.1023/A:1007424614876)."""
+_GRID = 0.02
+"""Relative step of the grid that scores are kept on; scores of one step are ties."""
+_LEAST_SCORE, _MOST_SCORE = 1e-3, 1e6
+_LARGE = 100_000
+"""Added to the step of a large recording's score: it ranks above all others."""
+N_BETS = len(POWERS) + len(STAKES)
+
+
+@dataclass(frozen=True)
+class ConformalTest:
+    """Scores so far, and the capital of each bet."""
+
+    scores: Mapping[int, int]
+    """How many recordings rank at each step: `rank_step`."""
+    bets: tuple[float, ...] = (0.0,) * N_BETS
+    """Capital that stands on each bet, of `POWERS`, then of `STAKES`."""
+    steps: int = 0
+    """Bets so far."""
+
+    @classmethod
+    def calibrated(cls, scores: Sequence[tuple[float, bool]]) -> "ConformalTest":
+        """A test that has made no bet, with (score, whether it is large) of each recording of a baseline."""
+        return cls(Counter(rank_step(score, is_large) for score, is_large in scores))
+
+    @property
+    def n_scores(self) -> int:
+        """How many scores a new one is ranked among."""
+        return sum(self.scores.values())
+
+    @property
+    def large_share(self) -> float:
+        """Share of large recordings, a next large one counted: the chance of a p-value at most as high."""
+        large = sum(count for step, count in self.scores.items() if step >= _LARGE // 2)
+        return (large + 1) / (self.n_scores + 1)
+
+    @property
+    def capital(self) -> float:
+        """Evidence against all recordings being alike: what stands on the bets, and what still sleeps."""
+        return sum(self.bets) + 1 / (self.steps + 1)
+
+    def p_value(self, score: float, is_large: bool, tie: float) -> float:
+        """Smoothed conformal p-value of a recording: its rank from above among all, itself included.
+
+        Parameters
+        ----------
+        score : nonconformity score, at least 0.
+        is_large : whether the recording ranks above those that are not.
+        tie : uniform in [0, 1), drawn for this score; it decides where among equal scores the score ranks.
+        """
+        step = rank_step(score, is_large)
+        above = sum(count for other, count in self.scores.items() if other > step)
+        return (above + (1 - tie) * (self.scores.get(step, 0) + 1)) / (self.n_scores + 1)
+
+    def after(self, score: float, is_large: bool, p_value: float) -> "ConformalTest":
+        """The test after a bet at `p_value`, with the recording among those that later ones are ranked among.
+
+        Start t of the gambler wakes at bet t with a weight of 1 / (t (t + 1)), so that a change after a long healthy
+        time meets bets that did not lose their capital in it.
+        """
+        steps = self.steps + 1
+        bets = np.array(self.bets) + 1 / (steps * (steps + 1)) / N_BETS
+        bets = (1 - SHARING) * bets + SHARING * bets.mean()
+        scores = Counter(self.scores)
+        scores[rank_step(score, is_large)] += 1
+        return ConformalTest(scores, tuple((bets * payoffs(p_value, self.large_share)).tolist()), steps)
+
+    def restarted(self) -> "ConformalTest":
+        """A test that has made no bet, with the same scores."""
+        return ConformalTest(self.scores)
+
+
+def rank_step(score: float, is_large: bool) -> int:
+    """Rank of a recording: the step of a logarithmic grid, 2 % wide, that its score lies on; large ones are above.
+
+    All scores below 0.001 are on one step. Scores on a grid are as exchangeable as the scores themselves, and the
+    memory that they take is bounded.
+
+    Examples
+    --------
+    >>> rank_step(1.0, False), rank_step(1.03, False), rank_step(0.1, True) > rank_step(9.0, False)
+    (0, 1, True)
+    """
+    step = math.floor(math.log(min(max(score, _LEAST_SCORE), _MOST_SCORE)) / math.log1p(_GRID))
+    return step + _LARGE if is_large else step
+
+
+def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
+    """What one unit on each bet becomes; each is 1 on average over uniform p-values, and never rises with p.
+
+    Parameters
+    ----------
+    large_share : `ConformalTest.large_share`; a bet whose stake is no higher is not made.
+
+    Examples
+    --------
+    >>> payoffs(0.04, 0.05).round(2).tolist()
+    [1.81, 2.86, 2.5, 10.0, 16.0, 19.0]
+    >>> payoffs(1.0, 0.05).round(2).tolist()
+    [0.1, 0.3, 0.5, 0.53, 0.21, 0.05]
+    """
+    power, stake = np.array(POWERS), np.array(STAKES)
+    won = stake / large_share if p_value <= large_share else (1 - stake) / (1 - large_share)
+    return np.concatenate([power * p_value ** (power - 1), np.where(stake > large_share, won, 1.0)])
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Whether an alarm condition holds, and what the last recordings said.
+
+    That a raised alarm stands until a person acknowledged it is kept in the history.
+    """
+
+    is_active: bool = False
+    """Whether it holds."""
+    recent: tuple[bool, ...] = ()
+    """Whether each of the last recordings spoke for it, the newest last, `RECENT` at most."""
+    quiet: int = 0
+    """Recordings in a row that did not speak for it, `QUIET` at most."""
+
+    def after(self, is_large: bool, *, is_proven: bool = True) -> tuple["Condition", Change | None]:
+        """(the condition after one more recording, what changed).
+
+        Parameters
+        ----------
+        is_large : whether the recording speaks for the alarm.
+        is_proven : whether the evidence of all recordings so far suffices to raise it.
+        """
+        recent = (*self.recent, is_large)[-RECENT:]
+        quiet = 0 if is_large else min(self.quiet + 1, QUIET)
+        if not self.is_active and is_proven and sum(recent) >= PERSISTENCE:
+            return Condition(True, recent, quiet), "raised"
+        if self.is_active and quiet == QUIET:
+            return Condition(False, recent, quiet), "cleared"
+        return Condition(self.is_active, recent, quiet), None
+
 
 LEAST_LEARNING = 5
 """Recordings of a baseline at least: of fewer, no scatter can be told."""

@@ -18,21 +18,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
 from swashtwin.foundation import DataError, SwashTwinError, end_with
-from swashtwin.monitoring.alarms.points import OperatingPoint
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, PointBaseline
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.pump import FAULT_KINDS, is_healthy, load_pump
 from swashtwin.recordings import Recording, load_recordings
 from swashtwin.signals import OrderBands
-
-if TYPE_CHECKING:
-    from swashtwin.monitoring.alarms.baseline import PointBaseline
 
 SURE = 0.8
 """Probability from which a suspect is named without the one after it."""
@@ -191,7 +188,7 @@ class Suspects:
         self._adapted: OrderedDict[str, PriorClassifier | str] = OrderedDict()
         self._failed: dict[str, float] = {}
 
-    def name(self, machine: Machine, point: OperatingPoint, baseline: "PointBaseline", recording: Recording) -> Suspect:
+    def name(self, machine: Machine, point: OperatingPoint, baseline: PointBaseline, recording: Recording) -> Suspect:
         """The suspect of a recording that moved far from a complete baseline.
 
         Raises
@@ -257,15 +254,6 @@ def _answered(question: HealthyOrders | FaultSize, failure: str, patience: float
         said = getattr(cause, "stderr", None) or b""
         _log.warning("%s: %s: %s %s", question.machine.name, failure, cause, said[-2000:].decode(errors="replace"))
         return f"{failure} ({type(cause).__name__}); the watch's log says more.", True
-
-
-def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
-    """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they cannot be measured."""
-    bands = OrderBands(pistons)
-    try:
-        return order_levels(recording, bands).round(4).ravel()
-    except DataError:
-        return np.full(len(recording.channels) * len(bands.names), np.nan)
 
 
 def serve() -> None:

@@ -143,7 +143,6 @@ def _check(config: WatchConfig) -> None:
         for name, count in Counter(item.name for item in named).items():
             if count > 1:
                 raise DataError(f"{count} of [[{title}]] have the name {name!r}; give each a name of its own.")
-    names = [machine.name for machine in config.machines]
     for machine in config.machines:
         try:
             _check_machine(machine)
@@ -151,9 +150,9 @@ def _check(config: WatchConfig) -> None:
             raise type(cause)(f"[[machine]] {machine.name!r}: {cause}") from cause
     for source in config.sources:
         stated = None if isinstance(source, HttpSource) else source.machine
-        if stated not in (None, *names):
+        if stated is not None and config.machine(stated) is None:
             raise DataError(
-                f"[[source]] {source.name!r}: machine {stated!r} is not in the file; there are {', '.join(names[:20])}."
+                f"[[source]] {source.name!r}: machine {stated!r} is not in the file; there are {config.machine_names}."
             )
 
 

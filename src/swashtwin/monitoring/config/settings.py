@@ -337,6 +337,11 @@ class WatchConfig(Entries, frozen=True, kw_only=True):
         """URL of the database; empty for SQLite in `folder`."""
         return "" if self.history is None else self.history.reveal()
 
+    @property
+    def machine_names(self) -> str:
+        """Names of the first machines, for messages."""
+        return ", ".join(machine.name for machine in self.machines[:20])
+
     def machine(self, name: str) -> Machine | None:
         """Machine of that name, or None."""
         return next((machine for machine in self.machines if machine.name == name), None)

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Shaped
 from sqlalchemy import ColumnElement, Select, func, select
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.history.database import Database
+from swashtwin.monitoring.history.database import Database, Waveforms
 from swashtwin.monitoring.history.tables import (
     Alarm,
     Baseline,
@@ -25,7 +25,6 @@ from swashtwin.monitoring.history.tables import (
     Silence,
     Tally,
 )
-from swashtwin.monitoring.history.waveforms import Waveforms
 from swashtwin.recordings import Recording
 
 FACTS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")

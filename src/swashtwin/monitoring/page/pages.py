@@ -15,10 +15,10 @@ from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend, sparkline
-from swashtwin.monitoring.page.site import Site
-from swashtwin.monitoring.page.wording import (
+from swashtwin.monitoring.page.site import (
     STATES,
     VERDICT_NAMES,
+    Site,
     by_urgency,
     grouped_levels,
     moment_text,

@@ -4,24 +4,77 @@ import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from swashtwin.foundation import DataError, InputError, sha256_of, to_table
+from swashtwin.foundation import DataError, SwashTwinError, sha256_of, to_table
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, choose_point
 from swashtwin.monitoring.alarms.channels import AlarmMessage
-from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.alarms.points import OperatingPoint, choose_point
+from swashtwin.monitoring.alarms.monitor import Change, PointJudgment, PointMonitor, PointState
 from swashtwin.monitoring.alarms.suspect import FaultSize, Suspects, UnadaptedError, measured_severity
-from swashtwin.monitoring.alarms.testing import Change
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.tables import Alarm, Judgment, Rejection
 from swashtwin.monitoring.history.transaction import MachineTransaction
-from swashtwin.monitoring.service.models import Models
 from swashtwin.monitoring.sources.contents import Contents, Tags, read_contents
 from swashtwin.monitoring.sources.delivery import UnfitError
 from swashtwin.monitoring.sources.spool import RejectedFiles, SpoolFile
 from swashtwin.recordings import Recording
+
+if TYPE_CHECKING:
+    from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier
+
+    Model = FaultClassifier | AnomalyDetector | PriorClassifier
+
+
+class Models:
+    """Models of machines by path, each loaded when it is first needed."""
+
+    def __init__(self) -> None:
+        self._models: dict[Path, tuple[Model, str] | str] = {}
+
+    def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
+        """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
+
+        Empty where the machine has no model.
+        """
+        model = None if machine.model is None else self._model(machine.model)
+        if model is None or isinstance(model, str):
+            return {"no_verdict": model}
+        loaded, fingerprint = model
+        try:
+            return {"model": fingerprint, **_verdict(loaded, recording)}
+        except SwashTwinError as cause:
+            return {"model": fingerprint, "no_verdict": str(cause)}
+
+    def problem(self, machine: Machine) -> str | None:
+        """Why the machine's model cannot be used; None where it can, or there is none."""
+        model = None if machine.model is None else self._model(machine.model)
+        return f"model of {machine.name}: {model}" if isinstance(model, str) else None
+
+    def _model(self, path: Path) -> "tuple[Model, str] | str":
+        if path not in self._models:
+            from swashtwin.diagnosis import load_model
+
+            try:
+                self._models[path] = load_model(path), sha256_of(path)[:16]
+            except (SwashTwinError, OSError) as cause:
+                self._models[path] = str(cause)
+        return self._models[path]
+
+
+def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
+    verdict = model.diagnose(recording)
+    answer = verdict.to_dict()
+    answer.pop("window_labels")
+    if verdict.label is None:
+        return {"answer": answer, "no_verdict": verdict.no_verdict}
+    named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
+    if verdict.n_windows and not verdict.unknown:
+        named["confidence"] = verdict.agreement
+    return {"answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}
+
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
@@ -133,7 +186,7 @@ class Pipeline:
         machine = None if name is None else self._config.machine(name)
         if machine is None:
             stated = "states no machine" if name is None else f"is of {name!r}"
-            raise UnfitError("machine", f"it {stated}; there are {_listed(self._config)}.")
+            raise UnfitError("machine", f"it {stated}; there are {self._config.machine_names}.")
         return machine
 
     def _filed(
@@ -291,36 +344,6 @@ class Pipeline:
         return Outcome(delivery.machine or "", delivery.file, "rejected", sentence, reason == "error")
 
 
-def record_event(
-    config: WatchConfig, history: History, machine: str, *, who: str, note: str, found: str = "", maintenance: bool
-) -> int:
-    """Number of the event. After maintenance all baselines of the machine are learned anew, and its alarms are closed.
-
-    Parameters
-    ----------
-    found : what was wrong with the machine; kept beside the suspect of its newest alarm.
-
-    Raises
-    ------
-    InputError
-        The configuration has no such machine, or something was found where there was no alarm.
-    """
-    if config.machine(machine) is None:
-        raise InputError(f"{config.path} has no machine {machine!r}; there are {_listed(config)}.")
-    with history.machine(machine) as transaction:
-        if found:
-            transaction.note_found(found, who)
-            note = f"found: {found}" + (f"; {note}" if note else "")
-        number = transaction.add_event("maintenance" if maintenance else "note", who, note)
-        if maintenance:
-            transaction.forget_points()
-            for alarm in transaction.alarms():
-                if alarm.state == "open":
-                    transaction.acknowledge(alarm.id, who, note)
-                transaction.clear_alarm(alarm.id, datetime.now(UTC))
-    return number
-
-
 def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:
     """The operating point of a recording, one of the machine's or a new one, if there may be another."""
     points = transaction.points()
@@ -340,10 +363,6 @@ def _follow_suspect(transaction: MachineTransaction, judgment: Judgment) -> None
         for alarm in transaction.alarms():
             if (alarm.kind, alarm.point) == ("pump", judgment.point):
                 alarm.evidence = {**alarm.evidence, "suspect": {**suspect, "recording": judgment.id}}
-
-
-def _listed(config: WatchConfig) -> str:
-    return ", ".join(machine.name for machine in config.machines[:20])
 
 
 def _state(found: PointJudgment) -> str:

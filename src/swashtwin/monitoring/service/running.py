@@ -225,7 +225,7 @@ class Watch:
     def _serve(self, stack: ExitStack) -> str | None:
         """Address of the page, which is served until the stack is closed."""
         from swashtwin.monitoring.page.application import build_app
-        from swashtwin.monitoring.page.serving import serving_page
+        from swashtwin.monitoring.page.server import serving_page
 
         application = build_app(self.config, self.history, self.upload, self.status)
         stack.enter_context(serving_page(application, self.config.page.host, self.config.page.port))

@@ -21,7 +21,7 @@ import numpy as np
 from swashtwin.foundation import DataError, InputError, SwashTwinError, parse, read_text
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import QUANTITIES, Delivery, UnfitError, entry_facts, read_time, safe_name
-from swashtwin.monitoring.sources.message import SAMPLES, samples_recording
+from swashtwin.monitoring.sources.mqtt import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Options, Recording, load_recording, stem_of

@@ -11,9 +11,7 @@ from plant import Plant
 
 import swashtwin
 from swashtwin.diagnosis import load_classifier
-from swashtwin.foundation import MPa
-from swashtwin.recordings import Recording, load_recordings, write_index, write_recording
-from swashtwin_bench.rigs.writing import RigSize
+from swashtwin.recordings import load_recordings, write_index, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -83,16 +81,6 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[st
     assert "g mean" in run("evaluate", chain["train"]["model"], rig).stdout
 
 
-def test_diagnose_names_a_class_and_writes_a_report(
-    plant: Plant, chain: dict[str, dict[str, Any]], tmp_path: Path
-) -> None:
-    model, test = chain["train"]["model"], chain["split"]["test"]
-    answer = run_json("diagnose", model, plant.worn, test, "--report", tmp_path / "page")
-    assert answer["diagnoses"][0]["recording_id"] == plant.worn.stem
-    assert len(answer["diagnoses"]) == 1 + len(load_recordings(test))
-    assert Path(answer["report"]).is_file()
-
-
 def test_train_holds_whole_recordings_out(rig: Path, tmp_path: Path) -> None:
     answer = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
     manifest = load_classifier(Path(answer["model"])).manifest
@@ -109,31 +97,6 @@ def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
     result = run("train", rig, "--add", windows, "--test-fraction", 0.5, "--seed", 1, "--out", out, *TINY, code=3)
     assert "split first" in one_line(result)
     assert not out.exists()
-
-
-def test_an_interrupted_rig_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from swashtwin_bench.rigs import writing
-
-    real, written = writing.write_recording, iter(range(3))
-
-    def interrupted(recording: Recording, path: Path) -> Path:
-        if next(written, None) is None:
-            raise KeyboardInterrupt
-        return real(recording, path)
-
-    monkeypatch.setattr(writing, "SIZES", {"small": RigSize(specimens=1, repeats=1, duration=0.2)})
-    monkeypatch.setattr(writing, "PRESSURES", (MPa(15),))
-    with monkeypatch.context() as patch:
-        patch.setattr(writing, "write_recording", interrupted)
-        line = one_line(run("bench", "rig", tmp_path / "rig", code=130))
-    assert "the same command continues" in line
-    assert len(list((tmp_path / "rig").rglob("*.h5"))) == 3
-    run("bench", "rig", tmp_path / "rig")
-    run("bench", "rig", tmp_path / "whole")
-    files = {path.relative_to(tmp_path / "rig") for path in (tmp_path / "rig").rglob("*.*")}
-    assert len(files) == 7
-    for file in files:
-        assert (tmp_path / "rig" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
 
 
 def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) -> None:

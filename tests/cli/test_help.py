@@ -2,12 +2,10 @@
 
 import importlib.metadata
 import importlib.util
-import inspect
 import subprocess
 import sys
-import time
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 from commandline import AT_15, one_line, run
@@ -16,7 +14,6 @@ from typer.testing import CliRunner
 
 import swashtwin
 from swashtwin.cli import app, application, console
-from swashtwin.cli.application import FIRST, GROUPS, PUMPS
 from swashtwin.cli.options import READING
 
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
@@ -76,61 +73,11 @@ def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...])
     assert "--json" in said or path == ("explore",)  # which serves a page until it is ended
 
 
-def test_the_first_screen_is_in_the_order_of_a_user_s_work() -> None:
-    assert " ".join(FIRST) == "index explore inspect check train evaluate diagnose calibrate synthesize report"
-    assert list(GROUPS) == ["data", "signal", "twin", "history", "model"]
-
-
 @pytest.mark.parametrize(("command", "most"), [("train", 17), ("calibrate", 15)])
 def test_a_command_has_few_options_since_set_takes_the_rest(command: str, most: int) -> None:
     parameters = get_command(app).commands[command].params  # type: ignore[attr-defined]
     options = [parameter for parameter in parameters if parameter.param_type_name == "option"]
     assert sum(option.name not in READING for option in options) <= most
-
-
-def kinds_of_options() -> dict[str, set[str]]:
-    """Kinds of value that each option takes, over all commands; a repeatable option takes one of its kind."""
-    functions = [*FIRST.values(), *PUMPS.values()]
-    functions += [function for _, commands in GROUPS.values() for function in commands.values()]
-    kinds: dict[str, set[str]] = {}
-    for function in functions:
-        for name, parameter in inspect.signature(function).parameters.items():
-            annotation, words = get_args(parameter.annotation)
-            (kind,) = {*(get_args(annotation) or [annotation])} - {type(None)}
-            option = next(iter(getattr(words, "param_decls", None) or ()), f"--{name}").split("/")[0]
-            kinds.setdefault(option, set()).add((get_args(kind) or [kind])[0].__name__)
-    return kinds
-
-
-def test_an_option_takes_the_same_kind_of_value_in_every_command() -> None:
-    kinds = kinds_of_options()
-    assert len(kinds) > 50
-    assert [option for option, names in kinds.items() if len(names) > 1] == []
-
-
-@pytest.mark.parametrize(
-    ("typed", "answer"),
-    [("swashtwin ca", "calibrate"), ("swashtwin bench stu", "study"), ("swashtwin train --win", "--window")],
-)
-def test_the_shell_completes_commands_and_options(typed: str, answer: str) -> None:
-    if "bench" in typed:
-        pytest.importorskip("swashtwin_bench")
-    environment = {"_SWASHTWIN_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
-    process = CliRunner().invoke(app, [], env=environment, prog_name="swashtwin")
-    assert answer in process.output.split()
-
-
-def test_a_command_that_takes_long_shows_its_progress(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    with console.progress("quick") as bar:
-        bar(1, 2)
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(console, "_PATIENCE", 0.0)
-    for is_terminal in (False, True):
-        monkeypatch.setattr(sys.stderr, "isatty", lambda answer=is_terminal: answer)
-        with console.progress("slow") as bar:
-            time.sleep(0.3)
-            bar(1, 2, "half")
-        assert ("half" in capsys.readouterr().err) == is_terminal
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

@@ -11,11 +11,8 @@ import pytest
 from commandline import one_line, run, run_json
 
 from swashtwin.foundation import MPa
-from swashtwin.plot.signal_figures import MOST_POINTS
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
-from swashtwin.report import spectrum_drawing
-from swashtwin.signals import spectrum_of
 
 RATE, SHAFT = 4000.0, 15.0
 
@@ -106,13 +103,6 @@ def test_trend_by_time_draws_the_loud_recording_beside_the_others(folder: Path, 
     assert [point["recording"] for point in answer["points"]][:2] == ["like", "loud"]
     assert "loud" in (tmp_path / "trend.svg").read_text(encoding="utf-8")
     assert Path(answer["csv"]).read_text(encoding="utf-8").count("within") == 13
-
-
-def test_a_long_spectrum_is_drawn_thinned_and_kept_whole_in_its_data() -> None:
-    signal = np.random.default_rng(0).standard_normal((1, 200_000))
-    drawing = spectrum_drawing(spectrum_of(Recording(signal, RATE, "long")))
-    assert drawing.svg.count("\nL ") < 1.1 * MOST_POINTS
-    assert len(drawing.columns["frequency [Hz]"]) == 100_001
 
 
 @pytest.mark.parametrize(

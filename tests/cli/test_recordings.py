@@ -49,13 +49,6 @@ def test_errors_of_a_single_file_name_options_and_those_of_an_index_name_keys(fo
     assert 'add sample_rate = "25.6 kHz"' in (said.stdout if command == "inspect" else one_line(said))
 
 
-def test_an_option_gives_way_to_names(tmp_path: Path) -> None:
-    for name in ("normal_5MPa.csv", "normal_10MPa.csv", "normal.csv"):
-        (tmp_path / name).write_text("x\n" + "".join(f"{value}\n" for value in range(50)))
-    answer = run_json("index", tmp_path, *FACTS, "--speed", "860 rpm", "--pressure", "15 MPa")["fact_sources"]
-    assert "pressure: 15 MPa (1), says the option; 10 MPa (1), 5 MPa (1), says its name" in answer
-
-
 def test_many_recordings_are_summed_up_by_class_and_condition(tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     for number in range(14):

@@ -78,11 +78,8 @@ def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(tones: P
         ("patch=4", "training a bitcn has no setting 'patch'."),
         ("epoch=4", "Did you mean epochs?"),
         ("stride=wide", "stride=wide must be a whole number"),
-        ("stride=1,2", "must be a whole number"),
         ("class_weights=1", "must be true or false"),
-        ("epochs=2.5", "must be a whole number"),
         ("patch", "'patch' must be NAME=VALUE"),
-        ("n_channels=3", "has no setting 'n_channels'"),
     ],
 )
 def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason: str) -> None:
@@ -98,8 +95,6 @@ def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason
     [
         (("bitcn", "--set", "epochs=0"), "epochs (0) must be at least 1"),
         (("bitcn", "--set", "normalization=guess"), "normalization 'guess' is none of"),
-        (("bitcn", "--set", "stretch=2"), "must be between 0 and 0.2"),
-        (("bitcn", "--set", "gain=3", "--set", "normalization=window"), "take another normalization"),
         (("bi_tcn",), "Did you mean 'bitcn'"),
     ],
 )

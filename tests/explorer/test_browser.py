@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
 from explored import HEALTHY, WORN
 from mqtt_broker import free_port
 from plant import Plant
@@ -14,11 +15,6 @@ from swashtwin.explorer import Workspace, build_explorer
 from swashtwin.monitoring import serving_page
 from swashtwin.recordings import Recording, index_table, write_recording
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = "/usr/bin/chromium"
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--autoplay-policy=no-user-gesture-required"]
-PATIENCE = 90_000
-"""Time [ms] that a slow machine may take."""
 ROOMS = ["#recordings", f"#recording?name={WORN}", "#compare", "#twin", f"#diagnose?name={WORN}"]
 SETTLED = {
     "#recordings": "table.recordings tbody tr >> nth=8",
@@ -28,10 +24,7 @@ SETTLED = {
     f"#diagnose?name={WORN}": ".verdict",
 }
 
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}"),
-]
+pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")
@@ -41,28 +34,6 @@ def served(pair_folder: Path, plant: Plant, tmp_path_factory: pytest.TempPathFac
     port = free_port()
     with serving_page(build_explorer(Workspace(folder), plant.model), "127.0.0.1", port):
         yield f"http://127.0.0.1:{port}", folder
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    """A Chromium."""
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield chromium
-        chromium.close()
-
-
-def tabs(browser, address: str, **settings) -> Iterator[object]:
-    """A tab that collects errors of scripts."""
-    wide = {"viewport": {"width": 1280, "height": 900}, "permissions": ["clipboard-read", "clipboard-write"]}
-    context = browser.new_context(base_url=address, locale="en-US", **{**wide, **settings})
-    context.set_default_timeout(PATIENCE)
-    page = context.new_page()
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    yield page
-    context.close()
-    assert errors == []
 
 
 @pytest.fixture
@@ -186,24 +157,12 @@ def test_a_verdict_leads_to_its_nearest_recordings_and_a_model_is_dropped(tab, p
 
 
 def test_no_room_scrolls_sideways_on_a_phone(browser, served) -> None:
-    for phone in tabs(browser, served[0], viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True):
-        for room in ROOMS:
-            enter(phone, room)
-            assert phone.evaluate("document.documentElement.scrollWidth") <= 390, room
+    check_phone(browser, served[0], ROOMS, enter)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_fault_in_any_room(browser, served, scheme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
-    for tab in tabs(browser, served[0], color_scheme=scheme):
-        for room in ROOMS:
-            enter(tab, room)
-            serious = {
-                violation["id"]: [node["html"][:200] for node in violation["nodes"]]
-                for violation in axe.run(tab).response["violations"]
-                if violation["impact"] in ("serious", "critical")
-            }
-            assert serious == {}, room
+    check_access(browser, served[0], ROOMS, enter, scheme)
 
 
 def test_a_minute_at_50_khz_is_moved_at_thirty_frames_a_second(browser, tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Timer
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import typer
 from typer.core import TyperGroup
@@ -26,8 +25,8 @@ from swashtwin.foundation import SwashTwinError, escape_controls, json_text
 T = TypeVar("T")
 
 _UNLIMITED = 200  # columns where no terminal limits a table
+_LEAST = 16  # columns of a text that is folded
 _LONGEST = 2000  # characters of a cell; a label of megabytes would take minutes to fold
-_PATIENCE = 1.0  # seconds until a bar is shown, so that quick commands show none
 _PAUSE = 20.0  # seconds between two lines of progress where there is no terminal
 
 
@@ -87,52 +86,26 @@ def note_merged(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output, numbers to the right.
-
-    Where the terminal is too narrow, further columns follow below, each time beside those that say which row is which.
-    No number is cut. The table is wide where no terminal limits it.
-    """
+    """Print a table to standard output, numbers to the right; a narrow terminal folds long text, and no number."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
+    drawn = Table(box=SIMPLE_HEAD)
+    for column, name in enumerate(header):
+        values = [row[column] for row in rows]
+        is_number = any(map(_is_number, values)) and all(value is None or _is_number(value) for value in values)
+        least = min(max(len(_word(cell)) for cell in [name, *values]), _LEAST)
+        justify: Literal["left", "right"] = "right" if is_number else "left"
+        drawn.add_column(Text(_word(name)), justify=justify, no_wrap=is_number, overflow="fold", min_width=least)
+    for row in rows:
+        drawn.add_row(*(Text(_word(cell)) for cell in row))
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
-    numeric = [
-        any(map(_is_number, values)) and all(value is None or _is_number(value) for value in values)
-        for values in ([row[column] for row in rows] for column in range(len(header)))
-    ]
-    keys = list(range(numeric.index(True) if True in numeric else len(header)))
-
-    def grid(columns: Sequence[int], widest: int | None) -> Table:
-        drawn = Table(box=SIMPLE_HEAD)
-        for column in columns:
-            name, most = Text(_word(header[column])), widest if column in keys else None
-            if numeric[column]:
-                cells = [*_word(header[column]).split(), *(_word(row[column]) for row in rows)]
-                drawn.add_column(name, justify="right", min_width=max(map(len, cells)))
-            else:
-                drawn.add_column(name, overflow="fold", max_width=most)
-        for row in rows:
-            drawn.add_row(*(Text(_word(row[column])) for column in columns))
-        return drawn
-
-    def is_wide(columns: Sequence[int], widest: int | None) -> bool:
-        unlimited = console.options.update_width(sys.maxsize)
-        return console.measure(grid(columns, widest), options=unlimited).minimum > console.width
-
-    everything = range(len(header))
-    widest = (
-        console.width // 2 // max(len(keys), 1) - 3 if is_wide(everything, None) and len(keys) < len(header) else None
-    )
-    parts: list[list[int]] = [[]]
-    for column in everything[len(keys) :]:
-        if parts[-1] and is_wide([*keys, *parts[-1], column], widest):
-            parts.append([])
-        parts[-1].append(column)
+    unlimited = console.options.update_width(sys.maxsize)
+    console.width = max(console.width, console.measure(drawn, options=unlimited).minimum)
     console.print(Text(_word(title), style="table.title"))
-    for part in parts:
-        console.print(grid([*keys, *part], widest))
+    console.print(drawn)
 
 
 def _is_number(value: object) -> bool:
@@ -143,7 +116,7 @@ def _is_number(value: object) -> bool:
 def progress(title: str) -> Iterator[Callable[..., None]]:
     """Bar on standard error while the block runs; call what it yields with (count, total, optional words).
 
-    The bar appears after a second, so a quick command prints none. Without a terminal it is a line every 20 s.
+    Without a terminal it is a line every 20 s.
     """
     if not sys.stderr.isatty():
         printed = time.monotonic()
@@ -161,22 +134,13 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task(escape_controls(title), total=None)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(escape_controls(title), total=None)
 
-    def update(count: int, total: int, words: str = title) -> None:
-        bar.update(task, completed=count, total=total, description=escape_controls(words))
+        def update(count: int, total: int, words: str = title) -> None:
+            bar.update(task, completed=count, total=total, description=escape_controls(words))
 
-    timer = Timer(_PATIENCE, bar.start)
-    timer.daemon = True
-    timer.start()
-    try:
         yield update
-    finally:
-        timer.cancel()
-        timer.join()
-        if bar.live.is_started:
-            bar.stop()
 
 
 def with_bar(items: Sequence[T], title: str) -> Iterator[T]:

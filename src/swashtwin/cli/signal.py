@@ -1,14 +1,14 @@
 """Commands of the group signal, which need no classifier: features, spectrum, trend."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, resumable, say, table, tell, with_bar
+from swashtwin.cli.console import note, say, table, tell, with_bar
 from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
 from swashtwin.cli.summaries import MOST_ROWS, show_medians, show_trend
@@ -119,7 +119,8 @@ def features(
     signal trend.
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
-    indicators = _indicators_of(load_sources(source, **reading), pistons, band, Shaft(tachometer, track))
+    shaft = Shaft(tachometer, track)
+    indicators = _indicators_of(load_sources(source, **reading), pistons, band, shaft)
     if out is not None:
         from swashtwin.foundation import write_text
 
@@ -273,26 +274,22 @@ def _indicators_of(
     from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, long_indicators, stacked
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
-    refusals: list[str] = []
+    refusals: dict[str, str] = {}
 
     def describe(recording: "Recording") -> "IndicatorTable":
         angle, names = None, list(FAMILIES)
         try:
             angle = shaft.angle_of(recording)
         except (DataError, InputError) as refusal:
-            refusals.append(str(refusal))
+            refusals.setdefault(recording.recording_id, str(refusal))  # of stretches, one each
             names.remove("orders")
         vibration = shaft.vibration_of(recording)
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 
-    tables = []
-    for recording in with_bar(recordings, "indicators"):
-        count = len(refusals)
-        tables.append(long_indicators(recording.unloaded(), describe))
-        del refusals[count + 1 :]  # of stretches, one each
+    tables = [long_indicators(recording.unloaded(), describe) for recording in with_bar(recordings, "indicators")]
     if refusals and len(refusals) == len(recordings):
-        raise DataError(refusals[0])
-    for reason in refusals:
+        raise DataError(next(iter(refusals.values())))
+    for reason in refusals.values():
         note(f"no orders: {reason}")
     return stacked(tables)
 

@@ -15,7 +15,6 @@ from swashtwin.monitoring.alarms.monitor import (
     POWERS,
     QUIET,
     RECENT,
-    SHARING,
     Condition,
     ConformalTest,
     payoffs,
@@ -53,13 +52,6 @@ def test_bets_at_a_p_value_of_one_percent_have_the_values_of_a_hand_calculation(
 def test_the_first_bet_stakes_half_of_the_capital() -> None:
     test = ConformalTest.calibrated([(1.0, False)]).after(5.0, True, 0.01)
     assert test.capital == pytest.approx(0.5 + 0.5 * payoffs(0.01, 0.5).mean())
-
-
-def test_the_second_bet_shares_a_tenth_and_wakes_a_sixth() -> None:
-    first = ConformalTest.calibrated([(1.0, False)]).after(5.0, True, 0.01)
-    stakes = np.array(first.bets) + 1 / 6 / N_BETS
-    stakes = (1 - SHARING) * stakes + SHARING * stakes.mean()
-    assert first.after(5.0, True, 0.2).capital == pytest.approx(1 / 3 + stakes @ payoffs(0.2, 2 / 3))
 
 
 def test_smoothed_p_values_of_exchangeable_scores_are_uniform_even_with_many_ties() -> None:

@@ -15,7 +15,7 @@ from judgments import START, judgment, waveform
 from sqlalchemy import event, text
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.monitoring.history import waveforms
+from swashtwin.monitoring.history import database
 from swashtwin.monitoring.history.database import HistoryError, _open_engine
 from swashtwin.monitoring.history.history import History
 
@@ -241,7 +241,7 @@ def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_ag
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     history = History.open("", tmp_path)
-    flush, removed = waveforms._flush, []
+    flush, removed = database._flush, []
 
     def flush_late(path: Path) -> None:
         if not removed:
@@ -249,7 +249,7 @@ def test_a_waveform_that_another_watch_removes_while_it_is_written_is_written_ag
             path.unlink()
         flush(path)
 
-    monkeypatch.setattr(waveforms, "_flush", flush_late)
+    monkeypatch.setattr(database, "_flush", flush_late)
     facts = judgment(0)
     path = history.waveforms.write("pump-1", facts.time, facts.content, waveform(0))
     assert removed == [tmp_path / "waveforms" / path]

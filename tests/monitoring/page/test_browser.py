@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
 from mqtt_broker import free_port
 
 from swashtwin.monitoring.config.loading import load_watch_config
@@ -13,16 +14,7 @@ from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.server import serving_page
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = "/usr/bin/chromium"
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
-PATIENCE = 60_000
-"""Time [ms] that a slow machine may take."""
-
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(not Path(CHROMIUM).exists(), reason=f"there is no {CHROMIUM}"),
-]
+pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")
@@ -38,33 +30,10 @@ def served(filled_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Ite
     history.close()
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    """A Chromium."""
-    with playwright.sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield chromium
-        chromium.close()
-
-
 @pytest.fixture
 def tab(browser, served) -> Iterator[object]:
-    """A tab of a wide screen that collects errors of scripts."""
-    yield from _tab(browser, served)
-
-
-def _tab(browser, served, **settings) -> Iterator[object]:
-    context = browser.new_context(
-        base_url=served[0], locale="en-US", **{"viewport": {"width": 1280, "height": 900}, **settings}
-    )
-    context.set_default_timeout(PATIENCE)
-    page = context.new_page()
-    errors: list[str] = []
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    yield page
-    context.close()
-    assert errors == []
+    """A tab of a wide screen."""
+    yield from tabs(browser, served[0])
 
 
 def _newest(served, machine: str) -> int:
@@ -86,7 +55,7 @@ def test_the_overview_leads_to_a_machine_and_its_newest_recording(tab) -> None:
 
 
 def test_times_are_shown_in_the_readers_zone(browser, served) -> None:
-    for tab in _tab(browser, served, timezone_id="Asia/Tokyo"):
+    for tab in tabs(browser, served[0], timezone_id="Asia/Tokyo"):
         tab.goto("/log")
         utc = datetime.now(UTC)
         shown = tab.locator("time").first.inner_text()
@@ -127,7 +96,7 @@ def test_a_spectrum_tells_values_zooms_by_dragging_and_goes_back(tab, served) ->
 
 
 def test_an_alarm_is_acknowledged_and_other_open_pages_show_it_without_a_reload(browser, served, tab) -> None:
-    for other in _tab(browser, served):
+    for other in tabs(browser, served[0]):
         other.goto("/alarms")
         other.locator("#live.on").wait_for()
         other.evaluate("window.isSame = true")
@@ -152,19 +121,7 @@ def test_what_somebody_types_survives_a_change_of_the_history(served, tab) -> No
 
 
 def test_no_page_scrolls_sideways_on_a_phone(browser, served) -> None:
-    for phone in _tab(browser, served, viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True):
-        for address in _addresses(served):
-            phone.goto(address)
-            assert phone.evaluate("document.documentElement.scrollWidth") <= 390, address
-
-
-def test_dark_mode_darkens_the_page_and_its_figures(browser, served) -> None:
-    for dark in _tab(browser, served, color_scheme="dark"):
-        dark.goto("/machines/pump-2")
-        background = dark.evaluate("getComputedStyle(document.body).backgroundColor")
-        assert max(int(part) for part in background[4:-1].split(",")) < 60
-        ink = dark.evaluate("getComputedStyle(document.querySelector('.drawing text')).fill")
-        assert min(int(part) for part in ink[4:-1].split(",")) > 160
+    check_phone(browser, served[0], _addresses(served), lambda tab, address: tab.goto(address))
 
 
 def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
@@ -183,14 +140,4 @@ def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_fault_on_any_page(browser, served, scheme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
-    for tab in _tab(browser, served, color_scheme=scheme):
-        for address in _addresses(served):
-            tab.goto(address)
-            violations = axe.run(tab).response["violations"]
-            serious = {
-                violation["id"]: [node["html"][:200] for node in violation["nodes"]]
-                for violation in violations
-                if violation["impact"] in ("serious", "critical")
-            }
-            assert serious == {}, address
+    check_access(browser, served[0], _addresses(served), lambda tab, address: tab.goto(address), scheme)

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 
 from swashtwin.diagnosis import next_checks
 from swashtwin.monitoring.history.database import HistoryError
-from swashtwin.monitoring.page.charts import HEIGHT, Axis, sparkline
+from swashtwin.monitoring.page.charts import HEIGHT, Axis
 
 
 def send(client: TestClient, address: str, **values: object):
@@ -59,17 +59,6 @@ def test_a_machine_shows_its_alarm_the_trend_that_moved_most_and_its_recordings(
     assert re.search(r'<option value="(shaft order (7|14|21|28)|\d+ to \d+ Hz)" selected>', text)
 
 
-def test_older_recordings_follow_page_by_page(reader: TestClient) -> None:
-    first = reader.get("/machines/pump-1").text
-    older = re.search(r'href="(\?before=\d+)#', first)
-    assert older
-    second = reader.get("/machines/pump-1" + older[1]).text
-    rows = [set(re.findall(r'<td><a href="/recordings/(\d+)"', text)) for text in (first, second)]
-    assert len(rows[0]) == 25
-    assert len(rows[1]) == 15
-    assert not rows[0] & rows[1]
-
-
 def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient, plant) -> None:
     text = client.get(f"/recordings/{newest(plant, 'pump-1')}").text
     assert "Swash plate 93 %" in text
@@ -77,14 +66,6 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
     assert next_checks("swash_plate")[-1].what in text
     assert text.count('<svg class="drawing"') == 3
     assert "1500 rpm" in text
-
-
-def test_the_later_recording_of_an_old_one_is_the_next(reader: TestClient) -> None:
-    ids = [recording["id"] for recording in reader.get("/api/recordings?machine=pump-1").json()]
-    oldest = reader.get(f"/recordings/{ids[-1]}").text
-    assert f'href="/recordings/{ids[-2]}"' in oldest
-    assert f'href="/recordings/{ids[-3]}"' not in oldest
-    assert "Later recording" not in reader.get(f"/recordings/{ids[0]}").text
 
 
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestClient, plant) -> None:
@@ -185,13 +166,6 @@ def points(drawing: ElementTree.Element, kind: str) -> np.ndarray:
     """Places of a line's points in the field."""
     (path,) = (part for part in drawing[0] if part.get("class") == kind)
     return np.array(re.findall(r"[\d.-]+", str(path.get("d"))), float).reshape(-1, 2)
-
-
-def test_a_small_line_needs_two_values_and_stays_within_its_box() -> None:
-    assert sparkline(np.array([1.0, np.nan]), 100) is None
-    line = ElementTree.fromstring(str(sparkline(np.array([1e-30, 1.0, 1e12]), 100)))
-    heights = np.array(re.findall(r"[\d.-]+", str(line[1].get("d"))), float)[1::2]
-    assert ((heights >= 0) & (heights <= HEIGHT)).all()
 
 
 def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) -> None:

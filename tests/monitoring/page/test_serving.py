@@ -10,7 +10,7 @@ from mqtt_broker import free_port
 from starlette.responses import Response
 from starlette.routing import Route
 
-from swashtwin.monitoring.page import serving
+from swashtwin.monitoring.page import server
 from swashtwin.monitoring.page.application import build_app
 
 pytestmark = pytest.mark.nightly
@@ -19,13 +19,13 @@ pytestmark = pytest.mark.nightly
 @pytest.fixture
 def port(plant, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Port of a page that hangs up on silent clients after half a second."""
-    monkeypatch.setattr(serving, "HEADER_SECONDS", 0.5)
-    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 50)
-    monkeypatch.setattr(serving, "ANSWER_SECONDS", 1.0)
+    monkeypatch.setattr(server, "HEADER_SECONDS", 0.5)
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 50)
+    monkeypatch.setattr(server, "ANSWER_SECONDS", 1.0)
     number = free_port()
     application = build_app(plant.config, plant.history, upload=lambda *_: "id")
     application.router.routes.insert(0, Route("/static/large", lambda _: Response(bytes(5_000_000))))
-    with serving.serving_page(application, "127.0.0.1", number):
+    with server.serving_page(application, "127.0.0.1", number):
         yield number
 
 
@@ -62,7 +62,7 @@ def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
 
 def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> None:
     with contextlib.ExitStack() as stack:
-        for _ in range(serving.MOST_CONNECTIONS + 20):
+        for _ in range(server.MOST_CONNECTIONS + 20):
             stack.enter_context(socket.create_connection(("127.0.0.1", port)))
         with socket.create_connection(("127.0.0.1", port)) as other:
             other.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")

@@ -102,9 +102,9 @@ def repeat(action: Callable[[], Any]) -> Any:
 
 
 def _write_store() -> Callable[..., Any]:
-    from swashtwin.monitoring.history import waveforms
+    from swashtwin.monitoring.history import database
 
-    return waveforms.write_store
+    return database.write_store
 
 
 def _spool_write() -> Callable[..., Any]:

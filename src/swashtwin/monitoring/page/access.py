@@ -107,16 +107,6 @@ class UserFile:
     _stamp: tuple[int, int, int] | None = field(default=None, init=False)
     _entries: list[Entry] = field(default_factory=list, init=False)
 
-    def count(self) -> int:
-        """Number of people and tokens.
-
-        Raises
-        ------
-        DataError
-            The file is damaged or absent.
-        """
-        return len(self._current())
-
     def mark(self, name: str) -> str | None:
         """Text that changes with the password of the person `name` and does not tell it; None where nobody's name."""
         return None if (known := self._hash(name)) is None else _digest(known)
@@ -134,13 +124,20 @@ class UserFile:
     def program(self, token: str) -> Entry | None:
         """The program whose token this is; None where nobody's."""
         digest = _digest(token)
-        programs = [item for item in self._current() if item.kind != "person"]
+        programs = [item for item in self.entries() if item.kind != "person"]
         return next((item for item in programs if secrets.compare_digest(item.hash, digest)), None)
 
     def _hash(self, name: str) -> str | None:
-        return next((item.hash for item in self._current() if (item.kind, item.name) == ("person", name)), None)
+        return next((item.hash for item in self.entries() if (item.kind, item.name) == ("person", name)), None)
 
-    def _current(self) -> list[Entry]:
+    def entries(self) -> list[Entry]:
+        """People and programs.
+
+        Raises
+        ------
+        DataError
+            The file is damaged or absent.
+        """
         try:
             status = self.path.stat()
         except FileNotFoundError:
@@ -306,7 +303,7 @@ class Access:
         self._familiar: OrderedDict[tuple[str, str], None] = OrderedDict()
         """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
         self._lock = threading.Lock()
-        if self.users is not None and self.users.count() == 0:
+        if self.users is not None and not self.users.entries():
             raise InputError(f"{settings.users} names no user and no token; add one with swashtwin watch user.")
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:

@@ -12,12 +12,11 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
-from pydantic import BaseModel, ConfigDict, Field, create_model
 from starlette.responses import JSONResponse, Response
 
 from swashtwin.foundation import VERSION, SwashTwinError
 from swashtwin.monitoring.history.reading import FACTS, MachineOverview
-from swashtwin.monitoring.history.tables import Alarm, Event, Judgment, Rejection
+from swashtwin.monitoring.history.tables import Judgment
 from swashtwin.monitoring.page.site import STATES, Site, state_of
 
 if TYPE_CHECKING:
@@ -29,57 +28,28 @@ Short = Annotated[str, Query(max_length=200)]
 Since = Annotated[datetime | None, Query(description="ISO 8601; UTC where no zone is stated")]
 
 
-def _answer(table: Any, *, without: tuple[str, ...] = ()) -> Any:
-    """Form of an answer with the columns of a table."""
-    columns: dict[str, Any] = {
-        column.name: (_type(column) | None if column.nullable else _type(column), ...)
-        for column in table.__table__.columns
-        if column.name not in without
+Rows = list[dict[str, Any]]
+
+
+def _row(row: Any, *, without: str = "") -> dict[str, Any]:
+    """A row of the history by its columns."""
+    names = (column.name for column in row.__table__.columns)
+    return {name: getattr(row, name) for name in names if name != without}
+
+
+def _recording(row: Judgment) -> dict[str, Any]:
+    return _row(row, without="retention")
+
+
+def _machine(machine: MachineOverview) -> dict[str, Any]:
+    return {
+        "name": machine.name,
+        "state": state_of(machine).code,
+        "recordings": machine.recordings,
+        "silenced_until": machine.silenced,
+        "last": None if machine.last is None else _recording(machine.last),
+        "alarms": [_row(alarm) for alarm in machine.alarms],
     }
-    name = f"{table.__name__}Answer"
-    return create_model(name, __config__=ConfigDict(from_attributes=True), __doc__=table.__doc__, **columns)
-
-
-def _type(column: Any) -> Any:
-    kind = column.type.python_type
-    return (list[str] if column.name == "channels" else dict[str, Any]) if kind is dict else kind
-
-
-def _many(form: Any) -> Any:
-    return list[form]
-
-
-_RECORDING = _answer(Judgment, without=("retention",))
-_ALARM = _answer(Alarm)
-_EVENT = _answer(Event)
-_REJECTION = _answer(Rejection, without=("copy",))
-
-
-class MachineAnswer(BaseModel):
-    """A machine."""
-
-    model_config = ConfigDict(from_attributes=True)
-    name: str
-    state: str = Field(description="`alarm`, `sensor`, `acknowledged`, `unusual`, `normal`, `learning` or `empty`")
-    recordings: int
-    silenced_until: datetime | None
-    last: _RECORDING | None  # type: ignore[valid-type]
-    alarms: list[_ALARM]  # type: ignore[valid-type]
-
-
-class TrendAnswer(BaseModel):
-    """One indicator over time."""
-
-    recordings: list[int]
-    times: list[datetime]
-    values: list[float | None]
-
-
-class LevelAnswer(BaseModel):
-    """An indicator that a machine has."""
-
-    channel: str
-    name: str
 
 
 def machine_answers(site: Site) -> APIRouter:
@@ -92,21 +62,23 @@ def machine_answers(site: Site) -> APIRouter:
         """A number that changes with everything new in the history: ask it before asking all."""
         return read.sequence()
 
-    @routes.get("/machines", tags=["machines"], response_model=list[MachineAnswer])
-    def machines() -> Any:
-        """All machines with their state, their newest recording and their alarms."""
+    @routes.get("/machines", tags=["machines"])
+    def machines() -> Rows:
+        """All machines with their newest recording, their alarms, and their state: `alarm`, `sensor`, `acknowledged`,
+        `unusual`, `normal`, `learning` or `empty`.
+        """
         return [_machine(machine) for machine in site.machines()]
 
-    @routes.get("/machines/{name}", tags=["machines"], response_model=MachineAnswer)
-    def machine(name: str) -> Any:
+    @routes.get("/machines/{name}", tags=["machines"])
+    def machine(name: str) -> dict[str, Any]:
         """One machine."""
         return _machine(site.machine(name))
 
     @routes.get("/machines/{name}/levels", tags=["machines"])
-    def levels(name: str) -> list[LevelAnswer]:
+    def levels(name: str) -> list[dict[str, str]]:
         """Channels and names of the indicators that a machine has."""
         site.machine(name)
-        return [LevelAnswer(channel=channel, name=level) for channel, level in read.indicator_names(name)]
+        return [{"channel": channel, "name": level} for channel, level in read.indicator_names(name)]
 
     @routes.get("/machines/{name}/trend", tags=["machines"])
     def trend(
@@ -117,7 +89,7 @@ def machine_answers(site: Site) -> APIRouter:
         since: Since = None,
         until: Since = None,
         limit: Limit = 1000,
-    ) -> TrendAnswer:
+    ) -> dict[str, list[Any]]:
         """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`, `probability`."""
         site.machine(name)
         if not channel and level not in FACTS:
@@ -125,17 +97,17 @@ def machine_answers(site: Site) -> APIRouter:
         values = read.trend(
             name, channel, level, point=point or None, since=_utc(since), until=_utc(until), limit=limit
         )
-        return TrendAnswer(
-            recordings=values.ids.tolist(),
-            times=[time.replace(tzinfo=UTC) for time in values.times.tolist()],
-            values=[value if math.isfinite(value) else None for value in values.values.tolist()],
-        )
+        return {
+            "recordings": values.ids.tolist(),
+            "times": [time.replace(tzinfo=UTC) for time in values.times.tolist()],
+            "values": [value if math.isfinite(value) else None for value in values.values.tolist()],
+        }
 
-    @routes.get("/machines/{name}/events", tags=["machines"], response_model=_many(_EVENT))
-    def events(name: str, limit: Limit = 100) -> Any:
+    @routes.get("/machines/{name}/events", tags=["machines"])
+    def events(name: str, limit: Limit = 100) -> Rows:
         """What happened to a machine, newest first."""
         site.machine(name)
-        return read.events(name, limit=limit)
+        return [_row(event) for event in read.events(name, limit=limit)]
 
     return routes
 
@@ -145,7 +117,7 @@ def record_answers(site: Site) -> APIRouter:
     routes = APIRouter(prefix="/api")
     read = site.history.read
 
-    @routes.get("/recordings", tags=["recordings"], response_model=_many(_RECORDING))
+    @routes.get("/recordings", tags=["recordings"])
     def recordings(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(max_length=20)] = None,
@@ -153,39 +125,36 @@ def record_answers(site: Site) -> APIRouter:
         since: Since = None,
         until: Since = None,
         limit: Limit = 100,
-    ) -> Any:
+    ) -> Rows:
         """Recordings, newest first."""
-        return read.recordings(machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit)
+        found = read.recordings(machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit)
+        return [_recording(row) for row in found]
 
-    @routes.get("/recordings/{identity}", tags=["recordings"], response_model=_RECORDING)
-    def recording(identity: int) -> Any:
+    @routes.get("/recordings/{identity}", tags=["recordings"])
+    def recording(identity: int) -> dict[str, Any]:
         """One recording."""
-        return site.recording(identity)
+        return _recording(site.recording(identity))
 
-    @routes.get("/alarms", tags=["alarms"], response_model=_many(_ALARM))
+    @routes.get("/alarms", tags=["alarms"])
     def alarms(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(pattern="^(open|acknowledged|closed)$")] = None,
         limit: Limit = 100,
-    ) -> Any:
+    ) -> Rows:
         """Alarms, newest first."""
-        return read.alarms(machine, state=state, limit=limit)
+        return [_row(alarm) for alarm in read.alarms(machine, state=state, limit=limit)]
 
-    @routes.get("/alarms/{identity}", tags=["alarms"], response_model=_ALARM)
-    def alarm(identity: int) -> Any:
+    @routes.get("/alarms/{identity}", tags=["alarms"])
+    def alarm(identity: int) -> dict[str, Any]:
         """One alarm."""
-        return site.alarm(identity)
+        return _row(site.alarm(identity))
 
-    @routes.get("/rejections", tags=["recordings"], response_model=_many(_REJECTION))
-    def rejections(limit: Limit = 100) -> Any:
+    @routes.get("/rejections", tags=["recordings"])
+    def rejections(limit: Limit = 100) -> Rows:
         """Recordings that were not judged, and why, newest first."""
-        return read.rejections(limit=limit)
+        return [_row(rejection, without="copy") for rejection in read.rejections(limit=limit)]
 
     return routes
-
-
-def _machine(machine: MachineOverview) -> dict[str, Any]:
-    return {**vars(machine), "state": state_of(machine).code, "silenced_until": machine.silenced}
 
 
 def _utc(time: datetime | None) -> datetime | None:

@@ -6,11 +6,12 @@ pixels, and texts stand outside the field.
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 from markupsafe import Markup, escape
 
 from swashtwin.foundation import SwashTwinError
@@ -187,7 +188,7 @@ def draw_trend(
     edges: list[float] = []
     if baseline is not None:
         edges = [baseline[0] + sign * BAND_SPREADS * baseline[1] for sign in (-1, 1)]
-    times = _seconds(trend.times)
+    times = trend.times.astype("datetime64[ms]").astype(np.float64) / 1000
     x = Axis.around(times, kind="time")
     y = Axis.around(trend.values, edges, [] if limit is None else [limit], kind="" if limit is None else "log")
     parts = []
@@ -209,24 +210,6 @@ def draw_trend(
     return draw(x, y, parts, title=f"{title} [{unit}]" if unit else title, ids=ids, unit=unit)
 
 
-def sparkline(values: Float[np.ndarray, " point"], limit: float) -> Markup | None:
-    """A small line of the evidence, with the height at which an alarm is raised; None for fewer than two values."""
-    values = values[np.isfinite(values)]
-    if len(values) < 2:
-        return None
-    y = Axis.around(np.maximum(values, 1e-6), [0.1, limit], kind="log")
-    line = curve(np.linspace(0, 1, len(values)), y.share(np.maximum(values, 1e-6)))
-    return Markup(
-        f'<svg class="spark" viewBox="0 0 {_WIDTH:.0f} {HEIGHT:.0f}" preserveAspectRatio="none" role="img" '
-        'aria-label="Evidence of the last recordings; the dashed line raises an alarm">'
-        f"{level(float(y.share(limit)), 'alarm')}{line}</svg>"
-    )
-
-
-def _seconds(times: Shaped[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    return times.astype("datetime64[ms]").astype(np.float64) / 1000
-
-
 def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:
     """A figure of each channel; none where the samples are not kept any more or have no spectrum."""
     try:
@@ -238,8 +221,12 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
         pistons = machine.piston_count if machine else None
     except (SwashTwinError, OSError):
         return ()
-    others = [_stored_lines(site, number) for number in healthy_ids]
-    healthy = [spectrum for spectrum in others if spectrum is not None and spectrum.shape == amplitude.shape]
+    healthy = []
+    for number in healthy_ids:
+        with suppress(SwashTwinError, OSError):  # removed by retention meanwhile
+            other = site.history.read.waveform(number)
+            if other is not None and (spectrum := _lines(other)[1]).shape == amplitude.shape:
+                healthy.append(spectrum)
     x = Axis(0.0, float(frequency[-1]))
     shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
     marks = _marks(shaft, pistons, x)
@@ -257,14 +244,6 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
             draw(x, y, parts, title=f"{title} over frequency [Hz]", names=marks, unit=recording.unit, **known)
         )
     return figures
-
-
-def _stored_lines(site: Site, identity: int) -> Float[np.ndarray, "channel line"] | None:
-    try:
-        recording = site.history.read.waveform(identity)
-        return None if recording is None else _lines(recording)[1]
-    except (SwashTwinError, OSError):
-        return None  # removed by retention meanwhile
 
 
 def _lines(recording: Recording) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, "channel line"]]:

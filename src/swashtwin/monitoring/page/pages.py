@@ -14,7 +14,7 @@ from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Judgment
-from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend, sparkline
+from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend
 from swashtwin.monitoring.page.site import (
     STATES,
     VERDICT_NAMES,
@@ -35,7 +35,6 @@ QUIET = timedelta(days=1)
 """A machine that sent nothing for so long is marked."""
 MOST_POINTS = 2000
 """Points of a trend; the newest."""
-_SPARKS = 60
 _PAST_ALARMS = 200
 _SPECTRA = 16
 """Drawn spectra that are kept, since an open page asks for them with each change of the history."""
@@ -70,7 +69,15 @@ class Pages:
         return site.render(
             request,
             "overview.html.jinja",
-            cards=[self._card(machine) for machine in shown],
+            cards=[
+                {
+                    "machine": machine,
+                    "state": state_of(machine),
+                    "is_silenced": self._is_silenced(machine),
+                    "is_quiet": machine.last is not None and site.clock() - machine.last.time > QUIET,
+                }
+                for machine in shown
+            ],
             summary=[(state, counts[state]) for state in STATES if counts[state]],
             chosen=state,
             text=text,
@@ -79,16 +86,6 @@ class Pages:
             total=len(machines),
             problems=() if site.status is None else site.status().problems,
         )
-
-    def _card(self, machine: MachineOverview) -> dict[str, Any]:
-        capital = self._read.trend(machine.name, "", "capital", limit=_SPARKS).values
-        return {
-            "machine": machine,
-            "state": state_of(machine),
-            "is_silenced": self._is_silenced(machine),
-            "is_quiet": machine.last is not None and self._site.clock() - machine.last.time > QUIET,
-            "line": sparkline(capital, self._site.alarm_capital),
-        }
 
     def _is_silenced(self, machine: MachineOverview) -> bool:
         return machine.silenced is not None and machine.silenced > self._site.clock()
@@ -147,7 +144,8 @@ class Pages:
         groups = grouped_levels(by_channel[channel])
         if level not in by_channel[channel]:
             level = groups[0][1][0]
-        baseline = self._baseline(machine.name, channel, level, point)
+        stored = self._read.baseline(machine.name, point)
+        baseline = baseline_levels(stored).get((channel, level)) if stored else None
         return {
             "channel": channel,
             "level": level,
@@ -160,11 +158,6 @@ class Pages:
             "trend": self._trend(machine.name, channel, level, point, baseline),
             "band": f"Healthy baseline ± {BAND_SPREADS:g} spreads" if baseline else "",
         }
-
-    def _baseline(self, machine: str, channel: str, level: str, point: str) -> tuple[float, float] | None:
-        """(median, spread) of a level's healthy baseline [dB]; None where there is none yet."""
-        baseline = self._read.baseline(machine, point)
-        return baseline_levels(baseline).get((channel, level)) if baseline else None
 
     def _trend(
         self, machine: str, channel: str, level: str, point: str, baseline: tuple[float, float] | None = None

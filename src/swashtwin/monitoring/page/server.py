@@ -101,7 +101,8 @@ class Guard:
 
     def _refusal(self, scope: Scope, headers: Headers, limit: int) -> Response | None:
         host = headers.get("host", "")
-        if not self._is_ours(host):
+        match = _HOST.fullmatch(host)
+        if match is None or not ("*" in self.hosts or match[1].lower().strip("[]") in self.hosts):
             return _refused(421, "The page is not called by this name; list it under [page] hosts.")
         if scope["method"] not in ("GET", "HEAD", "OPTIONS"):
             origin = headers.get("origin")
@@ -129,10 +130,6 @@ class Guard:
             query = scope["query_string"].decode("latin-1")
             return RedirectResponse(f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303)
         return _refused(401, "Log in, or send a token: Authorization: Bearer TOKEN.", {"www-authenticate": "Bearer"})
-
-    def _is_ours(self, host: str) -> bool:
-        match = _HOST.fullmatch(host)
-        return match is not None and ("*" in self.hosts or match[1].lower().strip("[]") in self.hosts)
 
 
 def _refused(code: int, text: str, headers: Mapping[str, str] | None = None) -> Response:

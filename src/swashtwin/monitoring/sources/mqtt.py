@@ -157,7 +157,7 @@ class MqttWatch:
     def run(self, stop: threading.Event) -> None:
         """Stay connected until `stop` is set."""
         client = self._client
-        threading.Thread(target=self._disconnect, args=(client, stop), daemon=True).start()
+        threading.Thread(target=lambda: stop.wait() and client.disconnect(), daemon=True).start()
         pause = _FIRST_PAUSE
         while not stop.is_set():
             began = time.monotonic()
@@ -172,11 +172,6 @@ class MqttWatch:
                     self._fail("the connection was lost")
             pause = _FIRST_PAUSE if time.monotonic() - began > _LONGEST_PAUSE else min(2 * pause, _LONGEST_PAUSE)
             stop.wait(pause)
-
-    @staticmethod
-    def _disconnect(client: "Client", stop: threading.Event) -> None:
-        stop.wait()
-        client.disconnect()
 
     def _fail(self, reason: str) -> None:
         self.standing.fail(f"broker {self._source.host}:{self._source.port}: {reason}")

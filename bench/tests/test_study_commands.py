@@ -50,7 +50,7 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     monkeypatch.setattr(runner, "train_and_test", interrupted)
     words = ("bench", "study", "case1", "--out", tmp_path / "out", "--jobs", 1, "--set", "classifiers=extra_trees")
     words = (*words, "--set", "training_sets=measured,nominal")
-    assert "the same command resumes" in one_line(run(*words, code=130))
+    assert "the same command continues" in one_line(run(*words, code=130))
     answer = run_json(*words)
     assert len(keys) == 3
     assert {row["training_set"] for row in answer["rows"]} == {"measured", "nominal"}

@@ -85,31 +85,6 @@ def test_an_option_that_the_method_does_not_take_is_a_wrong_command_line(
     assert said in stderr
 
 
-def test_bounds_are_stated_by_letter_or_parameter_with_or_without_units(rig: Path, tmp_path: Path) -> None:
-    texts = ("bounds=C_sw=1e4..1e8,K_v=0.06..0.6 GN/m", " bounds = piston_bore.damping=1e4 .. 1e5")
-    words = (*(word for text in texts for word in ("--set", text)), *QUICK)
-    answer = run_json("calibrate", rig, *AT_15, *DEFECT, "--specimen", "A", *words, "--out", tmp_path / "a.json")
-    bounds = {estimate["letter"]: estimate["bounds"] for estimate in answer["estimates"]}
-    assert bounds["C_sw"] == [1e4, 1e8]
-    assert bounds["K_v"] == [6e7, 6e8]
-    assert bounds["C_Hz"] == [1e4, 1e5]
-
-
-@pytest.mark.parametrize(
-    ("text", "code", "words"),
-    [
-        ("C_sw=1e4", 2, "two limits"),
-        ("C_sw=1e4..1e8 N", 3, "is no quantity in N*s/m"),
-        ("C_x=1..2", 3, "which is none of"),
-        ("ten", 2, "must be numbers"),
-        ("C_sw=1..2", 3, "hold the nominal value"),
-    ],
-)
-def test_bounds_that_say_nothing_are_refused(rig: Path, tmp_path: Path, text: str, code: int, words: str) -> None:
-    command = ("calibrate", rig, *AT_15, *DEFECT, *QUICK, "--set", f"bounds={text}", "--out", tmp_path / "a.json")
-    assert words in run(*command, code=code).stderr
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -3,10 +3,8 @@
 from .application import app as app
 from .application import main as main
 from .console import note as note
-from .console import note_done_before as note_done_before
 from .console import progress as progress
 from .console import require_files as require_files
-from .console import resumable as resumable
 from .console import say as say
 from .console import table as table
 from .console import tell as tell

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, resumable, say, table, tell
+from swashtwin.cli.console import note, progress, say, table, tell
 from swashtwin.cli.files import Force, Report, is_collection, load_sources, require_output, require_page, write_page
 from swashtwin.cli.options import (
     FaultText,
@@ -24,8 +24,6 @@ from swashtwin.cli.options import (
     defaults_of,
     fault_from,
     present,
-    read_list,
-    read_pairs,
     read_settings,
     reads_files,
 )
@@ -68,8 +66,8 @@ def calibrate(
             "--set",
             metavar="NAME=VALUE",
             help="A setting of the method (starts=8), or: nuisances=none, usual, housing or by-axis (unmeasured "
-            "constants that are searched as well), phases=false, lines=shaft or spectrum, solver=rk4, bounds=10 or "
-            '"bounds=C_sw=1e4..1e8 N*s/m"; repeatable.',
+            "constants that are searched as well), phases=false, lines=shaft or spectrum, solver=rk4, bounds=10 "
+            "(a factor of the nominal values); repeatable.",
         ),
     ] = None,
     law: Annotated[
@@ -114,7 +112,7 @@ def calibrate(
         raise typer.BadParameter("takes an index of healthy recordings and of the fault's.", param_hint="--law")
     there = _recordings(source, reading, speed, pressure or [], label, specimen, label if law is None else None)
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
-    with resumable("the same command again ends at the same result"), progress("calibrating") as bar:
+    with progress("calibrating") as bar:
         result = calibration.calibrate(
             start,
             recordings,
@@ -188,7 +186,6 @@ def _start(
 def _settings(
     texts: Sequence[str] | None, defaults: dict[str, Any], owner: str
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arguments of `calibrate` that ``--set`` names, and those of the method."""
     from swashtwin.calibration import Nuisances
     from swashtwin.physics import RK4
 
@@ -200,44 +197,16 @@ def _settings(
         },
         "solver": {"harmonic-balance": None, "rk4": RK4()},
     }  # fmt: skip
-    limits = [text.partition("=")[2] for text in texts or () if _is_bounds(text)]
-    others = [text for text in texts or () if not _is_bounds(text)]
-    usual = {"bounds": "10", "phases": True, **{name: next(iter(options)) for name, options in words.items()}}
-    chosen = read_settings(others, {**usual, **defaults}, owner)
+    usual = {"bounds": 10.0, "phases": True, **{name: next(iter(options)) for name, options in words.items()}}
+    chosen = read_settings(texts, {**usual, **defaults}, owner)
     for name in words.keys() & chosen.keys():
         if chosen[name] not in words[name]:
             reason = f"{name}={chosen[name]} must be {', '.join(words[name])}."
             raise typer.BadParameter(reason, param_hint="--set")
         chosen[name] = words[name][chosen[name]]
-    arguments: dict[str, Any] = {name: chosen.pop(name) for name in ("lines", "nuisances", "phases") if name in chosen}
-    if limits:
-        arguments["bounds"] = _bounds(limits)
+    own = ("lines", "nuisances", "phases", "bounds")
+    arguments: dict[str, Any] = {name: chosen.pop(name) for name in own if name in chosen}
     return arguments, present(**chosen)
-
-
-def _is_bounds(text: str) -> bool:
-    """Whether a setting states bounds, which may be given several times."""
-    name, equals, value = text.partition("=")
-    return name.strip() == "bounds" and bool(equals and value.strip())
-
-
-def _bounds(texts: Sequence[str]) -> dict[str, tuple[float, float]] | float:
-    """Bounds of the search: one factor, or limits by letter or parameter name; units may be left out."""
-    parts = [part.strip() for text in texts for part in text.split(",") if part.strip()]
-    if len(parts) == 1 and "=" not in parts[0]:
-        return (read_list(parts[0], float, "--set") or [0.0])[0]
-    bounds = {}
-    for name, text in read_pairs(parts, "--set").items():
-        least, dots, rest = (part.strip() for part in text.partition(".."))
-        greatest, _, unit = rest.partition(" ")
-        wanted = "N*s/m" if name.startswith("C") or name.endswith("damping") else "N/m"
-        if not dots:
-            reason = f'{name}={text} must be two limits, such as "bounds={name}=1e4..1e8 {wanted}".'
-            raise typer.BadParameter(reason, param_hint="--set")
-        limits = (least if " " in least else f"{least} {unit or wanted}", f"{greatest} {unit or wanted}")
-        low, high = (parse(limit, wanted, name=f"bounds of {name}") for limit in limits)
-        bounds[name] = (low, high)
-    return bounds
 
 
 def _interval(estimate: "Estimate") -> str:

@@ -68,12 +68,6 @@ def note(text: str) -> None:
     typer.echo(escape_controls(text, keep="\n"), err=True)
 
 
-def note_done_before(activity: str, out: Path | None) -> None:
-    """Note runs of an earlier command that are not repeated."""
-    if activity.endswith("done before"):
-        note(f"{activity}, in {out}")
-
-
 def note_merged(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
     """Print notes on recordings, or why they were left out, to standard error, one line for equal notes of several."""
     names_by_text: dict[str, list[str]] = {}
@@ -167,10 +161,6 @@ the recordings are sound, but too few."""
 _CLICK_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, with a hint at how to resume."""
-
-
 class GuardedGroup(TyperGroup):
     """Commands whose errors become one line on standard error and an exit code."""
 
@@ -185,8 +175,8 @@ class GuardedGroup(TyperGroup):
             with _printable_error():
                 return super().invoke(ctx)
         except KeyboardInterrupt as cause:
-            hint = str(cause) or "nothing is half-written"
-            raise self._exit(f"interrupted; {hint}.", INTERRUPTED) from cause
+            line = "interrupted; nothing is half-written, and where finished parts are kept the same command continues."
+            raise self._exit(line, INTERRUPTED) from cause
         except SwashTwinError as cause:
             option = f" (--{cause.field.replace('_', '-')})" if cause.field else ""
             raise self._exit(f"error: {_line(cause)}{option}", BAD_DATA) from cause
@@ -237,12 +227,3 @@ def require_files(paths: Sequence[Path | None]) -> None:
     for path in paths:
         if path is not None and not path.exists():
             raise MissingFileError(f"{path} does not exist.")
-
-
-@contextmanager
-def resumable(hint: str) -> Iterator[None]:
-    """Within it, Ctrl-C says how to resume."""
-    try:
-        yield
-    except KeyboardInterrupt as cause:
-        raise Interrupted(hint) from cause

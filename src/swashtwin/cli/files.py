@@ -100,7 +100,6 @@ def artifact_marks(*kinds: str) -> list[str]:
 
 
 def _holds(path: Path, texts: Sequence[str]) -> bool:
-    """Whether one of the texts stands in the first 4 MB of a file."""
     if not texts:
         return False
     with path.open("rb") as file:

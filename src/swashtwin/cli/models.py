@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, note_merged, progress, resumable, say, table, tell
+from swashtwin.cli.console import note, note_merged, progress, say, table, tell
 from swashtwin.cli.files import Force, Report, artifact_marks, require_output, require_page, write_page
 from swashtwin.cli.options import Index, Json, ModelFile, PumpName, Seed
 from swashtwin.cli.summaries import class_words
@@ -81,7 +81,6 @@ def _show_alarms(scores: "AlarmScores") -> None:
 
 
 def _name(score: str) -> str:
-    """Name of a score in words."""
     return score.replace("ece_", "calibration_error_").removeprefix("n_").replace("_", " ")
 
 
@@ -163,7 +162,7 @@ def prior(
     require_output(out, suffixes=[".safetensors"], inputs=[Path(pump)], own=_PRIOR, force=force)
     drawing = PumpPrior(pump=load_pump(pump))
     speed, pressure = operating_range(drawing.pump, drawing)
-    with resumable("nothing is half-written"), progress("simulating virtual pumps") as bar:
+    with progress("simulating virtual pumps") as bar:
         changes = simulate_changes(drawing, count, seed=seed, jobs=-1 if count > _FEW else 1, progress=bar)
     n_pumps = len(changes.drawn)
     model = make_prior(

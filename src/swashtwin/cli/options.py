@@ -17,53 +17,22 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def _kind_of_file(path: Path) -> str:
-    """What a file is by its name, in words: a model, a calibration, an index or a recording; empty for any other."""
-    from swashtwin.recordings import is_store, suffix_of, suffixes
+def _as_index(path: Path) -> Path:
+    """The same path, refused where it is a file that can be no index."""
+    if path.is_file() and path.suffix not in (".toml", ".h5", ".hdf5"):
+        raise typer.BadParameter(f"{path} is no index of labeled recordings; swashtwin index FOLDER writes one.")
+    return path
 
-    if path.is_dir():
-        return "a folder of recordings"
-    kinds = {".safetensors": "a model, or a file of windows", ".json": "a calibration", ".toml": "an index"}
-    suffix = suffix_of(path)
-    if suffix in kinds or not path.is_file():
-        return kinds.get(suffix, "")
-    if suffix not in suffixes():
-        return ""
-    return "a store of recordings" if is_store(path) else "a single recording"
-
-
-def _of_kind(*kinds: str, advice: str) -> Callable[[Any], Any]:
-    """Callback that refuses a path, or one of several, where a file is that is plainly of another kind."""
-
-    def refuse(value: Any) -> Any:
-        for path in value if isinstance(value, list) else [value]:
-            kind = _kind_of_file(path) if path.exists() else ""
-            if kind and not any(word in kind for word in kinds):
-                raise typer.BadParameter(f"{path} is {kind}; {advice}")
-        return value
-
-    return refuse
-
-
-as_model = _of_kind("model", advice="the model that train wrote comes first, then the recordings.")
-as_calibration = _of_kind("calibration", advice="name the file that calibrate wrote, such as calibration.json.")
-_INDEXES = ("index", "folder", "store")
-_as_index = _of_kind(*_INDEXES, advice="name an index of labeled recordings; swashtwin index FOLDER writes one.")
-_as_source = _of_kind(
-    *_INDEXES, "recording", advice="name recordings here; a model or a calibration comes before them."
-)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
 _INDEX = "Index file, the folder that holds recordings.toml, or a store."
 Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=_as_index)]
-Source = Annotated[
-    Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.", callback=_as_source)
-]
+Source = Annotated[Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.")]
 Sources = Annotated[
     list[Path],
-    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one.", callback=_as_source),
+    typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one."),
 ]
 GroupName = Annotated[
     str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
@@ -72,12 +41,8 @@ _USUAL = "Samples per window; by default 8192 or as many as recordings allow."
 UsualWindow = Annotated[int | None, typer.Option("--window", help=_USUAL)]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
-ModelFile = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.", callback=as_model)
-]
-CalibrationFile = Annotated[
-    Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.", callback=as_calibration)
-]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.")]
+CalibrationFile = Annotated[Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")]
 PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
@@ -172,7 +137,6 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _layout(texts: Sequence[str]) -> dict[str, Any]:
-    """Keys and values of ``--read``."""
     layout: dict[str, Any] = {}
     for text in texts:
         name, _, value = text.partition("=")

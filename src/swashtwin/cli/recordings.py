@@ -78,7 +78,6 @@ def index(
 
 
 def _ask(key: str, question: str) -> str | None:
-    """Answer of the person at the terminal; None where it is empty."""
     answer: str = typer.prompt(f"{question} [{key}]", default="", show_default=False, err=True)
     return answer.strip() or None
 

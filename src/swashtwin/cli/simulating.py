@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import note, progress, require_files, resumable, say, table, tell
+from swashtwin.cli.console import note, progress, require_files, say, table, tell
 from swashtwin.cli.files import Force, artifact_marks, require_output
 from swashtwin.cli.options import (
     CalibrationFile,
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from swashtwin.synthesis import Fidelity
 
 _STREAMED = (".h5", ".hdf5")
-_MOST_IN_MEMORY = 4 * 10**9
-"""Bytes of a recording that is written to a file which cannot be streamed."""
 _SPARE = 1 << 15
 """Space that a file takes beyond its samples, in samples, at most."""
 
@@ -87,7 +85,6 @@ def simulate(
 
 
 def _contact_notes(fault: "Fault | None", text: str | None) -> "Iterator[str]":
-    """Which law of contact a recess was given that names none."""
     from swashtwin.pump import SwashPlateDefect
 
     if isinstance(fault, SwashPlateDefect) and text is not None and "contact" not in text:
@@ -130,10 +127,6 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
             yield block
 
     streamed = out.suffix.lower() in _STREAMED
-    if not streamed and plan.size > _MOST_IN_MEMORY:
-        raise typer.BadParameter(
-            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.", param_hint="--out"
-        )
     with progress("simulating") as bar:
         if streamed:
             out.parent.mkdir(parents=True, exist_ok=True)
@@ -167,7 +160,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
         return plan.blocks(twin, phase, folder.name)
 
-    with resumable("complete recordings stay; the same command continues"), progress("simulating") as bar:
+    with progress("simulating") as bar:
         index, new = write_series(folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar)
     result = {"index": index, "recordings": count, "new": new, "label": plan.twin.label, "seed": plan.seed}
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}

@@ -46,7 +46,6 @@ def _range(values: Iterable[float], digits: int = 4) -> str:
 
 
 def _median(values: Iterable[float]) -> float:
-    """Median of the values that are numbers, NaN without any."""
     numbers = [value for value in values if math.isfinite(value)]
     return statistics.median(numbers) if numbers else math.nan
 

@@ -178,7 +178,6 @@ def train(
 
 
 def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window: int | None) -> dict[str, Any]:
-    """Arguments of `FaultClassifier`; an unknown name is a wrong command line."""
     from swashtwin import presets
     from swashtwin.diagnosis import FaultClassifier
     from swashtwin.learning import build_network, default_settings, network_class

@@ -15,7 +15,6 @@ from swashtwin.cli.options import (
     Index,
     Json,
     Specimen,
-    as_calibration,
     fault_dimensions,
     present,
     read_words,
@@ -226,9 +225,7 @@ def _in_trade_units(value: Any, unit: str) -> str:
 
 
 def severity(
-    calibration: Annotated[
-        Path, typer.Argument(help="Calibration of this pump on its healthy recordings.", callback=as_calibration)
-    ],
+    calibration: Annotated[Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")],
     source: Index,
     fault: Annotated[
         str,

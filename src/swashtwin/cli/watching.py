@@ -44,13 +44,10 @@ def run(
         machine = f"{outcome.machine}: " if outcome.machine else ""
         (note if as_json else say)(f"{machine}{outcome.file}: {outcome.sentence}")
 
-    def tell_start(address: str | None) -> None:
-        where = "" if address is None else f"; the page is at {address}"
-        note(f"watching {watch.path}{where}. Ctrl-C ends it.")
-
     watch = _config(config)
+    begin = f"watching {watch.path}; the page is at {watch.page.address}. Ctrl-C ends it."
     with stop_signals() as stop:
-        status = run_watch(watch, once=once, stop=stop, started=tell_start, progress=show)
+        status = run_watch(watch, once=once, stop=stop, started=lambda _: note(begin), progress=show)
     _tell_end(status, as_json)
 
 
@@ -148,7 +145,6 @@ def _config(path: Path) -> "WatchConfig":
 
 
 def _user() -> str:
-    """Name of the person at this computer."""
     import getpass
 
     try:
@@ -229,8 +225,8 @@ def explore(
 
     require_files([source, model])
 
-    def tell_start(address: str) -> None:
-        note(f"exploring {source} at {address} . Ctrl-C ends it.")
-
     with stop_signals() as stop:
-        run_explorer(source, model=model, port=port, stop=stop, started=tell_start)
+        run_explorer(
+            source, model=model, port=port, stop=stop,
+            started=lambda address: note(f"exploring {source} at {address} . Ctrl-C ends it."),
+        )  # fmt: skip

@@ -312,7 +312,6 @@ class TwinRoom:
 
 
 def _load(name: str | Path, _: int) -> "tuple[Twin, Calibration | None]":
-    """Twin of a pump at its rated point, or of a calibration."""
     from swashtwin.calibration import load_calibration
     from swashtwin.physics import Twin
 
@@ -328,7 +327,6 @@ def _load(name: str | Path, _: int) -> "tuple[Twin, Calibration | None]":
 
 
 def _begins(path: Path, *words: str) -> bool:
-    """Whether the beginning of a text holds one of some words."""
     with path.open("rb") as file:
         head = file.read(_HEAD).decode("utf-8", "replace")
     return any(word in head for word in words)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -65,7 +64,7 @@ class Plant:
             shares = dict.fromkeys(_CLASSES, 0.0175) | {label: 0.93}
             verdict = {"label": label, "probability": 0.93, "confidence": 0.97, "model": "1c09f2a7d1e0b3c4"}
             answer = {**verdict, "answer": {"probabilities": shares}}
-            pipeline._models = SimpleNamespace(diagnose=lambda *_, answer=answer: dict(answer))
+            pipeline._diagnosed = lambda *_, answer=answer: dict(answer)
             time = NOW - timedelta(hours=6 * (count - index))
             path = write_recording(recording, self.config.folder / f"{name}-{index}.h5")
             delivery = Delivery("http", path.name, time + timedelta(seconds=1), name, {"time": time.isoformat()})

@@ -9,9 +9,7 @@ from swashtwin.cli import (
     Json,
     Seed,
     as_folder,
-    note_done_before,
     progress,
-    resumable,
     say,
     tell,
 )
@@ -34,11 +32,9 @@ def demo(
     """
     from swashtwin_bench import QUESTION, answer_of_demo, run_demo
 
-    hint = f"finished recordings and runs in {out} are kept; the same command continues"
-    with resumable(hint), progress("demo") as bar:
+    with progress("demo") as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
-            note_done_before(activity, out)
             bar(count, total, activity)
 
         result = run_demo(out, jobs=2, progress=show_activity, command=typed_command())
@@ -101,7 +97,7 @@ def rig(
     """Write recordings of a virtual rig, which stands in for a machine, and an index of them."""
     from swashtwin_bench import build_rig
 
-    with resumable("finished recordings are kept; the same command continues"), progress("recording") as bar:
+    with progress("recording") as bar:
         index_file = build_rig(out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar)
     result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))

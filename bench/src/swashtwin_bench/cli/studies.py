@@ -14,12 +14,10 @@ from swashtwin.cli import (
     Json,
     as_folder,
     note,
-    note_done_before,
     progress,
     read_pairs,
     read_seeds,
     read_words,
-    resumable,
     say,
     table,
     tell,
@@ -114,11 +112,11 @@ def study(
     numbers, pairs = read_seeds(seeds), read_pairs(settings, "--set")
     if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
         note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
-    kept = "finished runs are kept; the same command resumes"
-    with resumable(kept if out is not None else "with --out, finished runs would be kept"), progress(name) as bar:
+    with progress(name) as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
-            note_done_before(activity, out)
+            if activity.endswith("done before"):
+                note(f"{activity}, in {out}")
             bar(count, total, f"{name}: {activity}")
 
         work = Work(numbers, jobs, out, show_activity, device.value, typed_command())

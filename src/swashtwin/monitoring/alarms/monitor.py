@@ -314,7 +314,6 @@ class PointMonitor:
         return replace(judgment, levels=named, sensor=sensor_change)
 
     def _learned(self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording) -> PointJudgment:
-        """What a recording says that the baseline learns from."""
         baseline, notes = state.baseline.learned_from(levels, recording, self.learning, self.pistons)
         test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
         state = replace(state, baseline=baseline, test=test)
@@ -323,7 +322,6 @@ class PointMonitor:
     def _watched(
         self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording, point: str
     ) -> PointJudgment:
-        """What a recording says that is compared with the baseline."""
         baseline, test = state.baseline, state.test
         score, is_large = baseline.score(levels), baseline.is_large(levels)
         tie = stream(0, "alarm", self.machine, point, test.n_scores).random()

@@ -134,7 +134,6 @@ def _password(url: str) -> str | None:
 
 
 def _check(config: WatchConfig) -> None:
-    """Raise where entries contradict each other, or what they name."""
     if not config.machines:
         raise DataError("the file has no [[machine]]; add one with its name.")
     if not config.sources:

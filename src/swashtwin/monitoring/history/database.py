@@ -66,7 +66,6 @@ class Database:
             yield session
 
     def _prepare(self, is_new: bool) -> None:
-        """Make the tables where they may be new; refuse those of another version or program."""
         with self.writing() as session:
             connection = session.connection()
             if self._engine.dialect.name == "postgresql":

@@ -161,7 +161,6 @@ def _digest(text: str) -> str:
 
 
 def _replace(path: Path, new: Entry) -> None:
-    """Put an entry into the file in place of the person, or the program, of the same name."""
     if not _NAME.fullmatch(new.name) or new.name != new.name.strip():
         raise InputError(
             f"The name {new.name!r} is none: use up to 64 letters, digits, '.', '@', '-', '_' or spaces, none at the "
@@ -382,7 +381,6 @@ class Access:
 
 
 def _shorten(items: OrderedDict[Any, Any], most: int) -> None:
-    """Drop the oldest items beyond so many."""
     while len(items) > most:
         items.popitem(last=False)
 

@@ -148,7 +148,6 @@ def _require_form_token(site: Site) -> Callable[[Request, str], None]:
 
 
 def _require_control(request: Request) -> None:
-    """Refuse a program whose token may read and upload only."""
     if request.state.visitor.kind == "token":
         raise HTTPException(403, "This token may read and upload only; make another with --control.")
 
@@ -163,23 +162,12 @@ def _require_program(request: Request) -> None:
 AT_ONCE = 4
 """Uploads that are taken at the same time; memory and disk stay bounded."""
 _PIECE = 1 << 20
+_TEXT = {"type": "string"}
+_PROPERTIES = {"file": {**_TEXT, "format": "binary"}, **dict.fromkeys(("machine", *FACTS), _TEXT)}
+_FORM = {"type": "object", "required": ["file"], "properties": _PROPERTIES}
 _SCHEMA = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["file"],
-                    "properties": {
-                        "file": {"type": "string", "format": "binary"},
-                        **{name: {"type": "string"} for name in ("machine", *FACTS)},
-                    },
-                }
-            },
-        },
-    },
-    "parameters": [{"name": name, "in": "query", "schema": {"type": "string"}} for name in ("machine", *FACTS)],
+    "requestBody": {"required": True, "content": {"multipart/form-data": {"schema": _FORM}}},
+    "parameters": [{"name": name, "in": "query", "schema": _TEXT} for name in ("machine", *FACTS)],
 }
 
 

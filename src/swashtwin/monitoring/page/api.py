@@ -32,7 +32,6 @@ Rows = list[dict[str, Any]]
 
 
 def _row(row: Any, *, without: str = "") -> dict[str, Any]:
-    """A row of the history by its columns."""
     names = (column.name for column in row.__table__.columns)
     return {name: getattr(row, name) for name in names if name != without}
 

@@ -76,8 +76,6 @@ def build_app(
 
 
 def _answer_errors(application: FastAPI, site: Site) -> None:
-    """Errors as a page for people and as JSON for programs; none shows a traceback."""
-
     def answer(request: Request, code: int, title: str, text: str) -> Response:
         if request.url.path.startswith(("/api/", "/metrics", "/health")):
             return JSONResponse({"detail": text}, code)

@@ -262,7 +262,6 @@ def _found(thing: Found | None, name: str) -> Found:
 
 @cache
 def _templates() -> Environment:
-    """The pages' templates; what they are given is escaped."""
     environment = Environment(
         loader=PackageLoader("swashtwin.monitoring.page"),
         autoescape=True,

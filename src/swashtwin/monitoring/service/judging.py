@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,55 +27,6 @@ if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier, PriorClassifier
 
     Model = FaultClassifier | AnomalyDetector | PriorClassifier
-
-
-class Models:
-    """Models of machines by path, each loaded when it is first needed."""
-
-    def __init__(self) -> None:
-        self._models: dict[Path, tuple[Model, str] | str] = {}
-
-    def diagnose(self, machine: Machine, recording: Recording) -> dict[str, Any]:
-        """What the machine's model says: fields of a `Judgment`, the whole ``answer``, and why there is ``no_verdict``.
-
-        Empty where the machine has no model.
-        """
-        model = None if machine.model is None else self._model(machine.model)
-        if model is None or isinstance(model, str):
-            return {"no_verdict": model}
-        loaded, fingerprint = model
-        try:
-            return {"model": fingerprint, **_verdict(loaded, recording)}
-        except SwashTwinError as cause:
-            return {"model": fingerprint, "no_verdict": str(cause)}
-
-    def problem(self, machine: Machine) -> str | None:
-        """Why the machine's model cannot be used; None where it can, or there is none."""
-        model = None if machine.model is None else self._model(machine.model)
-        return f"model of {machine.name}: {model}" if isinstance(model, str) else None
-
-    def _model(self, path: Path) -> "tuple[Model, str] | str":
-        if path not in self._models:
-            from swashtwin.diagnosis import load_model
-
-            try:
-                self._models[path] = load_model(path), sha256_of(path)[:16]
-            except (SwashTwinError, OSError) as cause:
-                self._models[path] = str(cause)
-        return self._models[path]
-
-
-def _verdict(model: "Model", recording: Recording) -> dict[str, Any]:
-    verdict = model.diagnose(recording)
-    answer = verdict.to_dict()
-    answer.pop("window_labels")
-    if verdict.label is None:
-        return {"answer": answer, "no_verdict": verdict.no_verdict}
-    named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
-    if verdict.n_windows and not verdict.unknown:
-        named["confidence"] = verdict.agreement
-    return {"answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}
-
 
 _LATE = timedelta(minutes=5)
 """How much older than the machine's newest recording one may be: sources deliver side by side."""
@@ -109,14 +61,15 @@ class Pipeline:
     def __init__(self, config: WatchConfig, history: History) -> None:
         self._config = config
         self._history = history
-        self._models, self._suspects = Models(), Suspects()
+        self._model, self._suspects = cache(_load), Suspects()
         self._pistons = {machine.name: machine.piston_count for machine in config.machines}
         self._rejected = RejectedFiles(config.folder / "rejected")
         self._tags = {machine.name: Tags(machine.tags) for machine in config.machines if machine.tags is not None}
 
     def load_models(self) -> list[str]:
         """Load the models of all machines; what is wrong with them, one line each."""
-        return [problem for machine in self._config.machines if (problem := self._models.problem(machine))]
+        models = [(machine.name, self._model(machine.model)) for machine in self._config.machines]
+        return [f"model of {name}: {model}" for name, model in models if isinstance(model, str)]
 
     def judge(self, file: SpoolFile) -> Outcome:
         """What became of a recording, which is now in the history as judged or as rejected.
@@ -129,7 +82,7 @@ class Pipeline:
         try:
             machine = self._machine(file)
             contents = read_contents(file, machine, self._tags.get(machine.name))
-            verdict = self._models.diagnose(machine, contents.recording)
+            verdict = self._diagnosed(machine, contents.recording)
             stored = self._filed(machine, file, contents, verdict)
             if isinstance(stored, Outcome):
                 return stored
@@ -189,10 +142,28 @@ class Pipeline:
             raise UnfitError("machine", f"it {stated}; there are {self._config.machine_names}.")
         return machine
 
+    def _diagnosed(self, machine: Machine, recording: Recording) -> dict[str, Any]:
+        """What the machine's model says: fields of a `Judgment`, the ``answer``, and why there is ``no_verdict``."""
+        model = self._model(machine.model)
+        if model is None or isinstance(model, str):
+            return {"no_verdict": model}
+        loaded, fingerprint = model
+        try:
+            verdict = loaded.diagnose(recording)
+        except SwashTwinError as cause:
+            return {"model": fingerprint, "no_verdict": str(cause)}
+        answer = verdict.to_dict()
+        answer.pop("window_labels")
+        if verdict.label is None:
+            return {"model": fingerprint, "answer": answer, "no_verdict": verdict.no_verdict}
+        named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
+        if verdict.n_windows and not verdict.unknown:
+            named["confidence"] = verdict.agreement
+        return {"model": fingerprint, "answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}
+
     def _filed(
         self, machine: Machine, file: SpoolFile, contents: Contents, verdict: dict[str, Any]
     ) -> Outcome | Judgment:
-        """What became of a recording that is filed now, or its judgment where the history has it already."""
         while True:
             try:
                 with self._history.machine(machine.name) as transaction:
@@ -209,7 +180,6 @@ class Pipeline:
         contents: Contents,
         verdict: dict[str, Any],
     ) -> Outcome:
-        """File a recording that the history does not have: its judgment, the state of its point, alarms, messages."""
         recording, delivery = contents.recording, file.delivery
         newest = transaction.newest()
         if newest is not None and newest <= delivery.received and contents.time < newest - _LATE:
@@ -283,7 +253,6 @@ class Pipeline:
     def _change_alarm(
         self, transaction: MachineTransaction, kind: str, change: Change, judgment: Judgment, found: PointJudgment
     ) -> None:
-        """Open, raise again or clear an alarm, and post the messages about it."""
         alarms = [alarm for alarm in transaction.alarms() if (alarm.kind, alarm.point) == (kind, judgment.point)]
         alarm = alarms[-1] if alarms else None
         if change == "raised":
@@ -302,7 +271,6 @@ class Pipeline:
             self._post(transaction, event, alarm, judgment, found.reasons)
 
     def _tell_after_silence(self, transaction: MachineTransaction, judgment: Judgment) -> None:
-        """Post the alarms that were raised in a silence and still stand after it."""
         untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
         if untold and not transaction.silenced(judgment.received):
             for alarm in untold:
@@ -342,6 +310,16 @@ class Pipeline:
         self._history.reject(rejection)
         sentence = f"filed as {reason}: {detail}"
         return Outcome(delivery.machine or "", delivery.file, "rejected", sentence, reason == "error")
+
+
+def _load(path: Path | None) -> "tuple[Model, str] | str | None":
+    """A model and its fingerprint, or why there is none; None without a path."""
+    from swashtwin.diagnosis import load_model
+
+    try:
+        return None if path is None else (load_model(path), sha256_of(path)[:16])
+    except (SwashTwinError, OSError) as cause:
+        return str(cause)
 
 
 def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:

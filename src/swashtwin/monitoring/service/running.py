@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -89,10 +89,14 @@ class Watch:
         self._history_problem: str | None = None
         self._swept = -_SWEEP
 
-    def run(self, stop: threading.Event, started: Callable[[str | None], None]) -> None:
+    def run(self, stop: threading.Event, started: Callable[[str], None]) -> None:
         """Watch until `stop` is set."""
-        with ExitStack() as stack:
-            address = self._serve(stack)
+        from swashtwin.monitoring.page.application import build_app
+        from swashtwin.monitoring.page.server import serving_page
+
+        page = self.config.page
+        application = build_app(self.config, self.history, self.upload, self.status)
+        with serving_page(application, page.host, page.port):
             tasks: dict[str, Callable[[], None]] = {
                 f"source {source.standing.name}": partial(source.run, self._stop) for source in self._sources
             }
@@ -100,7 +104,7 @@ class Watch:
             threads = [threading.Thread(target=task, name=name, daemon=True) for name, task in tasks.items()]
             for thread in threads:
                 thread.start()
-            started(address)
+            started(page.address)
             try:
                 while not stop.wait(_PATIENCE):
                     if dead := [thread.name for thread in threads if not thread.is_alive()]:
@@ -222,15 +226,6 @@ class Watch:
             with suppress(HistoryError, OSError):
                 self.history.waveforms.sweep()
 
-    def _serve(self, stack: ExitStack) -> str | None:
-        """Address of the page, which is served until the stack is closed."""
-        from swashtwin.monitoring.page.application import build_app
-        from swashtwin.monitoring.page.server import serving_page
-
-        application = build_app(self.config, self.history, self.upload, self.status)
-        stack.enter_context(serving_page(application, self.config.page.host, self.config.page.port))
-        return self.config.page.address
-
 
 class Sender:
     """Sends what is in the outbox for the channels of one configuration; others' messages are left to others."""
@@ -279,7 +274,7 @@ def run_watch(
     *,
     once: bool = False,
     stop: threading.Event | None = None,
-    started: Callable[[str | None], None] = lambda address: None,
+    started: Callable[[str], None] = lambda address: None,
     progress: "Callable[[Outcome], None]" = lambda outcome: None,
 ) -> WatchStatus:
     """How a watch ended that ran until `stop` was set, or once through what is there.

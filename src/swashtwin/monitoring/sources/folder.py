@@ -159,14 +159,12 @@ class FolderWatch:
         return False
 
     def _machine(self, path: Path) -> str | None:
-        """Machine of a file: the source's own, or the name of the first sub-folder."""
         if self._source.machine is not None:
             return self._source.machine
         parts = path.relative_to(self._source.path).parts
         return parts[0] if len(parts) > 1 else None
 
     def _walk(self, folder: Path, depth: int) -> Iterator[tuple[str, Stamp]]:
-        """Files in a folder and its sub-folders; links, hidden and unfinished files are left out."""
         try:
             entries = list(os.scandir(folder))
         except OSError as cause:

@@ -183,7 +183,6 @@ def lock_file(path: Path) -> Iterator[None]:
 
 
 def _is_locked(descriptor: int) -> bool:
-    """Whether this process now holds the lock of an open file."""
     try:
         if os.name == "nt":
             import msvcrt

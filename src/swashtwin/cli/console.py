@@ -24,6 +24,8 @@ from swashtwin.foundation import SwashTwinError, escape_controls, json_text
 
 T = TypeVar("T")
 
+MOST_ROWS = 24
+"""Rows of recordings that are printed; --json has all."""
 _UNLIMITED = 200  # columns where no terminal limits a table
 _LEAST = 16  # columns of a text that is folded
 _LONGEST = 2000  # characters of a cell; a label of megabytes would take minutes to fold
@@ -100,6 +102,18 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     console.width = max(console.width, console.measure(drawn, options=unlimited).minimum)
     console.print(Text(_word(title), style="table.title"))
     console.print(drawn)
+
+
+def show_rows(title: str, header: Sequence[str], rows: Sequence[Sequence[object]], rest: str = "--json has") -> None:
+    """Print the first rows of a table, and where the rest is."""
+    table(title, header, rows[:MOST_ROWS])
+    if len(rows) > MOST_ROWS:
+        say(f"{len(rows) - MOST_ROWS} more rows: {rest} them.")
+
+
+def class_words(label: str | None) -> str:
+    """Name of a class as a reader should see it."""
+    return (label or "no class").replace("_", " ")
 
 
 def _is_number(value: object) -> bool:

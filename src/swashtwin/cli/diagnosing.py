@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import NO_VERDICT, note, note_merged, require_files, say, table, tell, with_bar
+from swashtwin.cli.console import NO_VERDICT, class_words, note, note_merged, require_files, say, table, tell, with_bar
 from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
 from swashtwin.cli.options import (
     Json,
@@ -16,7 +16,7 @@ from swashtwin.cli.options import (
     Sources,
     reads_files,
 )
-from swashtwin.cli.summaries import class_words, confidence_advice
+from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:

@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, note_merged, progress, say, table, tell
+from swashtwin.cli.console import class_words, note, note_merged, progress, say, table, tell
 from swashtwin.cli.files import Force, Report, artifact_marks, require_output, require_page, write_page
 from swashtwin.cli.options import Index, Json, ModelFile, PumpName, Seed
-from swashtwin.cli.summaries import class_words
 from swashtwin.foundation import InputError, plural
 
 if TYPE_CHECKING:

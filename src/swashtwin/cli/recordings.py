@@ -1,20 +1,32 @@
 """Commands of recordings: index, inspect, check, and of the group data convert and split."""
 
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import BAD_DATA, NOT_ENOUGH, note, progress, say, tell
+from swashtwin.cli.console import (
+    BAD_DATA,
+    MOST_ROWS,
+    NOT_ENOUGH,
+    class_words,
+    note,
+    progress,
+    say,
+    show_rows,
+    table,
+    tell,
+)
 from swashtwin.cli.files import Force, by_options, is_collection, load_sources, require_output, single_file_options
 from swashtwin.cli.options import GroupName, Index, Json, Reading, Seed, Sources, Window, read_pairs, reads_files
-from swashtwin.cli.summaries import class_words, show_check, show_inspection
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
-    from swashtwin.recordings import Finding
+    from swashtwin.learning import DataCheck
+    from swashtwin.recordings import Finding, InspectionReport
 
 
 @reads_files
@@ -97,7 +109,7 @@ def inspect(
         report = inspect_recordings(recordings, unreadable=unreadable, progress=bar)
     result = {**report.to_dict(), "has_errors": report.has_errors}
     words = str if any(is_collection(path, {}) for path in paths) else by_options
-    tell(result, as_json, lambda: show_inspection(report, recordings, words))
+    tell(result, as_json, lambda: _show_inspection(report, words))
     if report.has_errors:
         raise typer.Exit(BAD_DATA)
 
@@ -117,7 +129,7 @@ def check(
         unreadable: list[Finding] = []
         recordings = load_sources([source], unreadable)
         result = check_recordings(recordings, window=window, unreadable=unreadable, progress=bar)
-    tell(result.to_dict(), as_json, lambda: show_check(result))
+    tell(result.to_dict(), as_json, lambda: _show_check(result))
     if not result.is_sound:
         raise typer.Exit(BAD_DATA)
     if not result.is_enough:
@@ -178,3 +190,50 @@ def split(
             say(f"{file}: {plural(len(ids[name]), 'recording')}")
 
     tell(result, as_json, show)
+
+
+_STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
+
+
+def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) -> None:
+    """Print the recordings of an inspection, and what is wrong with them in the `words` of their source."""
+    rows = [
+        (item.recording_id, class_words(item.label),
+         int(item.sample_rate) if item.sample_rate.is_integer() else item.sample_rate, round(item.duration, 3),
+         channel.name, channel.minimum, channel.maximum, channel.rms, item.unit)
+        for item in report.recordings
+        for channel in item.channels
+    ]  # fmt: skip
+    header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
+    show_rows(plural(len(report.recordings), "recording"), header, rows)
+    sentences = report.merged(by_kind=len(rows) > MOST_ROWS)
+    for severity, text in sentences:
+        say(f"{severity}: {words(text)}")
+    if not sentences:
+        say("Nothing suspicious was found.")
+
+
+def _show_check(check: "DataCheck") -> None:
+    """Print whether recordings are sound and enough, and why."""
+    say(check.answer)
+    labels = list(dict.fromkeys(count.label for count in check.counts))
+    conditions = list(dict.fromkeys(count.condition for count in check.counts))
+    counts = {(count.label, count.condition): count for count in check.counts}
+    rows = []
+    for label in labels:
+        cells = [counts.get((label, condition)) for condition in conditions]
+        specimens = {name for cell in cells if cell for name in cell.specimens}
+        rows.append((class_words(label), *(cell.recordings if cell else 0 for cell in cells), len(specimens)))
+    if rows:
+        names = (condition if condition != "-" else "condition not stated" for condition in conditions)
+        table("Recordings by class and condition", ("class", *names, "specimens"), rows)
+    for use in check.uses:
+        say(f"{_STATES[use.state]}: {use.name}: {use.reason}")
+    for severity, text in check.inspection.merged(by_kind=True):
+        say(f"{severity}: {text}")
+    for copy in check.copies:
+        say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
+    for label, condition in check.gaps:
+        say(f"warning: {class_words(label)} was not measured at {condition}.")
+    for text in check.notes:
+        say(f"note: {text}")

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import note, say, table, tell, with_bar
+from swashtwin.cli.console import MOST_ROWS, class_words, note, say, show_rows, table, tell, with_bar
 from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
-from swashtwin.cli.summaries import MOST_ROWS, show_medians, show_trend
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
-    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle
+    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle, Trend
 
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
@@ -140,12 +139,8 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
         + (f" [{column.shown[1]}]" if column.unit else "")
         for _, column in columns
     ]
-    if len({row.recording_id for row in indicators.rows}) <= MOST_ROWS:
-        pairs = zip(indicators.rows, values, strict=True)
-        rows = [(row.recording_id, row.channel, *numbers) for row, numbers in pairs]
-        table(f"{len(indicators.rows)} rows", ("recording", "channel", *names), rows)
-    else:
-        show_medians(indicators.rows, values, names)
+    rows = [(row.recording_id, row.channel, *numbers) for row, numbers in zip(indicators.rows, values, strict=True)]
+    show_rows(f"{len(rows)} rows", ("recording", "channel", *names), rows, "--out or --json has")
     where = f": {out}" if out else "; --out FILE.csv writes them"
     say(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
 
@@ -250,7 +245,7 @@ def trend(
         write_text(out, drawing.svg)
 
     def show() -> None:
-        show_trend(result)
+        _show_points(result)
         counts = [point.count for point in result.points if point.status != "no baseline"]
         if without := len(result.points) - len(counts):
             count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
@@ -264,6 +259,32 @@ def trend(
             say(f"{out}\n{csv_file}")
 
     tell({**result.to_dict(), "svg": out, "csv": csv_file}, as_json, show)
+
+
+def _show_points(trend: "Trend") -> None:
+    factor, unit = trend.indicator.shown
+    flagged = {point.row.recording_id: abs(point.value - point.median) / point.spread for point in trend.flagged}
+    points = sorted(trend.points, key=lambda point: -flagged.get(point.row.recording_id, 0.0))
+    rows = [
+        (
+            point.row.recording_id,
+            class_words(point.row.label),
+            *(factor * value for value in (point.value, point.median, point.spread)),
+            point.count,
+            point.status,
+        )
+        for point in (points if len(points) > MOST_ROWS else trend.points)
+    ]
+    header = (
+        "recording",
+        "class",
+        f"{trend.indicator.name} [{unit or '1'}]",
+        "baseline",
+        "spread",
+        "healthy",
+        "status",
+    )
+    show_rows(f"{trend.indicator.name} of {trend.channel}", header, rows)
 
 
 def _indicators_of(

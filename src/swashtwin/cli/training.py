@@ -20,12 +20,11 @@ from swashtwin.cli.options import (
     read_pairs,
     read_settings,
 )
-from swashtwin.cli.summaries import confidence_advice
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
-    from swashtwin.learning import Choice
+    from swashtwin.learning import Choice, FittedClassifier
 
 _MODELS = artifact_marks("classifier", "anomaly detector")
 _TEST_FRACTION = 0.2
@@ -256,3 +255,22 @@ def _show_choice(choice: "Choice") -> None:
         folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
         table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)
     say(choice.sentence())
+
+
+def confidence_advice(fitted: "FittedClassifier") -> str:
+    """How to calibrate the confidence of a training."""
+    from swashtwin.learning import allowed_error_rate, validation_share
+
+    if fitted.choice is not None:
+        return f"that takes a trial: {fitted.choice.reason or 'no class has two recordings to compare'}"
+    n_recordings = len(fitted.manifest)
+    share, count = validation_share(n_recordings)
+    if count < 2:
+        return f"that takes more recordings than the {n_recordings} it was trained on"
+    allowed = allowed_error_rate(count, 0.1)
+    rate = "" if allowed == 0.1 else f" --error-rate {allowed:g}"
+    return (
+        "train without --network calibrates it on the recordings it trains on; "
+        f"--validation-fraction {share:g}{rate} holds back about {count} of the "
+        f"{plural(n_recordings, 'recording')} for it"
+    )

@@ -12,9 +12,7 @@ from commandline import AT_15, one_line, run
 from typer.main import get_command
 from typer.testing import CliRunner
 
-import swashtwin
 from swashtwin.cli import app, application, console
-from swashtwin.cli.options import READING
 
 HEAVY = ("torch", "numpy", "scipy", "sklearn", "matplotlib", "h5py", "polars", "pint", "joblib")
 
@@ -73,13 +71,6 @@ def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...])
     assert "--json" in said or path == ("explore",)  # which serves a page until it is ended
 
 
-@pytest.mark.parametrize(("command", "most"), [("train", 17), ("calibrate", 15)])
-def test_a_command_has_few_options_since_set_takes_the_rest(command: str, most: int) -> None:
-    parameters = get_command(app).commands[command].params  # type: ignore[attr-defined]
-    options = [parameter for parameter in parameters if parameter.param_type_name == "option"]
-    assert sum(option.name not in READING for option in options) <= most
-
-
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     moment = iter([0.0, 5.0, 25.0, 25.0, 30.0])
     monkeypatch.setattr(console.time, "monotonic", lambda: next(moment))
@@ -87,10 +78,6 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
         for count in range(3):
             bar(count, 3)
     assert capsys.readouterr().err == "slow: 1 of 3\n"
-
-
-def test_the_version_is_the_package_s() -> None:
-    assert run("--version").stdout.strip() == swashtwin.__version__
 
 
 @pytest.mark.parametrize("words", [("bench", "study", "case1"), ("demo",), ("watch", "demo", "--end")])

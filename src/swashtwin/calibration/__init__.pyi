@@ -18,6 +18,7 @@ from .objective.agreement import mean_agreement as mean_agreement
 from .objective.measurement import DEFAULT_BAND as DEFAULT_BAND
 from .objective.measurement import GRAVITY as GRAVITY
 from .objective.measurement import measure as measure
+from .objective.measurement import place_single_channels as place_single_channels
 from .objective.recording_checks import shown_speed as shown_speed
 from .objective.spectrum_objective import Objective as Objective
 from .objective.spectrum_objective import objective_of as objective_of

@@ -12,7 +12,7 @@ from starlette.responses import Response
 
 from swashtwin.explorer.workspace import BIN, Name, Workspace, level_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import stated_speed
 from swashtwin.signals import (
     LineSpectrum,
     LineSpectrumKind,
@@ -135,7 +135,10 @@ class Figures:
 
     def waterfall(self, name: Name, channel: int = 0, orders: bool = False) -> dict[str, Any]:
         """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the greatest."""
-        recording = self._channel(name, channel)
+        recording = self._workspace.recording(name)
+        if not 0 <= channel < recording.n_channels:
+            raise InputError(f"{name} has {recording.n_channels} channels; there is no number {channel}.")
+        recording = recording.picked(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
         if orders:
             angle = stated_angle(recording)
@@ -181,12 +184,6 @@ class Figures:
         else:
             values = recording.slice(start, min(start + count, recording.n_samples)).signal[channel]
         return Response(np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream")
-
-    def _channel(self, name: str, channel: int) -> Recording:
-        recording = self._workspace.recording(name)
-        if not 0 <= channel < recording.n_channels:
-            raise InputError(f"{name} has {recording.n_channels} channels; there is no number {channel}.")
-        return recording.picked(recording.channels[channel : channel + 1])
 
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> dict[str, Any]:
         """Speed that the piston-pass lines show, and how clearly.

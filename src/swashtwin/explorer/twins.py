@@ -194,10 +194,10 @@ class TwinRoom:
 
     def _measure(self, name: str, _: str, start: str, fault: str, by_shaft: bool) -> tuple[Any, ...]:
         """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the twin's class."""
-        from swashtwin.calibration import measure
+        from swashtwin.calibration import measure, place_single_channels
 
         twin = self._start(start)[0]
-        recording = _placed(self._workspace.recording(name), twin)
+        recording = place_single_channels([self._workspace.recording(name)], twin.pump)[0][0]
         if recording.condition is None:
             raise DataError(f"{name} states no speed and pressure; state both in its facts.")
         its_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
@@ -225,7 +225,7 @@ class TwinRoom:
             raise DataError(f"{setting.recording} states no speed and pressure; state both in its facts.")
         names = [setting.recording, *(self._workspace.alike(setting.recording) if others else ())]
         found = [self._workspace.recording(name) for name in names]
-        chosen = [_placed(item if item.label else item.relabeled(twin.label), twin) for item in found]
+        chosen = [item if item.label else item.relabeled(twin.label) for item in found]
         job = self.job = Job("running", result=self.job.result)
 
         def progress(done: int, total: int, loss: float) -> None:
@@ -345,9 +345,3 @@ def _fault(setting: Setting) -> Fault | None:
     if fault.severity == 0:
         return None
     return fault.with_fitting_contact() if isinstance(fault, SwashPlateDefect) else fault
-
-
-def _placed(recording: Recording, twin: "Twin") -> Recording:
-    """A single channel that is none of the pump's sensors counts as the first of them, as in `calibrate`."""
-    is_unplaced = recording.n_channels == 1 and recording.channels[0] not in twin.pump.channels
-    return recording.replace(channels=twin.pump.channels[:1]) if is_unplaced else recording

@@ -125,11 +125,9 @@ def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, An
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("inspect", "nowhere"), "nowhere"),
         (("inspect", "nowhere.h5"), "nowhere.h5 does not exist"),
         (("calibrate", "nowhere.toml", *AT_15), "nowhere.toml does not exist"),
         (("evaluate", "nowhere.safetensors", "nowhere"), "nowhere.safetensors does not exist"),
-        (("synthesize", "no.json", "--like", "x", "--count", 1, "--out", "y"), "no.json"),
         (("train", "nowhere", "--add", "no.safetensors"), "no.safetensors does not exist"),
         (("twin", "pump", "show", "26scy"), "25scy14-1b"),
         (("bench", "rig", ".", "--seed", 0), "not empty"),

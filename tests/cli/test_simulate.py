@@ -99,11 +99,9 @@ def test_a_recess_gets_the_law_that_suits_its_depth_and_says_which(fault: str, l
     ("words", "said"),
     [
         (("--speed", "860", "--pressure", "15 MPa", "--out", "x.h5"), "has no unit"),
-        (("--speed", "0 rpm", "--pressure", "15 MPa", "--out", "x.h5"), "must be a positive number"),
         ((*AT_15, "--fault", "swosh_plate", "--out", "x.h5"), "Did you mean 'swash_plate'?"),
         ((*AT_15, "--fault", "piston:depth=1mm", "--out", "x.h5"), "it has clearance"),
         ((*AT_15, "--out", "x.exe"), "must end in .h5 or "),
-        ((*AT_15, "--out", "."), "is a folder; name a file"),
         ((*AT_15, "--count", 2, "--out", "."), "not empty; choose a new folder"),
         ((*AT_15, "--count", 100_000, "--duration", "10000 s", "--out", "x"), "GB free, and 100000 such"),
         ((*AT_15, "--sample-rate", "1 kHz", "--out", "x.h5"), "twice the twin's bandwidth"),

@@ -72,12 +72,10 @@ def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
     ("facts", "message"),
     [
         ({"color": "red"}, "is no fact"),
-        ({"speed": "1500"}, "unit"),
         ({"speed": "-5 rpm"}, "above zero"),
         ({"unit": "furlong"}, "none of"),
         ({"time": "yesterday"}, "ISO 8601"),
         ({"time": "1970-01-01T00:00:00Z"}, "before 1990"),
-        ({"pressure": 15}, "must be text"),
         ({"unit": ""}, "must be text"),
     ],
 )

@@ -185,8 +185,8 @@ class Suspects:
     """Names suspects by priors that it adapts when they are first needed."""
 
     def __init__(self) -> None:
-        self._adapted: OrderedDict[str, PriorClassifier | str] = OrderedDict()
-        self._failed: dict[str, float] = {}
+        self._adapted: OrderedDict[str, tuple[PriorClassifier | str, float]] = OrderedDict()
+        """Priors, or why there is none, and when [s] adapting failed; infinite where it did not."""
 
     def name(self, machine: Machine, point: OperatingPoint, baseline: PointBaseline, recording: Recording) -> Suspect:
         """The suspect of a recording that moved far from a complete baseline.
@@ -207,10 +207,8 @@ class Suspects:
         if baseline.pistons != machine.piston_count or not len(rows):
             return _none(_unmeasured(recording, machine.piston_count))
         healthy = HealthyOrders(machine, recording.channels, recording.unit, point, rows)
-        if time.monotonic() - self._failed.get(healthy.key, math.inf) > _RETRY:
-            del self._failed[healthy.key], self._adapted[healthy.key]
-        prior = self._adapted.get(healthy.key)
-        if prior is None:
+        prior, failed = self._adapted.get(healthy.key, ("", -math.inf))
+        if time.monotonic() - failed > _RETRY:
             raise UnadaptedError(healthy)
         if isinstance(prior, str):
             return _none(prior)
@@ -219,11 +217,9 @@ class Suspects:
     def adapt(self, healthy: HealthyOrders) -> None:
         """Adapt a prior in another process, and keep it, or why it cannot be adapted."""
         answer, has_failed = _answered(healthy, "its prior could not be adapted", _PATIENCE)
-        if has_failed:
-            self._failed[healthy.key] = time.monotonic()
-        self._adapted[healthy.key] = answer
+        self._adapted[healthy.key] = answer, time.monotonic() if has_failed else math.inf
         while len(self._adapted) > _KEPT:
-            self._failed.pop(self._adapted.popitem(last=False)[0], None)
+            self._adapted.popitem(last=False)
 
 
 def measured_severity(question: FaultSize) -> dict[str, Any]:

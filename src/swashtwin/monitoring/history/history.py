@@ -120,8 +120,35 @@ class History:
         self.waveforms.remove(transaction.dropped)
 
     def export(self, folder: Path, progress: Callable[[str], None] = lambda _: None) -> dict[str, int]:
-        """Rows of each file that was written to `folder` (`export_history`)."""
-        return export_history(self._database, self.read, folder, progress)
+        """Rows of each file that was written to `folder`: one by table, and ``indicators/MACHINE`` by machine.
+
+        Times are UTC. A file is whole or not there. No text is a formula for a spreadsheet.
+
+        Parameters
+        ----------
+        progress : called with the name of each file before it is written.
+        """
+        counts: dict[str, int] = {}
+
+        def save(name: str, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
+            progress(name)
+            counts[name] = -1  # the header is no row
+            with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", **TEXT) as file:
+                writer = csv.writer(file, lineterminator="\n")
+                for line in chain([header], lines):
+                    writer.writerow([_cell(value) for value in line])
+                    counts[name] += 1
+
+        with self._database.reading() as session:
+            for kind in _TABLES:
+                columns = [column for column in kind.__table__.columns if column.name not in _INTERNAL]
+                rows = session.execute(select(*columns).order_by(kind.id).execution_options(yield_per=1000))
+                save(kind.__tablename__, [column.name for column in columns], rows)
+            for machine in self.read.machines():
+                names = self.read.indicator_names(machine.name)
+                header = ["recording", "time", "point", *(f"{channel} {name}" for channel, name in names)]
+                save(f"indicators/{file_name(machine.name)}", header, _indicators(session, machine.name, names))
+        return counts
 
     def reject(self, rejection: Rejection) -> None:
         """File a delivery that became no recording; the same one again is counted."""
@@ -141,43 +168,6 @@ _TABLES = (Judgment, Alarm, Silence, Event, Rejection, Message)
 """Tables that are exported column by column."""
 _INTERNAL = ("retention", "due")
 """Columns that say nothing to others."""
-
-
-def export_history(database: Database, read: Reads, folder: Path, progress: Callable[[str], None]) -> dict[str, int]:
-    """Rows of each file that was written to `folder`: one by table, and ``indicators/MACHINE`` by machine.
-
-    Times are UTC. A file is whole or not there. No text is a formula for a spreadsheet.
-
-    Parameters
-    ----------
-    progress : called with the name of each file before it is written.
-
-    Raises
-    ------
-    HistoryError
-        The database cannot be read.
-    """
-    counts: dict[str, int] = {}
-
-    def save(name: str, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
-        progress(name)
-        counts[name] = -1  # the header is no row
-        with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", **TEXT) as file:
-            writer = csv.writer(file, lineterminator="\n")
-            for line in chain([header], lines):
-                writer.writerow([_cell(value) for value in line])
-                counts[name] += 1
-
-    with database.reading() as session:
-        for kind in _TABLES:
-            columns = [column for column in kind.__table__.columns if column.name not in _INTERNAL]
-            rows = session.execute(select(*columns).order_by(kind.id).execution_options(yield_per=1000))
-            save(kind.__tablename__, [column.name for column in columns], rows)
-        for machine in read.machines():
-            names = read.indicator_names(machine.name)
-            header = ["recording", "time", "point", *(f"{channel} {name}" for channel, name in names)]
-            save(f"indicators/{file_name(machine.name)}", header, _indicators(session, machine.name, names))
-    return counts
 
 
 def _indicators(session: Session, machine: str, names: Names) -> Iterator[Sequence[Any]]:

@@ -222,9 +222,11 @@ class MachineTransaction:
             raise InputError(f"{self.name} had no alarm that {found!r} could stand beside; write it as a note.")
         alarm.evidence = {**alarm.evidence, "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()}}
 
-    def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm:
-        """An alarm, in whose evidence the severity of its suspect is kept now."""
+    def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
+        """An alarm, in whose evidence the severity of its suspect is kept now; None where another watch kept it."""
         stored = self._alarm(alarm)
+        if stored.evidence.get("severity", {}).get("label") == severity["label"]:
+            return None
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored
 

@@ -128,8 +128,8 @@ class Pipeline:
             )
             with self._history.machine(alarm.machine) as transaction:
                 stored = transaction.note_severity(alarm.id, {**found, "recording": judgment.id})
-                is_told = stored.closed is None and stored not in transaction.untold_alarms()
-                if is_told and not transaction.silenced(datetime.now(UTC)):
+                is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()
+                if stored and is_told and not transaction.silenced(datetime.now(UTC)):
                     self._post(transaction, "measured", stored, judgment, stored.evidence["severity"]["notes"])
 
     def _machine(self, file: SpoolFile) -> Machine:

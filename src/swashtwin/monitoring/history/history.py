@@ -8,13 +8,14 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from sqlalchemy import delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from swashtwin.foundation import TEXT, InputError, file_name, replacing, spreadsheet_text
 from swashtwin.monitoring.config.settings import Retention, WatchConfig
 from swashtwin.monitoring.history.database import Database, Waveforms, json_text, lock_machine
-from swashtwin.monitoring.history.reading import Names, Reads, unpack
+from swashtwin.monitoring.history.reading import Names, Reads
 from swashtwin.monitoring.history.tables import Alarm, Event, Indicators, Judgment, Layout, Message, Rejection, Silence
 from swashtwin.monitoring.history.transaction import MachineTransaction
 
@@ -185,7 +186,7 @@ def _indicators(session: Session, machine: str, names: Names) -> Iterator[Sequen
     )
     for number, time, point, layout, packed in session.execute(query):
         values: list[float | None] = [None] * len(names)
-        for position, value in zip(layouts[layout], unpack(packed).tolist(), strict=True):
+        for position, value in zip(layouts[layout], np.frombuffer(packed, "<f4").tolist(), strict=True):
             values[position] = value
         yield (number, time, point, *values)
 

@@ -251,11 +251,6 @@ class Reads:
             return {reason: int(count) for reason, count in session.execute(query)}
 
 
-def unpack(packed: bytes) -> Float[np.ndarray, " indicator"]:
-    """Values of indicators, in the order of their layout."""
-    return np.frombuffer(packed, "<f4")
-
-
 def _within(
     machine: str | None, point: str | None, since: datetime | None, until: datetime | None
 ) -> list[ColumnElement[bool]]:
@@ -270,5 +265,5 @@ def _within(
 
 def _number(value: float | bytes | None) -> float:
     if isinstance(value, bytes):
-        return float(unpack(value)[0])
+        return float(np.frombuffer(value, "<f4")[0])
     return np.nan if value is None else value

@@ -7,7 +7,7 @@ import contextlib
 import secrets
 import shutil
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated
 
@@ -70,7 +70,7 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         """Send no messages for some hours; alarms are raised and kept all the same."""
         site.machine(name)
         with site.history.machine(name) as machine:
-            machine.silence(site.clock() + timedelta(hours=hours), visitor_name(request, who), note)
+            machine.silence(datetime.now(UTC) + timedelta(hours=hours), visitor_name(request, who), note)
         return done(target)
 
     @routes.post("/machines/{name}/silence/end", tags=["machines"], status_code=204)

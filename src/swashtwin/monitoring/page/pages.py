@@ -3,7 +3,8 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
+from functools import lru_cache
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -46,7 +47,10 @@ class Pages:
     def __init__(self, site: Site) -> None:
         self._site = site
         self._read = site.history.read
-        self._spectra: dict[tuple[int, ...], Sequence[Markup]] = {}
+        self._spectra = lru_cache(maxsize=_SPECTRA)(self._drawn)
+
+    def _drawn(self, number: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
+        return draw_spectrum(self._site, self._site.recording(number), healthy)
 
     def overview(
         self,
@@ -73,8 +77,7 @@ class Pages:
                 {
                     "machine": machine,
                     "state": state_of(machine),
-                    "is_silenced": self._is_silenced(machine),
-                    "is_quiet": machine.last is not None and site.clock() - machine.last.time > QUIET,
+                    "is_quiet": machine.last is not None and datetime.now(UTC) - machine.last.time > QUIET,
                 }
                 for machine in shown
             ],
@@ -86,9 +89,6 @@ class Pages:
             total=len(machines),
             problems=() if site.status is None else site.status().problems,
         )
-
-    def _is_silenced(self, machine: MachineOverview) -> bool:
-        return machine.silenced is not None and machine.silenced > self._site.clock()
 
     def machine(
         self,
@@ -110,7 +110,6 @@ class Pages:
             machine=overview,
             state=state_of(overview),
             pump=None if setting is None else setting.pump,
-            is_silenced=self._is_silenced(overview),
             alarms=overview.alarms,
             past_alarms=self._read.alarms(name, state="closed", limit=10),
             rate=site.config.alarms.false_alarm_rate,
@@ -182,12 +181,7 @@ class Pages:
             for alarm in (*self._site.machine(judgment.machine).alarms, *past_alarms)
             if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
-        healthy = list(self._read.healthy_files(judgment, MOST_HEALTHY))
-        key = (judgment.id, judgment.waveform is not None, *healthy)
-        if key not in self._spectra:
-            self._spectra[key] = draw_spectrum(self._site, judgment, healthy)
-            for old in list(self._spectra)[:-_SPECTRA]:
-                self._spectra.pop(old, None)
+        healthy = tuple(self._read.healthy_files(judgment, MOST_HEALTHY))
         return self._site.render(
             request,
             "recording.html.jinja",
@@ -197,7 +191,7 @@ class Pages:
             checks=_checks(judgment),
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
-            spectra=self._spectra[key],
+            spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
             healthy=f"Range of {len(healthy)} healthy recordings at the same operating point" if healthy else "",
             earlier=before[0].id if before else None,
             later=self._read.later_recording(identity),

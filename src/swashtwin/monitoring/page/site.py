@@ -6,7 +6,7 @@ import math
 import re
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -205,8 +205,6 @@ class Site:
     """Where recordings that are sent by HTTP go; None where there is no such source."""
     status: Callable[[], WatchStatus] | None = None
     """How the watch is doing; None where the page runs without one."""
-    clock: Callable[[], datetime] = field(default=lambda: datetime.now(UTC))
-    """Time of day."""
 
     def render(self, request: Request, template: str, code: int = 200, **values: Any) -> HTMLResponse:
         """The page that `template` makes of `values`; its forms carry the visit's token."""
@@ -219,7 +217,7 @@ class Site:
                 visitor=visitor,
                 form_token=self.access.form_token(visit),
                 here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
-                now=self.clock(),
+                now=datetime.now(UTC),
                 **values,
             )
         )

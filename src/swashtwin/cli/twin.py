@@ -68,8 +68,6 @@ def plan_next(
 
 _SHOWN = 10
 """Candidates that are printed; --json has all."""
-_MOST_EFFECTS = 12
-"""Numbers of a new pump whose effects are printed."""
 
 
 def _show_plan(plan: "RecordingPlan") -> None:
@@ -132,17 +130,10 @@ def new_pump(
         reason = f"a nameplate needs {', '.join(f'--{name}' for name in missing)} too."
         raise typer.BadParameter(reason, param_hint=f"--{next(iter(stated))}")
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
-    result: dict[str, Any] = {"pump": path}
-    if plate is not None:
-        result["effects"] = _effects(pump.load_pump(path))
-
-    def show() -> None:
-        if plate is not None:
-            _show_effects(result["effects"][:_MOST_EFFECTS], "What the vibration depends on most")
-            say(f"All of them: swashtwin twin pump show {path} --effects. A twin is no better than these.")
-        say(f"{path}\nEdit it, then: swashtwin twin pump show {path}")
-
-    tell(result, as_json, show)
+    next_step = (
+        f"{path}\nEdit it, then: swashtwin twin pump show {path} --effects. A twin is no better than its numbers."
+    )
+    tell({"pump": path}, as_json, lambda: say(next_step))
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:
@@ -159,12 +150,6 @@ def _effects(pump: "Pump") -> list[dict[str, Any]]:
             {"name": effect.path, "step": effect.step, "effect": effect.effect, "source": pump.sources[effect.path]}
             for effect in sensitivities(twin)
         ]
-
-
-def _show_effects(effects: list[dict[str, Any]], title: str) -> None:
-    rows = [(entry["name"], entry["step"], f"{entry['effect']:.2%}", entry["source"]) for entry in effects]
-    header = ("parameter", "changed by", "line amplitudes change by", "source")
-    table(f"{title}: healthy pump at its rated point", header, rows)
 
 
 def show_pump(
@@ -198,7 +183,11 @@ def show_pump(
         table(pump.name, ("parameter", "value", "source"), rows)
         table("What follows", ("", "value"), [(words, _in_trade_units(value, unit)) for words, value, unit in derived])
         if effects:
-            _show_effects(result["effects"], "What the vibration depends on")
+            lines = [
+                (item["name"], item["step"], f"{item['effect']:.2%}", item["source"]) for item in result["effects"]
+            ]
+            header = ("parameter", "changed by", "line amplitudes change by", "source")
+            table("What the vibration of the healthy pump depends on at its rated point", header, lines)
 
     tell(result, as_json, show)
 

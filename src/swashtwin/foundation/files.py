@@ -204,6 +204,17 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
         raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
 
 
+def first_difference(before: Any, now: Any, name: str = "") -> str:
+    """First entry in which two tables differ, with both values, in words; empty where there is none."""
+    if isinstance(before, Mapping) and isinstance(now, Mapping):
+        differences = (
+            first_difference(before.get(key), now.get(key), f"{name}.{key}" if name else key)
+            for key in sorted({*before, *now})
+        )
+        return next(filter(None, differences), "")
+    return "" if before == now else f"{name} was {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
+
+
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:
     """Refuse `count` files of `bytes_each` for which the disk of an existing `folder` has too little space.
 

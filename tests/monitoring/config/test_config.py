@@ -84,10 +84,10 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
         ("[alarms]\nfalse_alarm_rate=2", "<= 0.5"),
         ("[page]\nhost='0.0.0.0'", "add users"),
-        ("[page]\nsecure=1", "expected `bool`"),
+        ("[page]\nsecure=1", "expected true or false"),
         ("[page]\nproxy='proxy.example'", "must be an IP address"),
-        ("[[alarms]]\n", "alarms: expected `object`, got `array`"),
-        ("[channel]\nkind='log'", "channel: expected `array`, got `object`"),
+        ("[[alarms]]\n", "alarms: expected a table, got a list"),
+        ("[channel]\nkind='log'", "channel: expected a list, got a table"),
     ],
 )
 def test_a_wrong_entry_is_named_in_one_line(write, addition: str, message: str) -> None:

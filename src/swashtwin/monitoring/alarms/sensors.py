@@ -63,6 +63,7 @@ def sensor_findings(recording: Recording) -> tuple[SensorFinding, ...]:
 
 
 def _compared_channels(signal: Float[np.ndarray, "channel time"], names: Sequence[str]) -> tuple[SensorFinding, ...]:
+    """Channels without a signal, and pairs of channels with the same one."""
     deviation = signal.std(axis=1)
     faint = deviation <= DEAD * deviation.max()
     if faint.any():

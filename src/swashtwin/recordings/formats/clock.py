@@ -14,7 +14,7 @@ from jaxtyping import Float
 from swashtwin.foundation import DataError
 from swashtwin.recordings.formats.raw import Column, Options, RawFile, part_of, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
-from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, TimeColumn, read_time_column
+from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, read_time_column, restarts, times_of
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
@@ -66,7 +66,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     found = {name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()}
     breaks: Sequence[int] = ()
     if len(clocks) == 1 and found[clocks[0]][1]:
-        breaks = TimeColumn(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0).restarts()
+        breaks = restarts(times_of(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0))
     rates, starts, gaps = dict(raw.rates), dict(raw.starts), []
     for name, column in others.items():
         clock = _clock_of(raw, name, column, found)

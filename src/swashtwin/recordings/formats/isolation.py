@@ -74,13 +74,9 @@ class _RemoteColumn:
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
         start, stop, stride = span.indices(self.length)
-        samples = np.empty(max(0, stop - start), self.dtype)
-        for at in range(start, stop, BLOCK):
-            end = min(at + BLOCK, stop)
-            part = _reader.ask(self.source, (self.part, self.name, at, end))
-            if part.shape != (end - at,) or part.dtype != self.dtype:
-                raise DataError(f"{self.source.name}: the file has fewer samples than it states; was it changed?")
-            samples[at - start : end - start] = part
+        samples: np.ndarray = _reader.ask(self.source, (self.part, self.name, start, max(start, stop)))
+        if len(samples) != max(0, stop - start) or samples.dtype != self.dtype:
+            raise DataError(f"{self.source.name}: the file has fewer samples than it states; was it changed?")
         return samples[::stride]
 
 

@@ -1,14 +1,13 @@
 """Text tables of every dialect are read, and what is not a number is named."""
 
 import gzip
-import shutil
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError
 from swashtwin.recordings import Options, Recording, inspect_recordings, load_recording, refuse_unfit, write_recording
 from swashtwin.recordings.formats import csv
 
@@ -111,27 +110,18 @@ def test_time_stamps_give_the_rate(text: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.signal, [np.arange(60)])
 
 
-def test_a_date_that_contradicts_the_order_of_those_before_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(csv, "_BYTES", 3000)
-    lines = rows_of("%m/%d/%Y %H:%M:%S.%ms,%n\n", 200) + rows_of("09/25/2019 %H:%M:%S.%ms,%n\n")
+def test_dates_of_two_orders_are_refused(tmp_path: Path) -> None:
+    lines = rows_of("%m/%d/%Y %H:%M:%S.%ms,%n\n") + rows_of("09/25/2019 %H:%M:%S.%ms,%n\n")
     (tmp_path / "a.csv").write_text("t,x\n" + lines)
-    with pytest.raises(DataError, match=r"line 202: '09/25/2019 .* has another order of day, month and year"):
+    assert csv.read(tmp_path / "a.csv", Options()).attributes["date"].startswith("2019-09-11T08:00")
+    (tmp_path / "a.csv").write_text("t,x\n" + lines + rows_of("25/09/2019 %H:%M:%S.%ms,%n\n"))
+    with pytest.raises(DataError, match="no one order of day, month and year"):
         csv.read(tmp_path / "a.csv", Options())
 
 
 def test_a_blank_first_stamp_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x\n,0\n" + rows_of("%Y-%m-%d %H:%M:%S.%ms,%n\n"))
     with pytest.raises(DataError, match="has no time at its first sample"):
-        csv.read(tmp_path / "a.csv", Options())
-
-
-def test_a_full_disk_of_temporary_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=0))
-    (tmp_path / "a.csv").write_text(TABLES["comma"])
-    with pytest.raises(InputError, match=r"a\.csv: its numbers do not fit .*TMPDIR"):
         csv.read(tmp_path / "a.csv", Options())
 
 
@@ -211,15 +201,6 @@ def test_no_row_is_lost_in_silence(text: str, message: str, tmp_path: Path) -> N
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(DataError, match=message):
         load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
-
-
-@pytest.mark.parametrize("rows_in_memory", [7, 1 << 24])
-def test_a_table_is_the_same_in_blocks(rows_in_memory: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(csv, "_BYTES", max(400, rows_in_memory))
-    (tmp_path / "a.csv").write_text("t;x;s\r\n" + rows_of("%d.%m.%Y %H:%M:%S,%ms;%n,5;OK\r\n", 400) + ";;\r\n\r\n")
-    loaded = load_recording(tmp_path / "a.csv", unit="1")
-    assert loaded.sample_rate == 200.0
-    np.testing.assert_array_equal(loaded.signal, [np.arange(400) + 0.5])
 
 
 def test_a_bomb_and_an_endless_line_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,8 +32,7 @@ _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 def load_recording(path: str | Path, **facts: Any) -> Recording:
     """Recording of one file, with what the file itself does not say; its samples are read when they are asked for.
 
-    HDF5, TDMS, WAV, Parquet and text tables stay on the disk (a text table as numbers, in a temporary file). A file of
-    another format is read whole when it is opened.
+    HDF5, TDMS, WAV and Parquet stay on the disk. A file of another format is read whole when it is opened.
 
     Parameters
     ----------

@@ -53,7 +53,9 @@ def read_time_column(path: Path, column: Column, unit: float | None = 1.0) -> tu
 
 def times_of(column: Column, unit: float) -> Float[np.ndarray, " time"]:
     """Times of a column [s]; those since 1970 since the first, as their digits are needed for the steps."""
-    counts = np.concatenate([np.asarray(column[at : at + BLOCK]) for at in range(0, len(column), BLOCK)] or [[]])
+    counts = np.concatenate(
+        [np.asarray(column[at : at + BLOCK]) for at in range(0, len(column), BLOCK)] or [np.empty(0)]
+    )
     if counts.size and abs(float(counts[0]) * unit) > 1e6:
         counts = counts - counts[0]
     return np.asarray(counts, dtype=np.float64) * unit

@@ -38,19 +38,30 @@ def page_text() -> str:
     parts: dict[str, str] = {}
     for name, command in COMMANDS.items():
         words = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
-        parts.setdefault(words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'))}\n```\n")
+        parts.setdefault(words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n")
     return "\n".join([_INTRODUCTION, *parts.values()])
 
 
-def _lines(value: Any, key: str = "", indent: str = "") -> str:
-    """Keys and kinds of a value, those of an object in lines of their own where they are many."""
+def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: str = "") -> str:
+    """Keys and kinds of a value, those of an object in lines of their own where they are many, and once.
+
+    Parameters
+    ----------
+    shown : name of each object that stood before, by its keys.
+    """
     if key in PROSE:
         return "text" if isinstance(value, bool) else "[text]"
     if isinstance(value, list):
-        return f"[{_of_all(value, indent)}]"
+        return f"[{_of_all(value, shown, indent)}]"
     if not isinstance(value, dict):
         return _kind(value)
-    inner = [f'"{name}": {_lines(item, name, f"{indent}  ")}' for name, item in value.items()]
+    if len(value) > 9 and all(isinstance(item, float) for item in value.values()):
+        return f'{{"{next(iter(value))}": number, ...}}'
+    keys = frozenset(value)
+    if len(value) > 3 and keys in shown:
+        return f"as `{shown[keys]}`"
+    shown[keys] = key
+    inner = [f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, item in value.items()]
     text = "{" + ", ".join(inner) + "}"
     if len(indent) + len(text) <= 100 and "\n" not in text:
         return text
@@ -58,10 +69,10 @@ def _lines(value: Any, key: str = "", indent: str = "") -> str:
     return f"{{{lines}\n{indent}}}"
 
 
-def _of_all(values: Sequence[Any], indent: str) -> str:
+def _of_all(values: Sequence[Any], shown: dict[frozenset[str], str], indent: str) -> str:
     """Kind of the entries of a list: of the longest, or of each where they are numbers and words."""
     if any(isinstance(value, dict | list) for value in values):
-        return _lines(max(values, key=lambda value: len(value or ())), "", indent)
+        return _lines(max(values, key=lambda value: len(value or ())), shown, "", indent)
     return " or ".join(dict.fromkeys(map(_kind, values)))
 
 

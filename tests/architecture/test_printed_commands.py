@@ -1,4 +1,4 @@
-"""Every command that README and the documents print: the shell takes it, and it runs on small data as printed.
+"""Every command and example that README and the documents print: it runs on small data as printed.
 
 Blocks of shell are read line by line. What needs hours, a plant or a public set is parsed only (`NOT_RUN`), and so is
 what a test of its own runs. A page whose commands need files finds them in its folder (`PREPARED`); a command that is
@@ -10,6 +10,7 @@ import shlex
 import shutil
 from collections.abc import Callable, Container, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,12 @@ from commandline import run
 from typer.core import TyperGroup
 from typer.main import get_command
 
+import swashtwin
 from swashtwin.cli import app
+from swashtwin.learning import NETWORKS
+from swashtwin.pump.faults import _faults
 from swashtwin.recordings import load_recordings, write_recording
+from swashtwin.recordings.files import _registered
 from swashtwin_bench import build_rig
 
 ROOT = Path(__file__).parents[2]
@@ -191,15 +196,70 @@ RUN = {
 """Command lines of each page that are run."""
 
 
+@pytest.fixture
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A choice from fewer windows, without the refits that explain a misfit; both have tests of their own."""
+    monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 120)
+    monkeypatch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
+
+
 @pytest.mark.nightly
+@pytest.mark.usefixtures("_quick")
 @pytest.mark.parametrize("document", RUN)
 def test_the_commands_of_a_page_run_in_their_order(
     document: str, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a choice from fewer windows, and without the refits that explain a misfit."""
-    monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 120)
-    monkeypatch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
     PREPARED.get(document, lambda folder, rig: None)(tmp_path, rig)
     monkeypatch.chdir(tmp_path)
     for line in RUN[document]:
         run(*shlex.split(line, comments=True))
+
+
+# ---- examples in Python
+
+
+@pytest.fixture
+def _own_registries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget after the test what its examples register."""
+    names: tuple[tuple[dict[str, Any], str], ...] = (
+        (NETWORKS, "small_cnn"),
+        (_faults, "cracked_plate"),
+        (_registered, ".counts"),
+    )
+    for registry, name in names:
+        monkeypatch.setitem(registry, name, None)
+        del registry[name]
+
+
+@pytest.mark.nightly
+@pytest.mark.usefixtures("_quick")
+def test_readmes_example_runs_as_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (rig,) = re.findall(r"`swashtwin (bench rig [^`]*)`", (ROOT / "README.md").read_text(encoding="utf-8"))
+    run(*shlex.split(rig))
+    (example,) = blocks("README.md", ["python"])
+    names: dict[str, Any] = {}
+    capsys.readouterr()
+    exec(example, names)
+    assert float(capsys.readouterr().out) > 0.6
+    assert set(names["calibration"].recording_ids) <= set(names["train"].recording_ids)
+    assert "<svg" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.nightly
+@pytest.mark.usefixtures("_own_registries")
+def test_each_example_of_extending_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for example in blocks("docs/how-to/extending.md", ["python"]):
+        exec(example, names)
+    assert names["twin"].label == "cracked_plate"
+    assert names["more"].synthetic.all()
+    assert names["recording"].unit == "m/s^2"
+
+
+def test_the_page_of_python_lists_every_public_name() -> None:
+    listed = re.findall(r"^   (\w+)$", (ROOT / "docs/reference/api.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(listed) == sorted(set(swashtwin.__all__) - {"__version__"})

@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import InputError, MPa
 from swashtwin.physics import LoadCase, Twin, force_lines
-from swashtwin.pump import CLASSES, Interfaces, OperatingCondition, Pump
+from swashtwin.pump import CLASSES, Interfaces, OperatingCondition, Pump, SwashPlateDefect, load_pump
 from swashtwin.recordings import inspect_recordings, load_recordings
 from swashtwin.signals import order_spectrum
 from swashtwin_bench import SIZES, build_rig, rig_recordings
 from swashtwin_bench.rigs.fleet import draw_specimen, film_factors
 from swashtwin_bench.rigs.measuring import Run, shaft_angle, shell_lines, slipper_loading
-from swashtwin_bench.rigs.writing import RIG_VERSION, RigSize
+from swashtwin_bench.rigs.writing import DEEP_VERSION, RIG_VERSION, RigSize
 
 TINY = RigSize(specimens=1, repeats=1, duration=0.5)
+LONGER = RigSize(specimens=1, repeats=1, duration=1.2)
 
 GOLDEN_TRUTH = "5033b6f9914597763fecf8e1e73653e87c4063f336eab5e3c89a9bd0ad8671cc"
 GOLDEN_LEVELS = {
@@ -49,13 +50,16 @@ def test_the_rig_is_frozen() -> None:
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
 
 
-def test_the_same_seed_gives_the_same_samples_in_any_batch() -> None:
-    first = {r.recording_id: r.signal for r, _ in rig_recordings(3, TINY, labels=("normal", "piston"))}
-    again = {r.recording_id: r.signal for r, _ in rig_recordings(3, TINY, labels=("piston", "normal"), batch=2)}
+@pytest.mark.parametrize("version", ["1", "2", "3"])
+def test_the_same_seed_gives_the_same_samples_in_any_batch(version: str) -> None:
+    size, take = RigSize(2, 1, 0.3), {"pressures": (MPa(10),), "version": version}
+    first = {r.recording_id: r.signal for r, _ in rig_recordings(3, size, labels=("normal", "piston"), **take)}
+    again = {r.recording_id: r.signal for r, _ in rig_recordings(3, size, labels=("piston", "normal"), batch=1, **take)}
     assert first.keys() == again.keys()
     for name, signal in first.items():
         np.testing.assert_array_equal(again[name], signal)
-    other = next(iter(rig_recordings(4, TINY)))[0]
+    assert len({signal.tobytes() for signal in first.values()}) == 4
+    other = next(iter(rig_recordings(4, size, **take)))[0]
     assert np.abs(other.signal - first[other.recording_id]).max() > 0.5
 
 
@@ -144,3 +148,44 @@ def test_piston_pass_lines_stand_out_of_the_noise() -> None:
     lines = order_spectrum(recording.signal, recording.sample_rate, 860 / 60, np.array([14, 28]))
     assert np.all(lines.amplitude[:2].max(axis=1) > 5 * lines.deviation[:2].max(axis=1))
     assert run.fault is None
+
+
+# ---- thirteen sensors, and the deep recess
+
+
+def test_thirteen_accelerometers_sit_where_the_pump_file_says() -> None:
+    pairs = list(rig_recordings(3, LONGER, labels=("normal",), sensors=13))
+    usual = list(rig_recordings(3, LONGER, labels=("normal",)))
+    pump = load_pump("25scy14-1b-13")
+    for (recording, run), (_, usual_run) in zip(pairs, usual, strict=True):
+        assert recording.channels == pump.channels
+        assert recording.n_channels == 13
+        assert (run.condition, run.specimen.mount) == (usual_run.condition, usual_run.specimen.mount)
+        levels = recording.signal.std(axis=1)
+        assert (levels > 0.05).all()
+        assert np.unique(levels.round(3)).size == 13
+    talk = pairs[0][1].specimen.housing.gain - np.diag(np.diag(pairs[0][1].specimen.housing.gain))
+    few = usual[0][1].specimen.housing.gain - np.diag(np.diag(usual[0][1].specimen.housing.gain))
+    assert np.sqrt((talk**2).sum(axis=1).mean()) < 2 * np.sqrt((few**2).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize(("version", "sensors"), [("2", 13), ("1", 5)])
+def test_a_number_of_sensors_that_a_version_has_not_is_refused(version: str, sensors: int) -> None:
+    with pytest.raises(InputError, match=rf"{sensors} sensors cannot be recorded by version {version} of the rig"):
+        next(iter(rig_recordings(0, LONGER, version=version, sensors=sensors)))
+
+
+def test_the_papers_recess_is_the_only_difference_of_the_deep_version() -> None:
+    labels = ("normal", "swash_plate")
+    deep = {r.recording_id: (r, run) for r, run in rig_recordings(3, LONGER, labels=labels, version=DEEP_VERSION)}
+    for usual, run in rig_recordings(3, LONGER, labels=labels):
+        recording, deep_run = deep[usual.recording_id]
+        if usual.label == "normal":
+            np.testing.assert_array_equal(recording.signal, usual.signal)
+            continue
+        fault = deep_run.fault
+        assert isinstance(fault, SwashPlateDefect)
+        assert isinstance(run.fault, SwashPlateDefect)
+        assert (fault.depth, fault.length, fault.width) == pytest.approx((0.6e-3, 30e-3, 24e-3))
+        assert (fault.angle, fault.contact) == (run.fault.angle, "shared")
+        assert recording.signal.std() > 1.5 * usual.signal.std()

@@ -38,9 +38,8 @@ other recordings; L3: another pressure; L4: other pumps; L5: synthetic to measur
 at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, by recordings. *Trees*: extra
 trees. By window unless said; other [terms](../reference/nomenclature.md).
 
-Pictures of the paper's experiments (medium, fleets 20 to 22): {_PICTURES}. The confusion matrix and t-SNE are of Case
-I; those of Case II stand on the page that `swashtwin bench study paper --set experiments=case2 --out paper` writes;
-its runs were not kept.
+Pictures of the paper's experiments (medium, fleets 20 to 22): {_PICTURES}. The confusion matrix and t-SNE are of
+Case I.
 """
 
 

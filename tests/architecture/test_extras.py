@@ -26,5 +26,5 @@ def test_the_base_install_lacks_networks_and_nothing_else() -> None:
     assert set(printed.split()) == {
         *(f"foundation.{name}" for name in ("TorchStream", "compiled", "has_bfloat16_arithmetic")),
         *(f"learning.{name}" for name in ("BiTCN", "Branch", "Network", "batches")),
-        *("plot.excitation", "report.calibration_blocks", "report.verdict_counts"),  # of a twin
+        *("report.calibration_blocks", "report.verdict_counts"),  # of a twin
     }

@@ -200,7 +200,7 @@ RUN = {
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """A choice from fewer windows, without the refits that explain a misfit; both have tests of their own."""
     monkeypatch.setattr("swashtwin.learning.choice.choosing.MOST_WINDOWS", 120)
-    monkeypatch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
+    monkeypatch.setattr("swashtwin.calibration.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
 
 
 @pytest.mark.nightly

@@ -8,7 +8,7 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of, worn_twin
 
 from swashtwin.calibration import GaussNewton, calibrate, measure
-from swashtwin.calibration.objective.recording_checks import shown_speed
+from swashtwin.calibration.recording_checks import shown_speed
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, um
 from swashtwin.physics import Twin
 from swashtwin.pump import CLASSES, OperatingCondition, PistonWear, Pump

@@ -16,13 +16,13 @@ from swashtwin.calibration import (
     measure,
     objective_of,
 )
-from swashtwin.calibration.uncertainty.discrepancy import (
+from swashtwin.calibration.discrepancy import (
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
+from swashtwin.calibration.posterior import estimates_of, posterior_covariance, sandwich
 from swashtwin.calibration.uncertainty.identifiability_report import identifiability_at
-from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance, sandwich
 from swashtwin.foundation import InputError, mm, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect

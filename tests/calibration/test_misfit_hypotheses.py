@@ -9,8 +9,8 @@ import pytest
 from twin_recordings import SIX_VALUES, recording_of, with_amplitudes, worn_twin
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
-from swashtwin.calibration.uncertainty.misfit_hypotheses import misfit_hypotheses
-from swashtwin.calibration.uncertainty.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
+from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
+from swashtwin.calibration.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
 from swashtwin.foundation import MPa, stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from swashtwin.calibration import Nuisances, Objective, objective_of
-from swashtwin.calibration.objective.measurement import Measurement
-from swashtwin.calibration.objective.unknowns import search_space
-from swashtwin.calibration.uncertainty.posterior import estimates_of, posterior_covariance
+from swashtwin.calibration.measurement import Measurement
+from swashtwin.calibration.posterior import estimates_of, posterior_covariance
+from swashtwin.calibration.unknowns import search_space
 from swashtwin.foundation import InputError, mm
 from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
 from swashtwin.pump import PARAMETERS, Interfaces, OperatingCondition, Pump, SwashPlateDefect

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure, objective_of
-from swashtwin.calibration.objective.phases import best_position, combine_lines, phased_lines
+from swashtwin.calibration.measurement import best_position, combine_lines, phased_lines
 from swashtwin.foundation import DataError, mm, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, SwashPlateDefect

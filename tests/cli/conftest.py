@@ -16,7 +16,7 @@ def _no_misfit_hypotheses() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch:
         if find_spec("torch"):
-            patch.setattr("swashtwin.calibration.uncertainty.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
+            patch.setattr("swashtwin.calibration.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
         yield
 
 

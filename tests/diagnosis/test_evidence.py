@@ -11,9 +11,8 @@ import torch
 from commandline import run_json
 
 from swashtwin.diagnosis import Evidence, diagnose, explain, save_classifier
-from swashtwin.diagnosis.attribution import mean_gradients
-from swashtwin.diagnosis.checklist import CHECKS, next_checks
-from swashtwin.diagnosis.evidence_bands import line_shares
+from swashtwin.diagnosis.attribution import line_shares, mean_gradients
+from swashtwin.diagnosis.verdict import CHECKS, next_checks
 from swashtwin.foundation import InputError, MPa, rpm
 from swashtwin.learning import BiTCN, FittedClassifier, TrainingSettings, cut_windows, fit
 from swashtwin.pump import CLASSES, OperatingCondition

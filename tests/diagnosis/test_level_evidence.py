@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swashtwin.diagnosis import Evidence, diagnose, explain
-from swashtwin.diagnosis.evidence_bands import level_bands, level_shares
+from swashtwin.diagnosis.attribution import level_bands, level_shares
 from swashtwin.foundation import MPa, rpm
 from swashtwin.learning import LevelNetwork, TrainingSettings, cut_windows, fit
 from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels

@@ -8,7 +8,7 @@ from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError, SwashTwinError, mm
 from swashtwin.physics import loose_slipper
-from swashtwin.physics.loose_slipper import LooseMotion, loose_motion, loose_slipper_lines
+from swashtwin.physics.lost_contact import LooseMotion, loose_motion, loose_slipper_lines
 from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
 
 LOOSE = LooseSlipper(clearance=mm(0.2))

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError
 from swashtwin.physics import RK4, HarmonicBalance, assemble
-from swashtwin.physics.solvers.receptances import receptance
+from swashtwin.physics.receptances import receptance
 from swashtwin.pump import Pump
 
 Matrices = tuple[Tensor, Tensor, Tensor]

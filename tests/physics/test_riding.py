@@ -8,7 +8,7 @@ import pytest
 from swashtwin.foundation import deg, mm
 from swashtwin.physics import Twin
 from swashtwin.physics.excitation import displacement_lines, slipper_profile
-from swashtwin.physics.riding import pressing_force, ride, riding_lines
+from swashtwin.physics.lost_contact import pressing_force, ride, riding_lines
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
 
 SHALLOW = SwashPlateDefect(depth=mm(0.07), contact="lift_off")

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError, StabilityError
 from swashtwin.physics import RK4, HarmonicBalance, PeriodicTerm, SteadySolver, assemble, periodic_steady_state
-from swashtwin.physics.solvers.runge_kutta import rk4_limits, state_matrix
+from swashtwin.physics.steady import rk4_limits, state_matrix
 from swashtwin.pump import Pump
 
 Matrices = tuple[Tensor, Tensor, Tensor]

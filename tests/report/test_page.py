@@ -19,9 +19,8 @@ from swashtwin.plot import panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
 from swashtwin.recordings import Recording, RecordingFacts, facts_of
 from swashtwin.report import Part, Section, SectionOrder, page_text, render_drawing, write_report
-from swashtwin.report.cutaway import cutaway_html, cutaway_of
-from swashtwin.report.glossary import Glossary
-from swashtwin.report.wording import fact_entries
+from swashtwin.report.drawing import cutaway_html, cutaway_of
+from swashtwin.report.wording import Glossary, fact_entries
 
 CHROMIUM = "/usr/bin/chromium"
 RIG = "swashtwin virtual rig, version 1"

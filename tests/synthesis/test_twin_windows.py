@@ -8,7 +8,7 @@ from tree_models import fit_trees
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
-from swashtwin.calibration.objective.unknowns import Unknowns, search_space
+from swashtwin.calibration.unknowns import Unknowns, search_space
 from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
 from swashtwin.learning import WindowSet, cut_windows, evaluate
 from swashtwin.physics import Twin

@@ -22,17 +22,17 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from swashtwin.calibration.objective.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
-from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES
-from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.uncertainty.discrepancy import (
+from swashtwin.calibration.discrepancy import (
     Linearization,
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.uncertainty.posterior import Estimate, interval_around, sandwich
+from swashtwin.calibration.measurement import LINE_SPEED_TOLERANCE, Measurement, line_orders
+from swashtwin.calibration.posterior import Estimate, interval_around, sandwich
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.unknowns import VALUES
 from swashtwin.foundation import InputError, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition

@@ -1,20 +1,16 @@
 """Calibration from recordings to result."""
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple, fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from swashtwin.calibration.methods.gauss_newton import GaussNewton
-from swashtwin.calibration.methods.ipinn import IPINN
-from swashtwin.calibration.methods.search import Calibrator, Progress, Search
-from swashtwin.calibration.methods.widening import widening_search
-from swashtwin.calibration.notes import notes_of
-from swashtwin.calibration.objective.agreement import fit_of
-from swashtwin.calibration.objective.measurement import (
+from swashtwin.calibration.fit import fit_of
+from swashtwin.calibration.ipinn import IPINN
+from swashtwin.calibration.measurement import (
     DEFAULT_BAND,
     LINE_SPEED_TOLERANCE,
     Lines,
@@ -22,13 +18,22 @@ from swashtwin.calibration.objective.measurement import (
     place_single_channels,
     select_agreeing,
 )
-from swashtwin.calibration.objective.recording_checks import require_one_machine
-from swashtwin.calibration.objective.spectrum_objective import NONE, Objective, objective_of
-from swashtwin.calibration.objective.unknowns import Nuisances, search_space, unstated
+from swashtwin.calibration.misfit_hypotheses import MisfitHypothesis, suspected_mistakes, words_of_constant
+from swashtwin.calibration.posterior import (
+    MISFIT,
+    Estimate,
+    Posterior,
+    estimates_of,
+    misfit_of,
+    posterior_covariance,
+    strained_constants,
+)
+from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.search import WIDENED, Calibrator, GaussNewton, Progress, Search, widening_search
 from swashtwin.calibration.severity.law_search import identify_law
-from swashtwin.calibration.uncertainty.misfit_hypotheses import MisfitHypothesis, suspected_mistakes
-from swashtwin.calibration.uncertainty.posterior import Posterior, estimates_of, misfit_of, posterior_covariance
+from swashtwin.calibration.spectrum_objective import NONE, Objective, objective_of
+from swashtwin.calibration.unknowns import CONSTANTS, Nuisances, search_space, unstated
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, is_same_class, load_pump
@@ -266,3 +271,64 @@ def _settings(method: Calibrator, objective: Objective, seed: int) -> dict[str, 
     measurement = objective.comparisons[0].measurement
     settings |= {"band": measurement.band, "lines": measurement.lines, "phases": objective.has_phases, "seed": seed}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()}
+
+
+FAR = 2.0
+"""A constant that ends so many deviations of its prior from what was stated is named beside a misfit."""
+_UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
+
+
+def notes_of(
+    objective: Objective,
+    search: Search,
+    estimates: tuple[Estimate, ...],
+    misfit: float,
+    hypotheses: Sequence[MisfitHypothesis],
+) -> tuple[str, ...]:
+    """Notes of a search and what came of it, with the mistakes that would explain its misfit."""
+    notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
+    doubts = [*_bounds(objective, search, estimates)]
+    if misfit > MISFIT:
+        lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
+        doubts.append(
+            f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so no value is "
+            f"called identified{lacks}"
+        )
+    doubts += [hypothesis.words for hypothesis in hypotheses]
+    if doubts:
+        notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
+    unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
+    if unknown:
+        notes.append(f"{', '.join(unknown)}: {_UNLEARNT}")
+    return tuple(notes)
+
+
+def is_warning(note: str) -> bool:
+    """Whether a note says that something may be wrong, not only that values are unknown or bounds were widened."""
+    return not note.endswith((_UNLEARNT, WIDENED))
+
+
+def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...]) -> Iterator[str]:
+    """Values that a bound stopped, and constants that ended at or near one."""
+    for estimate in estimates:
+        if estimate.verdict == "at bound":
+            low, high = (f"{bound:.3g}" for bound in estimate.bounds)
+            yield (
+                f"{estimate.letter} was stopped by a bound ({low} to {high} {estimate.unit}): state wider ones "
+                f'(--set "bounds={estimate.letter}=LEAST..GREATEST"), or correct the pump file'
+            )
+    strained = strained_constants(objective.unknowns, search.point)
+    if strained:
+        constants = ", ".join(words_of_constant(name) for name in strained)
+        yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"
+
+
+def _far_constants(objective: Objective, search: Search) -> str:
+    """Constants that the lines pull away from what was stated, the farthest first."""
+    unknowns = objective.unknowns
+    away = ((search.point - unknowns.center) / unknowns.deviation)[CONSTANTS]
+    names = unknowns.names[CONSTANTS]
+    far = [names[i] for i in np.argsort(-np.abs(away)) if abs(away[i]) > FAR and not names[i].startswith("mode ")]
+    if not far:
+        return "the model lacks something (housing modes, wrong constants)"
+    return "farthest from what was stated: " + ", ".join(words_of_constant(name) for name in far[:3])

@@ -1,16 +1,16 @@
-"""Result of a calibration, and its file."""
+"""Results of a calibration: a twin, the law of a recess where one was searched, and their file."""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from swashtwin.calibration.methods.search import History
-from swashtwin.calibration.objective.agreement import ERRORS, Agreement, Fit, mean_agreement
-from swashtwin.calibration.severity.law import FaultLaw
-from swashtwin.calibration.uncertainty.posterior import LARGE, Estimate, Posterior, is_in_doubt
+from swashtwin.calibration.fit import ERRORS, Agreement, Fit, mean_agreement
+from swashtwin.calibration.posterior import LARGE, Estimate, Posterior, is_in_doubt
+from swashtwin.calibration.search import History
+from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
 from swashtwin.foundation import (
     ArtifactError,
     MissingFileError,
@@ -23,8 +23,59 @@ from swashtwin.foundation import (
     write_text,
 )
 from swashtwin.physics import Twin
-from swashtwin.pump import PARAMETERS, fault_type
+from swashtwin.pump import PARAMETERS, Fault, SwashPlateDefect, fault_type
 from swashtwin.recordings import Manifest
+
+
+@dataclass(frozen=True)
+class FaultLaw:
+    """What recordings of a recess tell of its law, for the pump that was calibrated beside it."""
+
+    fault: SwashPlateDefect
+    """The recess that explains them best."""
+    estimates: tuple[Estimate, ...]
+    """Its depth, corner and further unknowns; the last is how the noise between the lines rises."""
+    evidence: Mapping[str, float]
+    """Logarithm of each law's evidence less that of the likeliest, by contact and edge (Laplace's approximation)."""
+    misfit: float
+    """Root mean square of the lines' differences over what was expected; above 1 the intervals are widened by it."""
+    recording_ids: tuple[str, ...]
+    """Recordings of the fault."""
+
+    @property
+    def floor(self) -> float:
+        """Factor on the noise between the lines at the depth of `fault`."""
+        return self.estimates[-1].value
+
+    def of(self, fault: Fault | None, corner_shift: float = 0.0) -> Fault | None:
+        """`fault` under this law, where it is a recess that states no corner; any other fault as it is.
+
+        Parameters
+        ----------
+        corner_shift : of ln corner, in standard deviations of its estimate.
+        """
+        if not isinstance(fault, SwashPlateDefect) or fault.corner:
+            return fault
+        names = ("contact", "edge", "fall", "gain", "leakage")
+        corner = next(item for item in self.estimates if item.letter == "corner")
+        drawn = corner.value * math.exp(corner.log_std * corner_shift)
+        return replace(fault, corner=drawn, **{name: getattr(self.fault, name) for name in names})
+
+    def space(self, space: FaultSpace) -> FaultSpace:
+        """`space` of a severity under this law, its corner searched as far as it is uncertain."""
+        lawful = self.of(space.reference)
+        if lawful is None or lawful == space.reference:
+            return space
+        deviation = next(item.log_std for item in self.estimates if item.letter == "corner")
+        (corner,) = (item for item in search_of(lawful).dimensions if item.name == "corner")
+        return FaultSpace(lawful, (*space.free, replace(corner, deviation=deviation)))
+
+    def floor_of(self, fault: Fault | None) -> float:
+        """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one."""
+        if not isinstance(fault, SwashPlateDefect):
+            return 1.0
+        return float(self.floor ** (fault.depth / self.fault.depth))
+
 
 FORMAT = "swashtwin calibration 8"
 

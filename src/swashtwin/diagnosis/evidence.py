@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis.attribution import contributions
-from swashtwin.diagnosis.checklist import Check, next_checks
+from swashtwin.diagnosis.attribution import Band, band_rms, contributions
 from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
-from swashtwin.diagnosis.evidence_bands import Band, band_rms
-from swashtwin.diagnosis.verdict import Diagnosis
+from swashtwin.diagnosis.verdict import Check, Diagnosis, next_checks
 from swashtwin.foundation import InputError, to_table
 from swashtwin.learning import FittedClassifier
 from swashtwin.recordings import Recording, stated_speed

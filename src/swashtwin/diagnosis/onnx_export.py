@@ -1,12 +1,21 @@
 """A fitted classifier as an ONNX file, which other languages and runtimes read without torch or swashtwin."""
 
 import json
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from swashtwin.foundation import VERSION, load_extra, replacing
 from swashtwin.learning import FittedClassifier, SolvedNetwork, onnx_model
+
+if TYPE_CHECKING:
+    from swashtwin.learning import Network
 
 
 def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
@@ -15,8 +24,8 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     The input ``windows`` (window, channel, time) takes any number of windows of the classifier's layout in its unit,
     float32. A network on orders of the shaft has a second input, ``speed`` (window) [rad/s], NaN for that of the
     training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives, without
-    what heads on whole recordings (`FittedClassifier.recordings`) add. The
-    scaling is part of the file. The file's metadata hold JSON: ``classes``, ``layout``, ``normalization``,
+    what heads on whole recordings (`FittedClassifier.recordings`) add. The scaling is part of the file. Its metadata
+    hold JSON: ``classes``, ``layout``, ``normalization``,
     ``temperature`` and ``dependence`` (by which `diagnose` calibrates the probabilities, or null), ``manifest``,
     ``network`` and ``swashtwin`` (version).
 
@@ -32,8 +41,6 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
         model = onnx_model(classifier)
     else:
         load_extra("onnxscript", "onnx", "an ONNX file of a network of torch")
-        from swashtwin.diagnosis.torch_program import torch_model
-
         model = torch_model(classifier, network)
     for name, value in _facts(classifier).items():
         model.metadata_props.add(key=name, value=json.dumps(value))
@@ -53,3 +60,66 @@ def _facts(classifier: FittedClassifier) -> dict[str, object]:
         "network": classifier.network.name,
         "swashtwin": VERSION,
     }
+
+
+def torch_model(classifier: FittedClassifier, network: "Network") -> Any:
+    """The ONNX model of a network of torch: scaling, network and softmax, computed as `FittedClassifier` does."""
+    import torch
+
+    layout, normalization = classifier.layout, classifier.normalization
+    turns_of_speed = 1 / (2 * np.pi * layout.sample_rate)
+
+    class Whole(torch.nn.Module):
+        mean: torch.Tensor
+        deviation: torch.Tensor
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = network
+            self.register_buffer("mean", torch.from_numpy(normalization.mean)[:, None])
+            self.register_buffer("deviation", torch.from_numpy(normalization.deviation)[:, None])
+
+        def forward(self, windows: torch.Tensor, speed: torch.Tensor | None = None) -> torch.Tensor:
+            samples, mean, deviation = windows.double(), self.mean, self.deviation
+            if normalization.kind == "window":
+                mean = samples.mean(dim=-1, keepdim=True)
+                deviation = (samples - mean).square().mean(dim=-1, keepdim=True).sqrt()
+                deviation = torch.where(deviation > 0, deviation, 1.0)
+            if normalization.kind in ("window", "set"):
+                windows = ((samples - mean) / deviation).float()
+            if speed is None:
+                return torch.softmax(network(windows), dim=-1)
+            represented = network.represent_at(windows, speed * turns_of_speed)
+            return torch.softmax(network.head(network.encode(represented)), dim=-1)
+
+    names, examples = ["windows"], [torch.zeros(2, len(layout.channels), layout.length)]
+    if network.uses_speed:
+        names, examples = [*names, "speed"], [*examples, torch.full((2,), torch.nan)]
+    with _quiet():
+        program = torch.onnx.export(
+            Whole().eval(),
+            tuple(examples),
+            dynamo=True,
+            dynamic_shapes=({0: torch.export.Dim("window")},) * len(names),
+            input_names=names,
+            output_names=["probability"],
+            verbose=False,
+        )
+    assert program is not None
+    return program.model_proto
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Within it, torch does not tell of packages that nobody needs, nor of its own old ways."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            for kind in (FutureWarning, DeprecationWarning):
+                warnings.simplefilter("ignore", kind)
+            warnings.filterwarnings("ignore", ".*axis name: window will not be used")  # two inputs share it
+            yield
+    finally:
+        logger.setLevel(level)

@@ -19,8 +19,14 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
 from swashtwin.diagnosis.prior_file import load_prior, save_prior
-from swashtwin.diagnosis.prior_head import UNKNOWN_RATE, PriorHead, VirtualChanges, fit_head
-from swashtwin.diagnosis.shaft_orders import order_levels, shaft_frequency
+from swashtwin.diagnosis.prior_head import (
+    UNKNOWN_RATE,
+    PriorHead,
+    VirtualChanges,
+    fit_head,
+    order_levels,
+    shaft_frequency,
+)
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import (
     DataError,

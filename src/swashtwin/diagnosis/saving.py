@@ -1,14 +1,22 @@
-"""A fitted classifier as an artifact: a card that is made of its dataclasses, with its weights beside."""
+"""Saved models of every kind, and a classifier as an artifact: a card of its dataclasses, with its weights beside."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swashtwin.diagnosis.resemblance import Resemblance
-from swashtwin.foundation import ArtifactError, InputError, load_artifact, refuse_misfits, save_artifact
+from swashtwin.foundation import (
+    ArtifactError,
+    InputError,
+    artifact_kind,
+    as_path,
+    load_artifact,
+    refuse_misfits,
+    save_artifact,
+)
 from swashtwin.learning import (
     N_FACTS,
     NETWORKS,
@@ -25,6 +33,12 @@ from swashtwin.learning import (
     rebuild_network,
 )
 from swashtwin.recordings import Manifest
+
+if TYPE_CHECKING:
+    from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
+    from swashtwin.diagnosis.fault_classifier import FaultClassifier
+    from swashtwin.diagnosis.prior_classifier import PriorClassifier
+
 
 KIND, _VERSION = "classifier", 8
 _MAY_BE_NAN = (
@@ -152,3 +166,29 @@ def _require_size(network: _Network, length: int) -> None:
                 raise ValueError(f"the network's {name[:60]} is neither a number nor a text")
             if isinstance(entry, (int, float)) and abs(entry) > most:
                 raise ValueError(f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most")
+
+
+def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":
+    """The model in a file, or the shipped prior of a design, such as ``"25scy14-1b"``.
+
+    Raises
+    ------
+    MissingFileError
+        There is no such file.
+    InputError
+        No prior of this design is shipped.
+    ArtifactError
+        The file is damaged, edited, no model, of another version, or its network is not registered.
+    """
+    kind = artifact_kind(as_path(path))
+    if kind == "anomaly detector":
+        from swashtwin.diagnosis.anomaly_detector import AnomalyDetector
+
+        return AnomalyDetector.load(path)
+    if kind == "prior classifier" or not Path(path).suffix:
+        from swashtwin.diagnosis.prior_classifier import PriorClassifier
+
+        return PriorClassifier.load(path)
+    from swashtwin.diagnosis.fault_classifier import FaultClassifier
+
+    return FaultClassifier.load(path)

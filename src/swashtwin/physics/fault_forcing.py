@@ -17,8 +17,8 @@ from torch import Tensor
 
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
 from swashtwin.physics.excitation import bore_lines, displacement_lines, following, recess_of, ridden
-from swashtwin.physics.riding import riding_lines
-from swashtwin.physics.solvers.periodic import PeriodicTerm
+from swashtwin.physics.lost_contact import riding_lines
+from swashtwin.physics.periodic import PeriodicTerm
 from swashtwin.pump import (
     BoreDefect,
     Fault,

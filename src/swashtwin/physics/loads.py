@@ -20,8 +20,7 @@ from jaxtyping import Complex, Float
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import Chambers, NotConverged, solve
 from swashtwin.physics.dynamics import N_DOF, Dof
-from swashtwin.physics.excitation import recess_of, ridden, slipper_profile
-from swashtwin.physics.fault_leakage import added_leakage, port_change
+from swashtwin.physics.excitation import added_leakage, port_change, recess_of, ridden, slipper_profile
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.pump import Fault, OperatingCondition, Pump
 from swashtwin.signals import fourier_lines

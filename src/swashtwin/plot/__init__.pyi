@@ -1,10 +1,10 @@
 """Names that other rooms import, and where each lives: four figures, then what all figures share."""
 
 from .figures import confusion as confusion
-from .recess_figure import excitation as excitation
-from .signal_figures import spectrum as spectrum
-from .signal_figures import unit_words as unit_words
-from .signal_figures import waveform as waveform
+from .figures import excitation as excitation
+from .figures import spectrum as spectrum
+from .figures import unit_words as unit_words
+from .figures import waveform as waveform
 from .style import CALIBRATED as CALIBRATED
 from .style import INTERFACE_COLORS as INTERFACE_COLORS
 from .style import LIGHT as LIGHT

@@ -1,14 +1,33 @@
-"""Confusion matrices."""
+"""Confusion matrices, waveforms, spectra with their expected lines, and the slippers in a recess."""
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Num
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from swashtwin.foundation import InputError
-from swashtwin.plot.style import ON_DARK, ON_SHADE, figure_style, panels, words
+from swashtwin.plot.style import (
+    CALIBRATED,
+    LIGHT,
+    MEASURED,
+    ON_DARK,
+    ON_SHADE,
+    figure_style,
+    log_axis,
+    panels,
+    spread_labels,
+    words,
+)
+from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
+
+if TYPE_CHECKING:
+    from swashtwin.physics import Twin
 
 
 @figure_style()
@@ -74,3 +93,203 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
                 panel.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
         if not total[i, 0]:
             panel.text(len(row) / 2 - 0.5, i, "none", ha="center", va="center", fontsize=8, color=ON_SHADE)
+
+
+MOST_POINTS = 3000
+"""Most points drawn of one spectrum; each is the greatest line of its group."""
+
+_TURNS = 3
+"""Revolutions that a waveform shows where the speed is stated."""
+_PISTONS, _SHAFT = CALIBRATED, "#009e73"
+_MARK_KINDS = {False: (_SHAFT, "shaft"), True: (_PISTONS, "piston pass")}
+"""Color and name of a mark, by whether it is of the pistons."""
+
+
+@figure_style()
+def waveform(recording: Recording, *, start: float = 0.0, duration: float | None = None) -> Figure:
+    """Samples of each channel over time [s], with a line at each turn of the shaft where its speed is stated.
+
+    Parameters
+    ----------
+    start : time of the first sample shown [s].
+    duration : length shown [s]; by default three turns of the shaft, or 0.2 s where no speed is stated.
+
+    Raises
+    ------
+    InputError
+        The recording has no samples there.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(4000) / 10)[None]
+    >>> len(waveform(Recording(wave, 1000.0, "a"), duration=1.5).axes)
+    1
+    """
+    shaft = stated_speed(recording)
+    length = duration if duration is not None else _TURNS / shaft if shaft else 0.2
+    first, last = round(start * recording.sample_rate), round((start + length) * recording.sample_rate)
+    if not 0 <= first < min(last, recording.n_samples):
+        raise InputError(
+            f"{recording.recording_id} is {recording.duration:.4g} s long and has no samples from {start:g} s on for "
+            f"{length:.4g} s; choose start and duration within it."
+        )
+    part = recording.slice(first, min(last, recording.n_samples))
+    time = start + part.time
+    figure, axes = panels(part.n_channels, 1, 1.0 + 1.4 * part.n_channels, sharex=True)
+    for panel, name, row in zip(axes[:, 0], part.channels, part.signal, strict=True):
+        for turn in np.arange(math.ceil(start * shaft), time[-1] * shaft) if shaft else ():
+            panel.axvline(turn / shaft, color=LIGHT, linewidth=1.2, zorder=0)
+        panel.plot(time, row, color=MEASURED, linewidth=0.8)
+        panel.set_title(words(name), loc="left")
+        panel.set_ylabel(f"[{unit_words(recording.unit)}]")
+    axes[-1, 0].set(xlabel="time [s]", xlim=(time[0], time[-1]))
+    return figure
+
+
+@figure_style()
+def spectrum(
+    source: Recording | LineSpectrum,
+    kind: LineSpectrumKind = "amplitude",
+    *,
+    pistons: int | None = None,
+) -> Figure:
+    """A spectrum of each channel, with the lines that are expected of the shaft and of the pistons.
+
+    The axis ends a little beyond the last line of the pistons; where their number is not known, with the spectrum.
+
+    Parameters
+    ----------
+    source : recording, or what `swashtwin.signals.spectrum_of` gave.
+    kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of the shaft's
+        frequency.
+    pistons : of a recording: number of pistons, to mark their lines.
+
+    Raises
+    ------
+    InputError
+        Orders of a recording that states no speed.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.arange(4000) / 10)[None]
+    >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
+    'frequency [Hz]'
+    """
+    spectrum = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    start, last = spectrum.position[1], float(spectrum.position[-1])
+    end = min(1.1 * max((mark.at for mark in spectrum.marks if mark.of_pistons), default=last), last)
+    is_shown = (spectrum.position >= start) & (spectrum.position <= end)
+    count = len(spectrum.channels)
+    figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
+    marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
+    for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
+        x, y = _thin_out(spectrum.position[is_shown], row[is_shown])
+        panel.plot(x, y, color=MEASURED, linewidth=0.8)
+        _level_axis(panel, spectrum, y)
+        title = words(name)
+        if spectrum.bands:
+            low, high = spectrum.bands[number]
+            title += f", envelope of {low:.0f} to {high:.0f} Hz"
+        panel.set_title(title, loc="left")
+        for mark in marks:
+            color, _ = _MARK_KINDS[mark.of_pistons]
+            panel.axvline(mark.at, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
+    axes[0, 0].set_xlim(0, end)
+    _name_marks(axes[0, 0], marks, end)
+    axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
+    if looks := [_MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})]:
+        lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
+        figure.legend(lines, [name for _, name in looks], loc="outside upper right", ncols=2)
+    return figure
+
+
+def unit_words(unit: str) -> str:
+    """Unit as figures show it."""
+    return unit.replace("^2", "²") or "1"
+
+
+def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Greatest of each group of neighbors, so that no line is lost."""
+    size = math.ceil(len(x) / MOST_POINTS)
+    if size == 1:
+        return x, y
+    whole = len(x) // size * size
+    best = y[:whole].reshape(-1, size).argmax(axis=1) + size * np.arange(whole // size)
+    return x[best], y[best]
+
+
+def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
+    panel.set_ylabel(f"peak amplitude\n[{unit_words(spectrum.unit)}]")
+    if spectrum.kind == "envelope":
+        panel.set_ylim(bottom=0)
+        return
+    positive = amplitudes[amplitudes > 0]
+    panel.set_yscale("log")
+    if positive.size:
+        panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
+        log_axis(panel.yaxis)
+
+
+def _name_marks(panel: Axes, marks: Sequence[Mark], width: float) -> None:
+    spots = spread_labels([mark.at for mark in marks], gap=0.035 * width)
+    for mark, spot in zip(marks, spots, strict=True):
+        panel.annotate(
+            mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", va="bottom", fontsize=8, color=_MARK_KINDS[mark.of_pistons][0], annotation_clip=False,
+        )  # fmt: skip
+    if marks:
+        panel.set_title(panel.get_title(loc="left"), loc="left", pad=16)
+
+
+N_POINTS = 701
+"""Points over one revolution."""
+
+
+@figure_style()
+def excitation(twin: "Twin") -> Figure:
+    """Displacement of each slipper in the recess of the swash plate and their sum [mm], over one revolution [ms].
+
+    The equations are those of `slipper_displacements` (docs/explanation/physics.md, section 2.4, a derivation of ours).
+
+    Parameters
+    ----------
+    twin : with a `SwashPlateDefect`, or another fault that has a recess.
+
+    Raises
+    ------
+    InputError
+        The twin's fault has no recess.
+
+    Examples
+    --------
+    >>> from swashtwin.foundation import MPa, mm, rpm
+    >>> from swashtwin.physics import Twin
+    >>> from swashtwin.pump import OperatingCondition, SwashPlateDefect, load_pump
+    >>> twin = Twin(load_pump("25scy14-1b"), OperatingCondition(rpm(860), MPa(15)), SwashPlateDefect(depth=mm(0.07)))
+    >>> len(excitation(twin).axes)
+    2
+    """
+    from swashtwin.physics import recess_of, slipper_displacements
+
+    recess = recess_of(twin.fault)
+    if recess is None:
+        raise InputError(
+            f"the fault of this twin ({twin.label}) has no recess, so no slipper is displaced; give a twin with a "
+            "swash plate defect."
+        )
+    time = np.linspace(0, twin.condition.period, N_POINTS)
+    each = slipper_displacements(twin.pump, twin.condition, recess, time)
+    figure, axes = panels(2, 1, 4.8, sharex=True)
+    (above,), (below,) = axes
+    turn = np.exp(2j * np.pi * time / twin.condition.period)
+    for j, row in enumerate(each):
+        shade = f"{0.15 + 0.5 * j / max(1, len(each) - 1):.2f}"
+        above.plot(time * 1e3, row * 1e3, color=shade)
+        middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
+        above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
+    total = each.sum(axis=0) * 1e3
+    below.plot(time * 1e3, total, color=CALIBRATED)
+    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
+    below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
+    below.set_ylim(0, total.max() * 1.15)
+    return figure

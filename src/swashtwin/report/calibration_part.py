@@ -1,15 +1,31 @@
-"""Part of the page about a calibration."""
+"""Part of the page about a calibration, with its figures: waveforms, spectra, search, estimates."""
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from types import MappingProxyType
 
-from swashtwin.calibration import Calibration, Estimate
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
 from swashtwin.foundation import plural
-from swashtwin.plot import words
+from swashtwin.plot import (
+    CALIBRATED,
+    INTERFACE_COLORS,
+    LIGHT,
+    MEASURED,
+    NOMINAL,
+    figure_style,
+    log_axis,
+    panels,
+    words,
+)
+from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import RecordingFacts
-from swashtwin.report.calibration_figures import calibration_drawings
+from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import (
     also_in_bar,
@@ -184,3 +200,174 @@ def _provenance(calibration: Calibration) -> Table:
         ("calibration recordings", list(calibration.recording_ids)),
     ]
     return facts_table("How the calibration was made.", entries)
+
+
+_RANGE_DB = 60.0
+"""Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is less."""
+
+
+def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:
+    """Every figure of a calibration, in the order of the page; the name of each file begins with `key`."""
+    figures: list[Drawing] = []
+    band = calibration.settings.get("band", (math.nan, math.nan))
+    for fit in calibration.fits:
+        prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
+        figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
+    return [*figures, estimates(calibration, key), search_drawing(calibration, key)]
+
+
+@figure_style()
+def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
+    """One revolution measured, with the twin before (left) and after (right), a row for each sensor."""
+    record, channels = fit.waveforms, fit.spectra.channels
+    columns: dict[str, np.ndarray] = {"time_s": record.time}
+    figure, axes = panels(len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row")
+    for i, channel in enumerate(channels):
+        sides = (("nominal", record.nominal[i], NOMINAL), ("calibrated", record.calibrated[i], CALIBRATED))
+        columns |= {f"{channel}_measured": record.measured[i]}
+        for panel, (name, simulated, color) in zip(axes[i], sides, strict=True):
+            columns |= {f"{channel}_{name}": simulated}
+            panel.plot(record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65)
+            panel.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
+        axes[i, 0].set_ylabel(f"{words(channel)} [m/s²]")
+    for panel, (name, color) in zip(axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True):
+        when = "before" if name == "nominal" else "after"
+        panel.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
+    for panel in axes[-1]:
+        panel.set(xlabel="time [ms]", xlim=(0, record.time[-1] * 1e3))
+    low, high = band
+    caption = (
+        f"One revolution of recording {fit.recording_ids[0]} (gray) and of the twin (color), both within "
+        f"{low:g} to {high:g} Hz and aligned in time, because the shaft angle at the start of a recording is not known."
+    )
+    title = f"Waveforms before and after calibration, {_pressure(fit)}"
+    return render_drawing(f"{key}_waveforms", figure, columns, title=title, caption=caption)
+
+
+@figure_style()
+def spectra(fit: Fit, key: str) -> Drawing:
+    """Line amplitudes measured, before and after, a panel for each sensor, in decibels."""
+    record = fit.spectra
+    count, values = len(record.channels), ("measured", "deviation", "nominal", "calibrated", "low", "high")
+    columns = {
+        "channel": np.repeat(record.channels, len(record.orders)),
+        "order": np.tile(record.orders, count),
+        "frequency_hz": np.tile(record.frequency, count),
+        **{name: getattr(record, name).ravel() for name in values},
+    }
+    figure, axes = panels(count, 1, 1.1 + 2.0 * count, sharex=True)
+    for i, panel in enumerate(axes[:, 0]):
+        _spectrum_panel(panel, record, i)
+        panel.set_title(words(record.channels[i]), loc="left")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
+    caption = (
+        "Amplitudes at the multiples of the piston-pass frequency. Bars: one standard deviation of the measured "
+        "amplitude, within recordings or between them. Blue band: 90 % of the twins drawn from the posterior; "
+        "noise and model error are not in it. 20 dB are a factor of 10. Lines more than "
+        f"{_RANGE_DB:g} dB below the strongest are drawn at the lower edge, as zero is."
+    )
+    title = f"Spectra before and after calibration, {_pressure(fit)}"
+    return render_drawing(f"{key}_spectra", figure, columns, title=title, caption=caption)
+
+
+def _pressure(fit: Fit) -> str:
+    return f"{fit.condition.discharge_pressure / 1e6:.4g} MPa"
+
+
+def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
+    lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
+    top = 20 * math.log10(max(lines.max(), 1e-9))
+    floor = max(top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4)
+
+    def decibel(amplitude: np.ndarray) -> np.ndarray:
+        return 20 * np.log10(np.maximum(amplitude, 10 ** (floor / 20)))
+
+    for name, color, marker, style in (("nominal", NOMINAL, "s", "--"), ("calibrated", CALIBRATED, "D", "-")):
+        label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
+        height = decibel(getattr(record, name)[i])
+        panel.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
+    band, label = (decibel(record.low[i]), decibel(record.high[i])), "calibrated twin, 90 % of its posterior"
+    panel.fill_between(record.frequency, *band, color=CALIBRATED, alpha=0.18, linewidth=0, label=label)
+    low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
+    panel.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
+    panel.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
+    panel.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
+    panel.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
+
+
+@figure_style()
+def estimates(calibration: Calibration, key: str) -> Drawing:
+    """The six values over their nominal ones, with intervals, bounds and verdicts."""
+    stated = ("letter", "unit", "nominal", "value", "interval", "bounds", "verdict", "traded_with")
+    shown = {name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated}
+    (low, high), (least, most) = (zip(*shown.pop(name), strict=True) for name in ("interval", "bounds"))
+    ends = {"interval_low": low, "interval_high": high, "bound_low": least, "bound_high": most}
+    columns = {"parameter": [estimate.name for estimate in calibration.estimates], **shown, **ends}
+    figure, axes = panels(1, 1, 3.6)
+    panel = axes[0, 0]
+    for height, estimate in enumerate(reversed(calibration.estimates)):
+        _estimate_row(panel, height, estimate)
+    panel.axvline(1, color=NOMINAL, linewidth=1.2)
+    panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
+    names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
+    panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
+    panel.grid(axis="y", visible=False)
+    panel.set(xscale="log", xlabel="value over nominal value")
+    log_axis(panel.xaxis)
+    caption = (
+        "Dot: estimate. Line: 90 % interval, if the model is right. Gray: "
+        "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
+        "different values can have the same spectrum, so a good fit does not prove a value."
+    )
+    return render_drawing(f"{key}_estimates", figure, columns, title="The six values", caption=caption)
+
+
+def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
+    color = INTERFACE_COLORS[estimate.name.split(".")[0]]
+    low, high = (bound / estimate.nominal for bound in estimate.bounds)
+    panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
+    panel.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
+    share, is_told = estimate.value / estimate.nominal, estimate.verdict == "identified"
+    panel.plot(share, height, "o", color=color, markerfacecolor=color if is_told else "white", markersize=7, zorder=3)
+    panel.annotate(
+        f"{estimate.verdict}{f', traded with {estimate.traded_with}' if estimate.traded_with else ''}",
+        (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9,
+        fontweight="bold" if is_told else "normal",
+    )  # fmt: skip
+
+
+@figure_style()
+def search_drawing(calibration: Calibration, key: str) -> Drawing:
+    """The loss over the search, and below it the six values, each over its nominal value and named at its end."""
+    history = calibration.history
+    step = np.arange(1, len(history.loss) + 1)
+    ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
+    columns = {"step": step, "loss": history.loss, "spectrum": history.spectrum_loss, "prior": history.prior_loss}
+    columns |= {"boundary": history.boundary_loss}
+    columns |= {estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)}
+    figure, axes = panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
+    above, below = axes[:, 0]
+    for panel in (above, below):
+        panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
+    above.plot(step, history.loss, color="#000000")
+    above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
+    above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
+    log_axis(above.yaxis)
+    low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
+    below.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
+    below.set_xlabel("epoch" if calibration.method == "IPINN" else "simulation from the best start")
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    log_axis(below.yaxis)
+    for i, estimate in enumerate(calibration.estimates):
+        interface, entry = estimate.name.split(".")
+        style = "-" if entry == "damping" else "--"
+        below.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.letter)
+    figure.legend(loc="outside right lower")
+    caption = (
+        f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "
+        f"dashed stiffness, one color for each interface. The gray line marks the best step, {history.best + 1} of "
+        f"{len(step)}; its values are the result."
+    )
+    return render_drawing(f"{key}_search", figure, columns, title="The search", caption=caption)

@@ -14,15 +14,12 @@ from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidenc
 from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, json_text, plural, replacing
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
-from swashtwin.report.anomaly_part import anomaly_part
-from swashtwin.report.cutaway import template
-from swashtwin.report.diagnosis_part import diagnosis_part
+from swashtwin.report.diagnosis_part import anomaly_part, diagnosis_part
+from swashtwin.report.drawing import template
 from swashtwin.report.evidence_part import evidence_part
-from swashtwin.report.glossary import Glossary
+from swashtwin.report.model_part import alarms_part, detector_part, scores_part, training_part
 from swashtwin.report.page import Group, Part, Section, cards_of, drawings, overview_of, shared_facts
-from swashtwin.report.scores_part import alarms_part, scores_part
-from swashtwin.report.training_part import detector_part, training_part
-from swashtwin.report.wording import fact_entries, rig_notice
+from swashtwin.report.wording import Glossary, fact_entries, rig_notice
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, IdentifiabilityReport

@@ -16,7 +16,7 @@ import scipy.stats
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.discrepancy import Discrepancy, linearize, noise_covariance
 from swashtwin.calibration.severity.dimensions import FaultSpace, search_of
 from swashtwin.calibration.severity.profile_likelihood import (
     THRESHOLD,
@@ -24,7 +24,7 @@ from swashtwin.calibration.severity.profile_likelihood import (
     interval_of,
     profile_likelihood,
 )
-from swashtwin.calibration.uncertainty.discrepancy import Discrepancy, linearize, noise_covariance
+from swashtwin.calibration.spectrum_objective import Comparison, Objective
 from swashtwin.foundation import SwashTwinError
 
 SHARE = 0.1

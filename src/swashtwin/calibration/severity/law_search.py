@@ -7,15 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from swashtwin.calibration.objective.measurement import place_single_channels
-from swashtwin.calibration.objective.spectrum_objective import Comparison
-from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.measurement import place_single_channels
+from swashtwin.calibration.posterior import MISFIT, Estimate, estimated
+from swashtwin.calibration.result import Calibration, FaultLaw
 from swashtwin.calibration.severity.dimensions import FaultSpace, fault_space
 from swashtwin.calibration.severity.inversion import FACTORS, Inversion, Minimum
-from swashtwin.calibration.severity.law import FaultLaw
 from swashtwin.calibration.severity.severity import SeveritySettings
 from swashtwin.calibration.severity.severity_search import comparison_of_fault, invert
-from swashtwin.calibration.uncertainty.posterior import MISFIT, Estimate, estimated
+from swashtwin.calibration.spectrum_objective import Comparison
 from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault, Pump, SwashPlateDefect, group_by_condition, is_same_class

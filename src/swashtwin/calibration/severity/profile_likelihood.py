@@ -10,7 +10,7 @@ import numpy as np
 import scipy.stats
 from jaxtyping import Float
 
-from swashtwin.calibration.uncertainty.posterior import COVERAGE
+from swashtwin.calibration.posterior import COVERAGE
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 """Rise of the sum of squares at which an interval ends (Wilks)."""

@@ -8,16 +8,15 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.measurement import (
+from swashtwin.calibration.measurement import (
     Lines,
     Measurement,
     measure,
     place_single_channels,
     select_agreeing,
 )
-from swashtwin.calibration.objective.recording_checks import require_one_machine
-from swashtwin.calibration.objective.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.objective.unknowns import VALUES, Unknowns
+from swashtwin.calibration.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
+from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
 from swashtwin.calibration.severity.dimensions import Dimension, FaultSpace, fault_space, search_of
 from swashtwin.calibration.severity.inversion import Ends, Inversion, Minimum, Prior
@@ -32,7 +31,8 @@ from swashtwin.calibration.severity.severity import (
     recording_notes,
     severity_notes,
 )
-from swashtwin.calibration.uncertainty.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
+from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objective
+from swashtwin.calibration.unknowns import VALUES, Unknowns
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (

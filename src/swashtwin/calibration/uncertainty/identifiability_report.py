@@ -7,24 +7,24 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.measurement import measure
-from swashtwin.calibration.objective.spectrum_objective import Objective, comparison_of
-from swashtwin.calibration.objective.unknowns import CONSTANTS, VALUES, touched
-from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.uncertainty.discrepancy import (
+from swashtwin.calibration.discrepancy import (
     Discrepancy,
     Linearization,
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
-from swashtwin.calibration.uncertainty.posterior import (
+from swashtwin.calibration.measurement import measure
+from swashtwin.calibration.posterior import (
     IDENTIFIED_STD,
     UNIDENTIFIED_SHARE,
     Estimate,
     estimates_of,
     sandwich,
 )
+from swashtwin.calibration.result import Calibration
+from swashtwin.calibration.spectrum_objective import Objective, comparison_of
+from swashtwin.calibration.unknowns import CONSTANTS, VALUES, touched
 from swashtwin.foundation import DataError, to_table
 from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import Recording

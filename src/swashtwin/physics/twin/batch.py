@@ -15,7 +15,7 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError
 from swashtwin.physics.fault_forcing import FaultAction
-from swashtwin.physics.solvers.steady import HarmonicBalance, SteadySolver
+from swashtwin.physics.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.model import Twin
 from swashtwin.physics.twin.response import Drive, require_positive, respond, rows_of
 

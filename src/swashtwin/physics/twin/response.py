@@ -2,6 +2,10 @@
 
 All that no interface value changes is computed once, as a `Drive`; the rest is a few array operations around one call
 of the solver. Rows are computed in chunks of bounded memory, each independent of its neighbors.
+
+A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to channel c what a
+light oscillator on the shell would: H_c(f) = g_c [1 + sum_m r_cm f^2 / (f_m^2 - f^2 + 2 i zeta_m f_m f)].
+A sensor also reads a share x_cd of what another channel d would: H_c multiplies a_c + sum_d x_cd a_d.
 """
 
 from collections.abc import Callable
@@ -26,12 +30,107 @@ from swashtwin.physics.fault_forcing import (
     wear_factors,
 )
 from swashtwin.physics.loads import LoadCase, force_lines
-from swashtwin.physics.loose_slipper import contact_lines
-from swashtwin.physics.solvers.periodic import PeriodicTerm, periodic_steady_state
-from swashtwin.physics.solvers.steady import SteadySolver
-from swashtwin.physics.twin.path import SensorPath
-from swashtwin.physics.twin.scales import SUPPORTS, Scales
+from swashtwin.physics.lost_contact import contact_lines
+from swashtwin.physics.periodic import PeriodicTerm, periodic_steady_state
+from swashtwin.physics.steady import SteadySolver
 from swashtwin.pump import PARAMETERS, Fault, OperatingCondition, Pump
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Factors on constants that nobody measured; 1 where the pump file is right."""
+
+    mount: float = 1.0
+    """On the mounting's stiffness."""
+    bearing: float = 1.0
+    """On the bearings' stiffness."""
+    excitation: float = 1.0
+    """On the forces of a fault."""
+    sensor: float = 1.0
+    """On what the sensors read."""
+    mount_x: float = 1.0
+    """On the mounting's stiffness along x, beside `mount`."""
+    mount_y: float = 1.0
+    """The same along y."""
+    mount_z: float = 1.0
+    """The same along z."""
+    mount_tilt: float = 1.0
+    """The same in tilt about x and y."""
+    bearing_1: float = 1.0
+    """On the stiffness of the first bearing, beside `bearing`."""
+    bearing_2: float = 1.0
+    """The same of the second."""
+    bearing_3: float = 1.0
+    """The same of all further ones, the axial one included."""
+
+    def values(self) -> tuple[float, ...]:
+        """The factors in the order of the fields."""
+        return tuple(getattr(self, item.name) for item in fields(self))
+
+
+UNSCALED = Scales()
+"""All constants as the pump file says."""
+SUPPORTS = slice(4, None)
+"""Where the factors on the parts of mounting and bearings stand among those of `Scales`."""
+
+
+@dataclass(frozen=True)
+class SensorPath:
+    """Gains of the channels and modes of the housing between the shell and them."""
+
+    gain: tuple[float, ...]
+    """Factor g_c of each channel."""
+    frequency: tuple[float, ...] = ()
+    """Natural frequency f_m of each mode [Hz]."""
+    damping_ratio: tuple[float, ...] = ()
+    """Damping ratio zeta_m of each mode."""
+    residue: tuple[tuple[float, ...], ...] = ()
+    """Share r_cm of each mode (inner) in each channel (outer)."""
+    cross_talk: tuple[tuple[float, ...], ...] = ()
+    """Share x_cd of each channel (inner) in each channel (outer), zero of a channel in itself; empty is none."""
+
+    def __post_init__(self) -> None:
+        modes = len(self.frequency)
+        shares = [len(row) for row in self.residue]
+        if len(self.damping_ratio) != modes or (modes and shares != [modes] * len(self.gain)):
+            raise InputError(
+                f"a path of {modes} modes and {len(self.gain)} channels needs as many damping ratios and a residue for "
+                "each channel and mode."
+            )
+        if self.cross_talk and [len(row) for row in self.cross_talk] != [len(self.gain)] * len(self.gain):
+            raise InputError(f"cross_talk of a path of {len(self.gain)} channels needs a share for each pair of them.")
+        if any(value <= 0 for value in (*self.gain, *self.frequency, *self.damping_ratio)):
+            raise InputError("gains, natural frequencies and damping ratios of a sensor path must be positive.")
+
+    @property
+    def mixing(self) -> Float[Tensor, "channel channel"]:
+        """What each channel (row) reads of what rigid, ideal sensors would (columns)."""
+        unit = torch.eye(len(self.gain), dtype=torch.float64)
+        return unit + torch.tensor(self.cross_talk, dtype=torch.float64) if self.cross_talk else unit
+
+    def response(self, frequency: Float[Tensor, "*#batch line"]) -> Complex[Tensor, "*#batch channel line"]:
+        """H_c at `frequency` [Hz]."""
+        gain, modes, damping = (
+            torch.tensor(row, dtype=torch.float64, device=frequency.device)
+            for row in (self.gain, self.frequency, self.damping_ratio)
+        )
+        residue = torch.tensor(self.residue or [[]] * len(self.gain), dtype=torch.float64, device=frequency.device)
+        return path_response(frequency, gain, modes, damping, residue)
+
+
+def path_response(
+    frequency: Float[Tensor, "*#batch line"],
+    gain: Float[Tensor, "*#batch channel"],
+    modes: Float[Tensor, "*#batch mode"],
+    damping_ratio: Float[Tensor, "*#batch mode"],
+    residue: Float[Tensor, "*#batch channel mode"],
+) -> Complex[Tensor, "*#batch channel line"]:
+    """H_c at `frequency` [Hz], differentiable with respect to everything; see `SensorPath`."""
+    f, mode = frequency[..., None, :], modes[..., :, None]
+    light = f**2 / torch.complex(mode**2 - f**2, 2 * damping_ratio[..., :, None] * mode * f)
+    bending = residue.to(light.dtype) @ light
+    return gain[..., None] * (1 + bending)
+
 
 WORKSPACE = 64 * 2**20
 """Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""

@@ -19,11 +19,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.gauss_newton import GaussNewton
-from swashtwin.calibration.objective.measurement import GRAVITY
-from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import SCALES, Nuisances, Unknowns
-from swashtwin.calibration.uncertainty.posterior import LARGE, is_in_doubt, misfit_of
+from swashtwin.calibration.measurement import GRAVITY
+from swashtwin.calibration.posterior import LARGE, is_in_doubt, misfit_of
+from swashtwin.calibration.search import GaussNewton
+from swashtwin.calibration.spectrum_objective import Objective
+from swashtwin.calibration.unknowns import SCALES, Nuisances, Unknowns
 from swashtwin.physics import Topology
 
 EXPLAINED = 0.7

@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from jaxtyping import Complex, Float, Int
 
-from swashtwin.calibration.objective.measurement import Measurement
-from swashtwin.calibration.objective.spectrum_objective import Comparison
-from swashtwin.calibration.uncertainty.posterior import Posterior
+from swashtwin.calibration.measurement import Measurement
+from swashtwin.calibration.posterior import Posterior
+from swashtwin.calibration.spectrum_objective import Comparison
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording

@@ -10,14 +10,14 @@ import torch
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
-from swashtwin.calibration.objective.spectrum_objective import Objective
-from swashtwin.calibration.objective.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
-from swashtwin.calibration.uncertainty.discrepancy import (
+from swashtwin.calibration.discrepancy import (
     Linearization,
     estimate_discrepancy,
     linearize,
     noise_covariance,
 )
+from swashtwin.calibration.spectrum_objective import Objective
+from swashtwin.calibration.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
 from swashtwin.foundation import InputError, stream
 from swashtwin.physics import Twin
 from swashtwin.pump import LETTERS, PARAMETERS, Interfaces

@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from swashtwin.calibration.methods.search import EXACT, History, Progress, Search
-from swashtwin.calibration.objective.spectrum_objective import MODEL_ERROR, Objective
-from swashtwin.calibration.objective.unknowns import CONSTANTS, REACH, VALUES
+from swashtwin.calibration.search import EXACT, History, Progress, Search
+from swashtwin.calibration.spectrum_objective import MODEL_ERROR, Objective
+from swashtwin.calibration.unknowns import CONSTANTS, REACH, VALUES
 from swashtwin.foundation import DataError, InputError, TorchStream, derive_seed, one_thread
 from swashtwin.physics import SteadySolver
 

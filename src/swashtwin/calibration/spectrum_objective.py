@@ -9,9 +9,8 @@ import torch
 from jaxtyping import Complex, Float
 from torch import Tensor
 
-from swashtwin.calibration.objective.measurement import Measurement
-from swashtwin.calibration.objective.phases import turn_lines
-from swashtwin.calibration.objective.unknowns import Nuisances, Unknowns, search_space
+from swashtwin.calibration.measurement import Measurement, turn_lines
+from swashtwin.calibration.unknowns import Nuisances, Unknowns, search_space
 from swashtwin.physics import SteadySolver, Twin
 
 MODEL_ERROR = 0.05

@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.solvers.steady import SteadySolver
+from swashtwin.physics.steady import SteadySolver
 
 STANDSTILL = 40
 """Iterations over which the change must halve; where it does not, and is below `ROUNDING`, it is rounding."""

@@ -1,6 +1,18 @@
-"""The classical fourth-order Runge-Kutta recursion on a linear system: a fixed map, with its limit and its poles."""
+"""Steady state of M x'' + C x' + K x = Q, line by line: of the equations themselves, and of the paper's recursion.
 
-from typing import no_type_check
+Forces and motions are one-sided complex amplitudes of the shaft orders ``k = 0, 1, ...``, with
+``x(t) = X_0 + Re sum_k X_k exp(i k omega t)``. `HarmonicBalance` is exact for the equations; `RK4` is the periodic
+steady state that the fourth-order Runge-Kutta recursion reaches at its step (docs/explanation/simulator.md);
+`periodic.periodic_steady_state` adds parts of K and C that turn with the shaft to either.
+
+Everything takes leading batch axes, follows the device and the precision of what it is given, and has exact derivatives
+that keep forces and motions, never a matrix a line. A batch gives each of its members what it would get alone. Single
+precision is off by up to 1e-4 of the largest motion in a line (2e-6 in the median of lines): the damping of a film
+exceeds what decides the motion by orders of magnitude.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, no_type_check, runtime_checkable
 
 import numpy as np
 import torch
@@ -8,6 +20,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.foundation import StabilityError, compiled
+from swashtwin.physics.receptances import receptance
 
 REACH = 6.0
 """No point of RK4's stability region is farther from the origin than this."""
@@ -125,3 +138,68 @@ def _find_limits(rates, limits):
                 stable &= abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))) <= 1 + 1e-12
             low, high = (middle, high) if stable else (low, middle)
         limits[row] = low if low > 1e-6 * farthest else 0.0
+
+
+@runtime_checkable
+class SteadySolver(Protocol):
+    """What turns force lines into motion lines."""
+
+    def steady_state(
+        self,
+        mass: Float[Tensor, "13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
+        frequency: Float[Tensor, "*#batch line"],
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
+        """Displacement lines [m, rad] under `force` lines [N, N m] at angular frequencies `frequency` [rad/s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class HarmonicBalance:
+    """Exact steady state: X_k = (K + i w_k C - w_k^2 M)^-1 Q_k."""
+
+    def steady_state(
+        self,
+        mass: Float[Tensor, "13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
+        frequency: Float[Tensor, "*#batch line"],
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
+        """Displacement lines; see `SteadySolver`."""
+        return receptance(mass, damping, stiffness, 1j * frequency, force)
+
+
+@dataclass(frozen=True)
+class RK4:
+    """Steady state of the classical fourth-order Runge-Kutta recursion, the paper's solver.
+
+    Exact for the recursion: its answer to a line is that of four receptances (`rk4_poles`). Differentiable
+    with respect to matrices and forces; step and frequencies are taken as given.
+    """
+
+    step: float | None = None
+    """Time step [s]; None takes, for each of a batch, 0.8 of its stability limit at the values given."""
+
+    def steady_state(
+        self,
+        mass: Float[Tensor, "13 13"],
+        damping: Float[Tensor, "*#batch 13 13"],
+        stiffness: Float[Tensor, "*#batch 13 13"],
+        frequency: Float[Tensor, "*#batch line"],
+        force: Complex[Tensor, "*#batch line 13"],
+    ) -> Complex[Tensor, "*#batch line 13"]:
+        """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability limit."""
+        state = state_matrix(mass.detach(), damping.detach(), stiffness.detach())
+        if self.step is None:
+            step = 0.8 * rk4_limits(state)[..., None]
+        else:
+            require_stable(state, self.step)
+            step = torch.tensor(self.step, dtype=torch.float64)
+        poles, weights = rk4_poles((frequency.detach().cpu().double() * step).numpy())
+        s = torch.as_tensor(poles).to(force) / step[..., None].to(force.device)
+        share = torch.as_tensor(weights).to(force)[..., None] * force[..., None, :]
+        motion = receptance(mass, damping, stiffness, s.to(force).flatten(-2), share.flatten(-3, -2))
+        return motion.unflatten(-2, (-1, 4)).sum(dim=-2)

@@ -1,16 +1,87 @@
-"""Levenberg-Marquardt on logarithms: for one measurement and six values, the quickest way there."""
+"""Searches: what methods share, Levenberg-Marquardt on logarithms, and bounds that grow where an optimum is at one."""
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.optimize
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.methods.search import EXACT, History, Progress, Search
-from swashtwin.calibration.objective.spectrum_objective import Objective
+from swashtwin.calibration.spectrum_objective import Objective
+from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, Unknowns, touched
 from swashtwin.foundation import InputError, one_thread, stream
-from swashtwin.physics import SteadySolver
+from swashtwin.physics import HarmonicBalance, SteadySolver
+from swashtwin.pump import LETTERS, PARAMETERS
+
+EXACT: SteadySolver = HarmonicBalance()
+"""The solver of every method's default."""
+Progress = Callable[[int, int, float], None]
+"""Called with (steps done, steps in all, loss)."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """History of a search, one entry a step."""
+
+    spectrum_loss: Float[np.ndarray, " step"]
+    """Distance of the spectra, as the method measures it."""
+    boundary_loss: Float[np.ndarray, " step"]
+    """Penalty for leaving the bounds; zero for methods that cannot leave them."""
+    points: Float[np.ndarray, "step unknown"]
+    """Coordinates, in the order of `Unknowns.names`: first the logarithms of the six values."""
+    best: int
+    """Step of least loss."""
+    prior_loss: Float[np.ndarray, " step"]
+    """What the priors add to the loss."""
+    gradient_norm: Float[np.ndarray, " step"]
+    """Norm of the gradient of the loss with respect to what the method moves: weights, or coordinates in units of their
+    priors' deviations."""
+
+    @property
+    def loss(self) -> Float[np.ndarray, " step"]:
+        """What the method minimized."""
+        return self.spectrum_loss + self.boundary_loss + self.prior_loss
+
+    @property
+    def least_loss(self) -> float:
+        """The least loss."""
+        return float(self.loss[self.best])
+
+    @property
+    def values(self) -> Float[np.ndarray, "step 6"]:
+        """Interface values, in the order of `pump.PARAMETERS`."""
+        return np.exp(self.points[:, VALUES])
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Result of a method."""
+
+    point: Float[np.ndarray, " unknown"]
+    """Coordinates, in the order of `Unknowns.names`."""
+    history: History
+    """Course of the search."""
+    simulations: int
+    """How many parameter sets were simulated, with or without their gradient."""
+    notes: tuple[str, ...] = ()
+    """What the user should look at, in words."""
+
+    @property
+    def values(self) -> Float[np.ndarray, " 6"]:
+        """Interface values, in the order of `pump.PARAMETERS`."""
+        return np.exp(self.point[VALUES])
+
+
+@runtime_checkable
+class Calibrator(Protocol):
+    """A method that searches the values with which a twin comes nearest to a measurement."""
+
+    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
+        """Result of the search. The same seed on the same machine gives the same bits."""
+        ...
+
 
 EXPECTED = 1.0
 """Loss that noise, model error and priors make expected: no other valley is looked for below it."""
@@ -107,3 +178,53 @@ class LeastSquares:
             self._points.append(point.copy())
             self._losses.append((float(np.sqrt(np.mean(lines**2))), penalized, float(np.linalg.norm(gradient))))
         return self._last[1], self._last[2]
+
+
+GREATEST_FACTOR = 1000.0
+"""Bounds are widened up to this factor from the nominal value."""
+WIDENED = "the bounds were widened beyond a factor of 10, as the optimum touched one."
+"""How a note about widened bounds ends."""
+
+
+def widening_search(
+    objective: Objective,
+    method: Calibrator,
+    names: Collection[str],
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[Objective, Search]:
+    """Search, repeated within bounds tenfold wider for each of `names` that ends at one, and the objective it ended in.
+
+    The prior of a value is as wide as its bounds, so it widens with them. Each further search starts from the optimum
+    before. It ends where no such value touches a bound, or all that do are at `GREATEST_FACTOR`.
+    """
+    search = method.search(objective, seed=seed, progress=progress)
+    simulations, widened = search.simulations, set[str]()
+    while letters := _to_widen(objective, search, names):
+        widened |= letters
+        objective = replace(objective, unknowns=_wider(objective.unknowns, letters))
+        begun = replace(objective, unknowns=replace(objective.unknowns, begun=search.point))
+        search = method.search(begun, seed=seed, progress=progress)
+        simulations += search.simulations
+    if widened:
+        note = f"{', '.join(letter for letter in LETTERS.values() if letter in widened)}: {WIDENED}"
+        search = replace(search, simulations=simulations, notes=(*search.notes, note))
+    return objective, search
+
+
+def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> set[str]:
+    """Letters of values that touch a bound which may still be widened."""
+    space = objective.unknowns.space
+    may_grow = space.upper / space.nominal < GREATEST_FACTOR * (1 - 1e-9)
+    at_bound = touched(search.point, objective.unknowns)[VALUES]
+    letters = [LETTERS[name] for name in PARAMETERS]
+    return {letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at} & set(names)
+
+
+def _wider(unknowns: Unknowns, letters: Collection[str]) -> Unknowns:
+    """`unknowns` within wider bounds of some values, and the wider priors that follow from them."""
+    space = unknowns.space
+    factor = np.array([DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()])
+    wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
+    return replace(unknowns, space=wider, begun=None)

@@ -32,8 +32,8 @@ import scipy.optimize
 import torch
 from jaxtyping import Float
 
-from swashtwin.calibration.objective.spectrum_objective import Comparison, Objective
-from swashtwin.calibration.objective.unknowns import SCALES, Nuisances
+from swashtwin.calibration.spectrum_objective import Comparison, Objective
+from swashtwin.calibration.unknowns import SCALES, Nuisances
 
 COHERENCE = 1000.0
 """Distance of two lines [Hz] at which their errors are correlated by 1/e; our estimate."""

@@ -1,6 +1,15 @@
-"""A loose slipper simulated: one piston rattling in the play of its ball joint.
+"""Parts that lose contact and strike: slippers that ride through a recess, and a piston in the play of its joint.
 
-The piston of the loose slipper has its own displacement u along the shaft, relative to its slipper and positive toward
+**Riding.** No film holds a slipper down. Over the swash plate's surface H the displacement s of a slipper obeys
+
+    s <= H    and    m s'' <= F cos(gamma),    one of them with equality,
+
+F being the force along the shaft that presses it on: of its chamber, of its share in the central spring and of its own
+acceleration on the tilted plane. Where the surface falls away faster than F moves the slipper, or throws it off at the
+end of the recess, its contact force (F - m s'' / cos gamma) / cos gamma is zero until it lands. It does not rebound:
+the film damps m within C_sw / n, in less than a microsecond. Ours; docs/explanation/physics.md, section 2.5.
+
+**A loose slipper.** Its piston has its own displacement u along the shaft, relative to its slipper and positive toward
 the valve plate, between u = 0, where pressure presses it on, and u = clearance, where the retainer pulls it:
 
     m u'' = -A (p - p_case) + m R tan(gamma) omega^2 cos(phi) - friction + stop forces
@@ -11,10 +20,8 @@ may be megapascals away from a tight joint's, where a linearized port would be w
 sliding. A stop is a spring of such stiffness that an impact lasts `LooseSlipper.pulse`, with a damper for its
 restitution, and can only push; without bounce, as in the default, it is critically damped, which leaves e^-2 of the
 speed. The other chambers, the outlet line and the 13 degrees of freedom are taken as they would be with a tight joint.
-
-The same joint without clearance is simulated alongside, and all that is returned is the difference: the extra load on
-the pump is -m u'' along the shaft at the slipper's place, for the piston's mass moves with the retainer in the model,
-and what the extra pressure does anywhere. Sense and moment follow from that; nothing is prescribed.
+What is returned is the difference to the same joint without clearance: the extra load -m u'' along the shaft at the
+slipper's place, for the piston's mass moves with the retainer in the model, and what the extra pressure does anywhere.
 """
 
 import math
@@ -29,11 +36,82 @@ from scipy.optimize import brentq
 from swashtwin.foundation import InputError, SwashTwinError, compiled
 from swashtwin.physics.chambers import AIR_FLOOR, ATMOSPHERE, FLOOR, orifice
 from swashtwin.physics.dynamics import N_DOF, Dof
-from swashtwin.physics.excitation import angle_ahead
+from swashtwin.physics.excitation import angle_ahead, combined_lines, slipper_profile, stages
 from swashtwin.physics.films import piston_leakage, slipper_leakage, valve_plate_leakage
 from swashtwin.physics.loads import LoadCase, chamber_pressures, generalized_forces, port_openings
-from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump
+from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump, SwashPlateDefect
 from swashtwin.signals import fourier_lines
+
+STEPS = 16384
+"""Time steps of a revolution. At 860 rev/min one is 4 microseconds; a loaded slipper falls by 0.07 mm in 80."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ride:
+    """One revolution of one slipper, on a uniform grid of its own shaft angle that starts at 0."""
+
+    angle: Float[np.ndarray, " step"]
+    """Its shaft angle [rad]."""
+    displacement: Float[np.ndarray, " step"]
+    """Its displacement s into the recess [m]."""
+    force: Float[np.ndarray, " step"]
+    """Normal force between it and the swash plate [N]: never below zero, and zero in flight."""
+
+    @property
+    def in_flight(self) -> float:
+        """Share of the revolution during which it touches nothing [1]."""
+        return float(np.mean(self.force <= 1e-9 * self.force.max()))
+
+
+def pressing_force(
+    pump: Pump, condition: OperatingCondition, angle: Float[np.ndarray, " angle"]
+) -> Float[np.ndarray, " angle"]:
+    """Force along the shaft that presses a slipper on [N] at shaft `angle` [rad], as in a healthy pump, not below 0."""
+    group, tight = pump.rotating_group, chamber_pressures([LoadCase(pump, condition)])
+    pressure = np.interp(angle, tight.angle, tight.chamber[0, 0], period=2 * math.pi)
+    lift = group.pitch_radius * math.tan(group.swash_angle) * condition.speed**2
+    spring = pump.coupling.spring_preload / group.piston_count
+    force = group.piston_area * (pressure - condition.case_pressure) + spring
+    return np.maximum(force - pump.masses.piston_slipper * lift * np.cos(angle), 0.0)
+
+
+@lru_cache(maxsize=64)
+def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) -> Ride:
+    """How a slipper of `pump` rides through `defect`, once a revolution; under pressure it lands at the latest."""
+    angle = 2 * math.pi * np.arange(STEPS) / STEPS
+    mass, tilt = pump.masses.piston_slipper, math.cos(pump.rotating_group.swash_angle)
+    first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
+    step = condition.period / STEPS
+    pressed = pressing_force(pump, condition, angle)
+    surface = np.roll(slipper_profile(pump, defect, angle)[0], -first)
+    displacement = np.roll(_path(surface, np.roll(pressed, -first) * (step**2 * tilt / mass)), first)
+    curvature = np.roll(displacement, -1) - 2 * displacement + np.roll(displacement, 1)
+    force = (pressed - mass / tilt * curvature / step**2) / tilt
+    return Ride(angle, displacement, np.where(force > 1e-9 * pressed.max(), force, 0.0))
+
+
+@compiled
+@no_type_check
+def _path(surface, falls):
+    """Displacement [m] over a `surface` [m], where it is free to fall by `falls` [m] more in each step."""
+    path = np.zeros(surface.size)
+    for k in range(1, surface.size - 1):
+        path[k + 1] = min(2 * path[k] - path[k - 1] + falls[k], surface[k + 1])
+    return path
+
+
+def riding_lines(
+    pump: Pump,
+    condition: OperatingCondition,
+    defect: SwashPlateDefect,
+    n_lines: int,
+    *,
+    scatter: Float[np.ndarray, " slipper"] | None = None,
+) -> Complex[np.ndarray, " line"]:
+    """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of `displacement_lines`."""
+    lines = fourier_lines(ride(pump, condition, defect).displacement)[1 : n_lines + 1]
+    return combined_lines(pump, np.arange(1, n_lines + 1), scatter) * lines
+
 
 FRICTION = 20.0
 """Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""

@@ -1,1 +1,0 @@
-"""Methods that search the interface values: IPINN, Gauss-Newton and others."""

@@ -1,1 +1,0 @@
-"""Unknowns, measurements, and the distance between a twin and a measurement."""

@@ -5,7 +5,6 @@ from . import presets as presets
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
 from .calibration import estimate_severity as estimate_severity
-from .calibration import identifiability as identifiability
 from .calibration import load_calibration as load_calibration
 from .diagnosis import AnomalyDetector as AnomalyDetector
 from .diagnosis import Diagnosis as Diagnosis

@@ -41,7 +41,5 @@ from .severity.severity import SeverityTrend as SeverityTrend
 from .severity.severity_search import estimate_severity as estimate_severity
 from .spectrum_objective import Objective as Objective
 from .spectrum_objective import objective_of as objective_of
-from .uncertainty.identifiability_report import IdentifiabilityReport as IdentifiabilityReport
-from .uncertainty.identifiability_report import identifiability as identifiability
 from .unknowns import VALUES as VALUES
 from .unknowns import Nuisances as Nuisances

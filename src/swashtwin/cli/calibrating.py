@@ -125,8 +125,7 @@ def calibrate(
         )
     page = None
     if report is not None:
-        limits = calibration.identifiability(result, recordings)
-        page = write_page(report, result, limits, recordings=recordings, about={"Calibration": out})
+        page = write_page(report, result, recordings=recordings, about={"Calibration": out})
     result.save(out)
     values = result.save_interfaces(values_file)
     shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes", "law")

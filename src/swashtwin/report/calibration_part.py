@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from swashtwin.calibration import Calibration, Estimate, Fit, Spectra
+from swashtwin.calibration import VALUES, Calibration, Estimate, Fit, Spectra
 from swashtwin.foundation import plural
 from swashtwin.plot import (
     CALIBRATED,
@@ -87,7 +87,14 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
     if not has_improved:
         return ("Do not use this twin: check speed, pressure, units and the pump's parameters first.",)
     weak = [estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"]
-    caution = (f"Do not read {', '.join(weak)} as measured values of the pump.",) if weak else ()
+    caution = (
+        (
+            f"Do not read {', '.join(weak)} as measured values of the pump; swashtwin twin next says which recording "
+            "would tell most of them.",
+        )
+        if weak
+        else ()
+    )
     if len(weak) == len(calibration.estimates):
         return (*caution, "Do not synthesize with this twin before its misfit is explained: see the notes.")
     return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
@@ -137,7 +144,7 @@ def calibration_blocks(calibration: Calibration, key: str) -> tuple:
     left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
     title = f"Recordings: {len(calibration.recording_ids)} used, {len(left_out)} left out"
     recordings = (Bullets("Used", calibration.recording_ids), Bullets("Left out", left_out))
-    tables = fit_table(calibration), estimates_table(calibration)
+    tables = fit_table(calibration), estimates_table(calibration), directions_table(calibration)
     notes = Bullets("Look at this first", calibration.notes)
     return (notes, *tables, *pictures, Group(title, recordings, is_open=False))
 
@@ -172,6 +179,23 @@ def estimates_table(calibration: Calibration) -> Table:
         "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
         "Traded: the two can change together at almost the same spectrum.",
         ("value", "nominal", "calibrated", "90 % interval", "verdict"),
+        tuple(rows),
+    )
+
+
+def directions_table(calibration: Calibration) -> Table:
+    """Independent combinations of the six values."""
+    posterior, letters = calibration.posterior, tuple(estimate.letter for estimate in calibration.estimates)
+    prior = posterior.unknowns.deviation[VALUES]
+    variance, directions = np.linalg.eigh(posterior.covariance[VALUES, VALUES] / np.outer(prior, prior))
+    rows = [
+        (percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
+        for left, direction in zip(variance, directions.T, strict=True)
+    ]
+    return Table(
+        "Independent combinations of the six values, the best known first: what is left of the width that was assumed "
+        "before, and how much of each value's logarithm is in it.",
+        ("width left", *letters),
         tuple(rows),
     )
 

@@ -22,13 +22,13 @@ from swashtwin.report.page import Group, Part, Section, cards_of, drawings, over
 from swashtwin.report.wording import Glossary, fact_entries, rig_notice
 
 if TYPE_CHECKING:
-    from swashtwin.calibration import Calibration, IdentifiabilityReport
+    from swashtwin.calibration import Calibration
 
 FORMAT = "swashtwin report 1"
 
 Item: TypeAlias = (
-    "Calibration | IdentifiabilityReport | FaultClassifier | FittedClassifier | AnomalyDetector | AlarmScores | "
-    "Scores | Diagnosis | Evidence | Part"
+    "Calibration | FaultClassifier | FittedClassifier | AnomalyDetector | AlarmScores | Scores | "
+    "Diagnosis | Evidence | Part"
 )
 """What a report can be made of."""
 
@@ -104,9 +104,8 @@ def part_of(item: Any, key: str) -> Part:
     """
     if _is_of_calibration(item):  # whose room needs torch, which other pages do without
         from swashtwin.report.calibration_part import calibration_part
-        from swashtwin.report.identifiability_part import identifiability_part
 
-        return (calibration_part if hasattr(item, "recording_ids") else identifiability_part)(item, key)
+        return calibration_part(item, key)
     raise InputError(
         f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
         "diagnosis."

@@ -1,1 +1,0 @@
-"""How far a calibration can be trusted: intervals, identifiability, posterior, misfit hypotheses."""

@@ -84,7 +84,7 @@ def test_the_twin_with_the_true_values_still_misses_the_rig(pump: Pump, at_15: O
     specimen = draw_specimen(pump, "A", 0)
     run = Run(specimen, at_15, None)
     orders = np.arange(7, 175, 7)
-    pressure = force_lines([LoadCase(specimen.pump, at_15, None, specimen.clearances)], 180)[0]
+    pressure = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 180)
     truth = (shell_lines(run, pressure) * specimen.housing.response(np.arange(1, 181) * at_15.shaft_frequency))[
         :, orders - 1
     ]
@@ -97,8 +97,8 @@ def test_the_twin_with_the_true_values_still_misses_the_rig(pump: Pump, at_15: O
 
 def test_a_healthy_pump_of_the_rig_has_once_per_revolution_content(pump: Pump, at_15: OperatingCondition) -> None:
     specimen = draw_specimen(pump, "B", 1)
-    scattered = force_lines([LoadCase(specimen.pump, at_15, None, specimen.clearances)], 10)[0]
-    equal = force_lines([LoadCase(specimen.pump, at_15)], 10)[0]
+    scattered = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 10)
+    equal = force_lines(LoadCase(specimen.pump, at_15), 10)
     assert abs(equal[2, 12]) < 1e-4
     assert abs(scattered[2, 12]) > 1000 * abs(equal[2, 12])
 

@@ -7,7 +7,7 @@ import pytest
 from rigid_body import rigid_motions
 
 from swashtwin.foundation import InputError, SwashTwinError, mm
-from swashtwin.physics import loose_slipper
+from swashtwin.physics import lost_contact
 from swashtwin.physics.lost_contact import LooseMotion, loose_motion, loose_slipper_lines
 from swashtwin.pump import LooseSlipper, OperatingCondition, Pump
 
@@ -65,7 +65,7 @@ def test_no_impact_is_faster_than_friction_or_trapped_oil_allow(
     (angle, pulled, _), (_, pressed, _) = impacts_of(motion)
     group, mass = pump.rotating_group, pump.masses.piston_slipper
     lift = group.pitch_radius * math.tan(group.swash_angle)
-    most_pulled = math.sqrt(2 * (lift * at_15.speed**2 + loose_slipper.FRICTION / mass) * LOOSE.clearance)
+    most_pulled = math.sqrt(2 * (lift * at_15.speed**2 + lost_contact.FRICTION / mass) * LOOSE.clearance)
     full = group.dead_volume + 2 * group.piston_area * lift
     most_pressed = group.piston_area * math.sqrt(pump.oil.bulk_modulus / (full * mass)) * LOOSE.clearance
     assert (most_pulled, most_pressed) == pytest.approx((0.281, 1.65), rel=3e-3)
@@ -134,6 +134,6 @@ def test_what_cannot_be_simulated_is_refused(
 def test_a_slipper_that_bounces_differently_each_revolution_is_refused(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loose_slipper, "MOST_REVOLUTIONS", 1)
+    monkeypatch.setattr(lost_contact, "MOST_REVOLUTIONS", 1)
     with pytest.raises(SwashTwinError, match="does not repeat within 1 revolutions"):
         loose_slipper_lines(LOOSE, pump, at_15, 10)

@@ -7,11 +7,9 @@ Backward Euler over a uniform grid of the shaft angle; each step is solved by Ne
 """
 
 import math
-from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float
 
 from swashtwin.foundation import compiled
 
@@ -29,103 +27,23 @@ ITERATIONS = 60
 """Newton iterations of one step before it counts as failed."""
 
 
-@dataclass(frozen=True, eq=False)
-class Chambers:
-    """Coefficients of the chambers and of the outlet line of one pump."""
-
-    volume: Float[np.ndarray, " angle"]
-    """Volume of a chamber whose piston stands at that angle [m^3]."""
-    swept: Float[np.ndarray, " angle"]
-    """Its growth dV/dphi [m^3/rad]."""
-    suction_opening: Float[np.ndarray, " angle"]
-    """Flow through the suction port over the root of the pressure difference [m^3/(s Pa^0.5)]."""
-    discharge_opening: Float[np.ndarray, " angle"]
-    """The same of the discharge port [m^3/(s Pa^0.5)]."""
-    leakage: Float[np.ndarray, " angle"]
-    """Leakage to the case that all chambers share [m^3/(s Pa)]."""
-    piston_leakage: Float[np.ndarray, " angle"]
-    """Leakage along a piston over its clearance cubed [1/(s Pa)]."""
-    cubed_clearance: Float[np.ndarray, " piston"]
-    """Cube of the pistons' radial clearances [m^3]."""
-    scratch_leakage: Float[np.ndarray, " piston"]
-    """Leakage of single chambers [m^3/(s Pa)]."""
-    speed: float
-    """Angular speed of the shaft [rad/s]."""
-    bulk_modulus: float
-    """Bulk modulus of the oil without free air [Pa]."""
-    air_fraction: float
-    """Volume fraction of free air at 100 kPa [1]."""
-    suction_pressure: float
-    """Pressure in the suction port [Pa]."""
-    discharge_pressure: float
-    """Pressure at which the outlet line starts [Pa]."""
-    case_pressure: float
-    """Pressure in the housing [Pa]."""
-    line_volume: float
-    """Volume of the outlet line [m^3]."""
-    relief_slope: float
-    """Flow of the relief valve over the pressure above cracking [m^3/(s Pa)]."""
-    cracking_pressure: float
-    """Pressure at which the relief valve opens [Pa]."""
-
-
-class NotConverged(Exception):
-    """Newton's method failed at a step; `angle` [rad] says where."""
-
-    def __init__(self, angle: float) -> None:
-        super().__init__(f"at {angle:g} rad")
-        self.angle = angle
-
-
-def solve(
-    chambers: Chambers, revolutions: int
-) -> tuple[Float[np.ndarray, "piston angle"], Float[np.ndarray, " angle"]]:
-    """Pressures [Pa] in the chambers and in the outlet line over the last of `revolutions`.
-
-    Element k belongs to the shaft angle 2 pi (k + 1) / angle. The number of angles must be a multiple of the pistons'.
-
-    Raises
-    ------
-    NotConverged
-        A step took more than `ITERATIONS`.
-    """
-    n_angles, n_pistons = chambers.volume.size, chambers.cubed_clearance.size
-    step_time = 2 * math.pi / n_angles / chambers.speed
-    over_angle = np.stack(
-        [
-            chambers.suction_opening,
-            chambers.discharge_opening,
-            step_time / chambers.volume,
-            chambers.swept * chambers.speed,
-            chambers.leakage,
-            chambers.piston_leakage,
-        ],
-        axis=1,
-    )
-    over_pistons = np.stack([chambers.cubed_clearance, chambers.scratch_leakage])
-    constants = np.array(
-        [
-            chambers.suction_pressure,
-            chambers.discharge_pressure,
-            chambers.case_pressure,
-            1 / chambers.bulk_modulus,
-            chambers.air_fraction * ATMOSPHERE,
-            step_time * chambers.bulk_modulus / chambers.line_volume,
-            chambers.relief_slope,
-            chambers.cracking_pressure,
-        ]
-    )
-    chamber, line = np.empty((n_angles, n_pistons)), np.empty(n_angles)
-    failed = _march(over_angle, over_pistons, constants, revolutions, ITERATIONS, chamber, line)
-    if failed:
-        raise NotConverged(2 * math.pi * (failed % n_angles) / n_angles)
-    return chamber.T, line
-
-
 @compiled
 @no_type_check
-def _march(over_angle, over_pistons, constants, revolutions, iterations, chamber, line):
-    """Fill `chamber` (angle, piston) and `line` (angle); the step that failed, or 0."""
+def march(over_angle, over_pistons, constants, revolutions, iterations, chamber, line):
+    """Fill `chamber` (angle, piston) and `line` (angle) of the last of `revolutions`; the step that failed, or 0.
+
+    Element k of both belongs to the shaft angle 2 pi (k + 1) / angles. The number of angles must be a multiple of the
+    pistons'. The tables:
+
+    - `over_angle` (angle, 6), of a piston that stands there: flow over the root of the pressure difference through
+      the suction and the discharge port [m^3/(s Pa^0.5)], time of a step over the volume [s/m^3], growth of the volume
+      [m^3/s], leakage to the case [m^3/(s Pa)], leakage along the piston over its clearance cubed [1/(s Pa)];
+    - `over_pistons` (2, piston): cube of the clearance [m^3], leakage of a single chamber [m^3/(s Pa)];
+    - `constants` (8): pressures in the suction port, of the outlet line at the start, and in the case [Pa]; 1 over the
+      bulk modulus [1/Pa]; fraction of free air times `ATMOSPHERE` [Pa]; time of a step times bulk modulus over the
+      line's volume [Pa s/m^3]; flow of the relief valve over the pressure above cracking [m^3/(s Pa)]; that pressure
+      [Pa].
+    """
     n_angles, n_pistons = chamber.shape
     suction, discharge, case, softness, air = constants[0], constants[1], constants[2], constants[3], constants[4]
     pressure, step, work = np.empty(n_pistons), np.empty((5, n_pistons)), np.empty((5, n_pistons))

@@ -2,14 +2,11 @@
 
 These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
 expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper
-and valve
-plate faults; a swash plate defect acts on them only with ``contact="physical"`` or ``"lift_off"``; the other faults
-leave them as in a healthy pump.
+and valve plate faults; a swash plate defect acts on them only with ``contact="physical"`` or ``"lift_off"``; the other
+faults leave them as in a healthy pump.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -18,7 +15,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from swashtwin.foundation import InputError, SwashTwinError
-from swashtwin.physics.chambers import Chambers, NotConverged, solve
+from swashtwin.physics.chambers import ATMOSPHERE, ITERATIONS, march
 from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import added_leakage, port_change, recess_of, ridden, slipper_profile
 from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
@@ -31,7 +28,7 @@ CRACKING_SHARE = 0.95
 
 @dataclass(frozen=True)
 class LoadCase:
-    """One pump at one operating point with at most one fault: a row of a batch."""
+    """One pump at one operating point with at most one fault."""
 
     pump: Pump
     """What turns."""
@@ -55,11 +52,11 @@ class ChamberPressures:
 
     angle: Float[np.ndarray, " step"]
     """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at 2 pi."""
-    chamber: Float[np.ndarray, "case piston step"]
+    chamber: Float[np.ndarray, "piston step"]
     """Pressure in each chamber [Pa]."""
-    discharge: Float[np.ndarray, "case step"]
+    discharge: Float[np.ndarray, " step"]
     """Pressure in the outlet line [Pa]."""
-    flow: Float[np.ndarray, " case"]
+    flow: float
     """Mean flow out of the pump [m^3/s]."""
 
 
@@ -89,8 +86,8 @@ def port_openings(
     return suction, discharge + change.discharge_opening
 
 
-def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
-    """Coefficients of one case that depend on where a piston stands."""
+def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarray:
+    """What depends on where a piston stands; see `chambers.march`."""
     pump, condition, fault = case.pump, case.condition, case.fault
     group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
     lift = group.pitch_radius * math.tan(group.swash_angle)
@@ -108,89 +105,64 @@ def _over_angle(case: LoadCase, angle: np.ndarray) -> dict[str, np.ndarray]:
     film = pump.valve_plate.film + added_leakage(fault, pump).valve_plate_film
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
-    suction, discharge = port_openings(pump, fault, angle)
-    return {
-        "volume": volume,
-        "swept": swept,
-        "suction_opening": orifice * suction,
-        "discharge_opening": orifice * discharge,
-        "leakage": slipper + valve_plate_leakage(pump, film, viscosity),
-        "piston_leakage": piston_leakage(pump, viscosity) / guide,
-    }
+    columns = [
+        *(orifice * opening for opening in port_openings(pump, fault, angle)),
+        step_time / volume,
+        swept * condition.speed,
+        slipper + valve_plate_leakage(pump, film, viscosity),
+        piston_leakage(pump, viscosity) / guide,
+    ]
+    return np.stack(columns, axis=1)
 
 
-def _over_pistons(case: LoadCase) -> dict[str, np.ndarray]:
-    """Coefficients of one case that differ from piston to piston."""
+def _over_pistons(case: LoadCase) -> np.ndarray:
+    """What differs from piston to piston; see `chambers.march`."""
     group, leakage = case.pump.rotating_group, added_leakage(case.fault, case.pump)
     clearance = np.full(group.piston_count, group.piston_clearance)
     if case.piston_clearances is not None:
         clearance = np.array(case.piston_clearances, dtype=float)
-    return {
-        "cubed_clearance": (clearance + leakage.piston_clearance) ** 3,
-        "scratch_leakage": np.zeros(group.piston_count) + leakage.conductance,
-    }
-
-
-def _relief_slope(case: LoadCase) -> float:
-    """Flow of the relief valve per pressure [m^3/(s Pa)]: all of the pump's at full override."""
-    displaced = case.pump.rotating_group.displacement * case.condition.shaft_frequency
-    return displaced / case.pump.line.relief_override
-
-
-def _cracking_pressure(case: LoadCase) -> float:
-    return case.condition.discharge_pressure - CRACKING_SHARE * case.pump.line.relief_override
-
-
-def _tabulated(case: LoadCase, steps: int) -> Chambers:
-    return Chambers(
-        **_over_angle(case, 2 * math.pi * np.arange(steps) / steps),
-        **_over_pistons(case),
-        speed=case.condition.speed,
-        bulk_modulus=case.pump.oil.bulk_modulus,
-        air_fraction=case.pump.oil.air_fraction,
-        suction_pressure=case.condition.suction_pressure,
-        discharge_pressure=case.condition.discharge_pressure,
-        case_pressure=case.condition.case_pressure,
-        line_volume=case.pump.line.volume,
-        relief_slope=_relief_slope(case),
-        cracking_pressure=_cracking_pressure(case),
-    )
-
-
-class _Starved(Exception):
-    """The pump leaks all that it displaces."""
+    return np.stack([(clearance + leakage.piston_clearance) ** 3, np.zeros(group.piston_count) + leakage.conductance])
 
 
 @lru_cache(maxsize=8)
 def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
-    chamber, discharge = solve(_tabulated(case, steps), revolutions)
-    excess = np.maximum(discharge - _cracking_pressure(case), 0.0)
-    flow = _relief_slope(case) * float(excess.mean())
-    if flow <= 0:
-        raise _Starved
-    return chamber, discharge, flow
-
-
-@contextmanager
-def _naming(index: int, case: LoadCase, steps: int) -> Iterator[None]:
-    """Say which case of a batch has failed."""
+    pump, condition = case.pump, case.condition
     name = (
-        f"case {index} ({case.pump.name}, {case.condition.speed * 30 / math.pi:.4g} rev/min, "
-        f"{case.condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault})"
+        f"{pump.name}, {condition.speed * 30 / math.pi:.4g} rev/min, "
+        f"{condition.discharge_pressure / 1e6:.4g} MPa, fault {case.fault}"
     )
-    try:
-        yield
-    except NotConverged as failure:
+    step_time = 2 * math.pi / steps / condition.speed
+    # the relief valve lets all that is displaced through at full override
+    relief = pump.rotating_group.displacement * condition.shaft_frequency / pump.line.relief_override
+    cracking = condition.discharge_pressure - CRACKING_SHARE * pump.line.relief_override
+    constants = np.array(
+        [
+            condition.suction_pressure,
+            condition.discharge_pressure,
+            condition.case_pressure,
+            1 / pump.oil.bulk_modulus,
+            pump.oil.air_fraction * ATMOSPHERE,
+            step_time * pump.oil.bulk_modulus / pump.line.volume,
+            relief,
+            cracking,
+        ]
+    )
+    over_angle = _over_angle(case, 2 * math.pi * np.arange(steps) / steps, step_time)
+    chamber, discharge = np.empty((steps, pump.rotating_group.piston_count)), np.empty(steps)
+    failed = march(over_angle, _over_pistons(case), constants, revolutions, ITERATIONS, chamber, discharge)
+    if failed:
         raise SwashTwinError(
-            f"chamber pressures of {name} do not converge at shaft angle {math.degrees(failure.angle):.4g} deg; "
+            f"chamber pressures of {name} do not converge at shaft angle {360 * (failed % steps) / steps:.4g} deg; "
             f"more steps than {steps} per revolution may help."
-        ) from failure
-    except _Starved:
+        )
+    flow = relief * float(np.maximum(discharge - cracking, 0.0).mean())
+    if flow <= 0:
         raise InputError(
-            f"{name} leaks all it displaces and cannot hold its discharge pressure; "
-            "raise the speed, or lower discharge_pressure or oil_temperature."
-        ) from None
+            f"{name} leaks all it displaces and cannot hold its discharge pressure; raise the speed, or lower "
+            "discharge_pressure or oil_temperature."
+        )
+    return chamber.T, discharge, flow
 
 
 def _whole(steps: int, case: LoadCase) -> int:
@@ -199,36 +171,25 @@ def _whole(steps: int, case: LoadCase) -> int:
     return -(-steps // count) * count
 
 
-def chamber_pressures(cases: Sequence[LoadCase], *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
-    """Periodic pressures of all `cases`.
+def chamber_pressures(case: LoadCase, *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
+    """Periodic pressures of a case.
 
     Parameters
     ----------
-    cases : pumps with the same number of pistons; all else may differ.
     steps : steps per revolution, rounded up to a multiple of the number of pistons.
     revolutions : how many to integrate; the last is returned, and the second already repeats to 3e-4.
 
     Raises
     ------
     InputError
-        No case, different numbers of pistons, or a pump that leaks more than it displaces.
+        A pump that leaks more than it displaces, or too few steps.
     SwashTwinError
-        The pressures of a case cannot be solved for.
+        The pressures cannot be solved for.
     """
-    counts = {case.pump.rotating_group.piston_count for case in cases}
-    if len(counts) != 1:
-        raise InputError(f"a batch needs pumps of one number of pistons, not {sorted(counts)}; call once for each.")
     if steps < 180 or revolutions < 1:
         raise InputError(f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1.")
-    steps = _whole(steps, cases[0])
-    solutions = []
-    for index, case in enumerate(cases):
-        with _naming(index, case, steps):
-            solutions.append(_solved(case, steps, revolutions))
-    chamber, discharge, flow = zip(*solutions, strict=True)
-    return ChamberPressures(
-        angle=_end_angles(steps), chamber=np.stack(chamber), discharge=np.stack(discharge), flow=np.array(flow)
-    )
+    steps = _whole(steps, case)
+    return ChamberPressures(_end_angles(steps), *_solved(case, steps, revolutions))
 
 
 def _end_angles(steps: int) -> np.ndarray:
@@ -273,13 +234,13 @@ def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force_lines(
-    cases: Sequence[LoadCase], n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
-) -> Complex[np.ndarray, "case order 13"]:
+    case: LoadCase, n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
+) -> Complex[np.ndarray, "order 13"]:
     """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
 
     Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
-    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `CACHED_POINTS`
-    operating points are cached.
+    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `CACHED_POINTS` operating points are
+    cached.
 
     Parameters
     ----------
@@ -295,14 +256,10 @@ def force_lines(
     """
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
-    lines = np.empty((len(cases), n_lines + 1, N_DOF), dtype=complex)
-    for index, case in enumerate(cases):
-        whole = _whole(max(steps, 2 * n_lines + 2), case)
-        with _naming(index, case, whole):
-            lines[index] = _all_force_lines(_pressing(case), whole)[: n_lines + 1]
+    lines = _all_force_lines(_pressing(case), _whole(max(steps, 2 * n_lines + 2), case))[: n_lines + 1].copy()
     if topology == "T2":
-        lines[:, :, Dof.ROTOR_Z] += lines[:, :, Dof.RETAINER_Z]
-        lines[:, :, Dof.RETAINER_Z] = 0
+        lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
+        lines[:, Dof.RETAINER_Z] = 0
     return lines
 
 

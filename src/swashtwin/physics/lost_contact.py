@@ -67,8 +67,8 @@ def pressing_force(
     pump: Pump, condition: OperatingCondition, angle: Float[np.ndarray, " angle"]
 ) -> Float[np.ndarray, " angle"]:
     """Force along the shaft that presses a slipper on [N] at shaft `angle` [rad], as in a healthy pump, not below 0."""
-    group, tight = pump.rotating_group, chamber_pressures([LoadCase(pump, condition)])
-    pressure = np.interp(angle, tight.angle, tight.chamber[0, 0], period=2 * math.pi)
+    group, tight = pump.rotating_group, chamber_pressures(LoadCase(pump, condition))
+    pressure = np.interp(angle, tight.angle, tight.chamber[0], period=2 * math.pi)
     lift = group.pitch_radius * math.tan(group.swash_angle) * condition.speed**2
     spring = pump.coupling.spring_preload / group.piston_count
     force = group.piston_area * (pressure - condition.case_pressure) + spring
@@ -169,9 +169,9 @@ def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angl
     """What `_rattle` needs at every shaft angle of the loose piston."""
     group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
     lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
-    tight = chamber_pressures([LoadCase(pump, condition)])
+    tight = chamber_pressures(LoadCase(pump, condition))
     turned = np.mod(angle - angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"), 2 * math.pi)
-    outlet = np.interp(turned, tight.angle, tight.discharge[0], period=2 * np.pi)
+    outlet = np.interp(turned, tight.angle, tight.discharge, period=2 * np.pi)
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     leakage = (
         slipper_leakage(pump, group.slipper_film, viscosity)

@@ -184,7 +184,7 @@ class VirtualPump:
         eccentricity = pump.masses.rotor_eccentricity * trouble.unbalance
         unbalanced = replace(pump, masses=replace(pump.masses, rotor_eccentricity=eccentricity))
         case = LoadCase(unbalanced, condition, pressing, tuple(clearances.tolist()))
-        return straining + torch.as_tensor(force_lines([case], self.highest)[0]), values
+        return straining + torch.as_tensor(force_lines(case, self.highest)), values
 
     def _impacts(
         self, trouble: Trouble, condition: OperatingCondition

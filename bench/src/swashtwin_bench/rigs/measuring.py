@@ -153,7 +153,7 @@ def sensor_lines(run: Run) -> Complex[np.ndarray, "sensor line"]:
     """
     pump, condition, housing = run.specimen.pump, run.condition, run.specimen.housing
     case = LoadCase(pump, condition, run.fault, run.specimen.clearances)
-    (pressure,) = force_lines([case], int(BANDWIDTH / condition.shaft_frequency), topology=TOPOLOGY)
+    pressure = force_lines(case, int(BANDWIDTH / condition.shaft_frequency), topology=TOPOLOGY)
     lines = shell_lines(run, pressure)
     frequency = np.arange(1, lines.shape[1] + 1) * condition.shaft_frequency
     return housing.gain @ (lines * housing.response(frequency))
@@ -225,14 +225,12 @@ def measure(
     sample_rate : [Hz].
     seeds : seed and recording id of each run, which address its random streams.
     """
-    cases = [LoadCase(run.specimen.pump, run.condition, run.fault, run.specimen.clearances) for run in runs]
-    n_lines = int(BANDWIDTH / min(run.condition.shaft_frequency for run in runs))
-    pressures = force_lines(cases, n_lines, topology=TOPOLOGY)
     signals = []
-    for run, pressure, (seed, name) in zip(runs, pressures, seeds, strict=True):
+    for run, (seed, name) in zip(runs, seeds, strict=True):
         rng = _random_numbers(seed, name)
         n = round(duration * sample_rate)
-        pressure = pressure[: int(BANDWIDTH / run.condition.shaft_frequency) + 1]  # no run depends on its neighbors
+        case = LoadCase(run.specimen.pump, run.condition, run.fault, run.specimen.clearances)
+        pressure = force_lines(case, int(BANDWIDTH / run.condition.shaft_frequency), topology=TOPOLOGY)
         orders = np.arange(1, len(pressure))
         path = run.specimen.housing.response(orders * run.condition.shaft_frequency)
         angle = shaft_angle(run.condition, n, sample_rate, rng)

@@ -79,7 +79,7 @@ class Twin:
     @property
     def pressure(self) -> Complex[np.ndarray, "line 13"]:
         """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
-        return force_lines([self.load_case], self.n_lines, topology=self.topology)[0]
+        return force_lines(self.load_case, self.n_lines, topology=self.topology)
 
     @property
     def load_case(self) -> LoadCase:

@@ -189,7 +189,7 @@ def drive_of(
 ) -> Drive:
     """Drive of one twin up to order `n_lines`, float64."""
     structure = assemble(pump, topology)
-    pressure = force_lines([LoadCase(pump, condition, fault)], n_lines, topology=topology)[0]
+    pressure = force_lines(LoadCase(pump, condition, fault), n_lines, topology=topology)
     contact = contact_lines(fault, pump, condition, n_lines, topology)
     pressure = pressure if contact is None else pressure + contact
     motion = excitation_lines(pump, condition, fault, n_lines)

@@ -52,7 +52,7 @@ def _samples(
     time = np.arange(n) / sample_rate
     case = LoadCase(specimen.pump, condition, run.fault, specimen.clearances)
     n_lines = int(BANDWIDTH / condition.shaft_frequency)
-    pressure = with_steps(lambda steps: force_lines([case], n_lines, topology=TOPOLOGY, steps=steps)[0])
+    pressure = with_steps(lambda steps: force_lines(case, n_lines, topology=TOPOLOGY, steps=steps))
     lines = shell_lines(run, pressure)
     orders = np.arange(1, lines.shape[1] + 1)
     lines = lines * specimen.housing.response(orders * condition.shaft_frequency)

@@ -1,10 +1,9 @@
-"""What each band and each moment adds to a network's answer: integrated gradients over samples or over levels.
+"""What each band adds to a network's answer: integrated gradients over samples or over levels.
 
 Sundararajan, Taly and Yan 2017, arXiv:1703.01365. From silence (0 after the scaling) to the window x along a straight
 line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t with g the mean gradient of f on the way (completeness). The
 same sum over frequencies, Σ_k (w_k / N) Re(X_k conj(G_k)), is the same integral in the basis of sines (Parseval), since
-the way is the same; so one set of gradients tells moments and lines alike. Lines are summed in orders of the shaft and
-third octaves, of the signal and of its envelope.
+the way is the same. Lines are summed in orders of the shaft and third octaves, of the signal and of its envelope.
 """
 
 from dataclasses import dataclass, replace
@@ -166,15 +165,14 @@ def line_shares(
 
 STEPS = 32
 """Points of the midpoint rule along the way."""
-_MOMENTS = 10  # of a window, where gradients are over samples
 _LEVEL_STEPS = 512  # points on the way of levels: an average of heads turns within a hundredth of it
 
 
 def contributions(
     classifier: FittedClassifier, windows: WindowSet, label: int, rival: int, shaft: float | None
 ) -> dict[str, Any]:
-    """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``, ``gap``, ``bands``,
-    ``lines`` and ``moments``; means over the windows.
+    """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``, ``gap``, ``bands``
+    and ``lines``; means over the windows.
 
     From silence over the samples; for a `LevelNetwork` from the training's mean over its levels, since logarithms of
     samples have no gradient at silence that says anything.
@@ -208,14 +206,12 @@ def _of_samples(
     x, g = (part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64) for part in (scaled, gradient))
     count, n_samples = len(windows), x.shape[1]
     bands = signal_bands(classifier.sample_rate, shaft, n_samples)
-    edges = np.linspace(0, n_samples, _MOMENTS * count + 1).astype(np.int64)[:-1]
     return {
         "baseline": "silence",
         "margin": float(change.mean()),
         "gap": _gap(float((x * g).sum()) / count, float(change.mean())),
         "bands": bands,
         "lines": band_sums(line_shares(x, g), bands, classifier.sample_rate, n_samples) / count,
-        "moments": np.add.reduceat(x * g, edges, axis=1) / count,
     }
 
 
@@ -238,7 +234,6 @@ def _of_levels(
         "gap": _gap(float(adds.sum()), float(change.mean())),
         "bands": bands,
         "lines": adds.sum(axis=0) @ shares,
-        "moments": adds.sum(axis=2).T,
     }
 
 
@@ -254,12 +249,7 @@ def _require_finite(gradient: np.ndarray, windows: WindowSet) -> None:
 
 
 def mean_gradients(
-    network: "nn.Module",
-    signal: Float32[np.ndarray, "window *entry"],
-    label: int,
-    rival: int,
-    *,
-    steps: int = STEPS,
+    network: "nn.Module", signal: Float32[np.ndarray, "window *entry"], label: int, rival: int
 ) -> tuple[Float64[np.ndarray, "window *entry"], Float64[np.ndarray, " window"]]:
     """(mean gradient on the way, f(x) - f(0)) of each window, f being the score of `label` less that of `rival`.
 
@@ -268,17 +258,16 @@ def mean_gradients(
     network : in evaluation mode.
     signal : scaled windows, as the network takes them.
     label, rival : indices of the two classes.
-    steps : points of the midpoint rule.
     """
     import torch
 
     inputs = torch.from_numpy(signal)
     gradient = torch.zeros_like(inputs, dtype=torch.float64)
-    for step in range(steps):
-        point = (inputs * ((step + 0.5) / steps)).requires_grad_(True)
+    for step in range(STEPS):
+        point = (inputs * ((step + 0.5) / STEPS)).requires_grad_(True)
         scores = network(point)
         (slope,) = torch.autograd.grad((scores[:, label] - scores[:, rival]).sum(), point)
-        gradient += slope.double() / steps
+        gradient += slope.double() / STEPS
     with torch.no_grad():
         ends = network(torch.cat([inputs, torch.zeros_like(inputs[:1])])).double()
     answer = ends[:, label] - ends[:, rival]

@@ -1,4 +1,4 @@
-"""Which lines, moments and training recordings speak for a verdict."""
+"""Which lines and training recordings speak for a verdict."""
 
 import math
 from dataclasses import dataclass
@@ -50,19 +50,15 @@ class Evidence:
     margin: float
     """Score of `label` less that of `rival`, less the same for `baseline`; mean over the windows looked at."""
     gap: float
-    """Share of `margin` that the sums below miss, since gradients were taken at finitely many points."""
+    """Share of `margin` that the sum of `lines` misses, since gradients were taken at finitely many points."""
     start: float
     """Time of the first sample looked at [s]."""
+    duration: float
+    """Length of what was looked at [s]."""
     channels: tuple[str, ...]
     """Channels."""
     unit: str
     """Unit of the samples."""
-    moments: Float64[np.ndarray, "channel moment"]
-    """What each moment adds; the moments are of equal length and their sum is `margin`."""
-    peaks: Float64[np.ndarray, "channel moment"]
-    """Largest magnitude of the samples in each moment."""
-    moment: float
-    """Length of a moment [s]."""
     bands: tuple[Band, ...]
     """Orders and third octaves, ascending; of a network on levels also those of the envelope, and the whole."""
     lines: Float64[np.ndarray, "channel band"]
@@ -186,8 +182,6 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     windows = classifier.cut_windows([piece])
     adds = contributions(classifier, windows, label, rival, stated_speed(recording))
     samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
-    n_samples, n_moments = samples.shape[1], adds["moments"].shape[1]
-    edges = np.linspace(0, n_samples, n_moments + 1).astype(np.int64)[:-1]
     return Evidence(
         **adds,
         recording_id=recording.recording_id,
@@ -195,10 +189,9 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         rival=ranked[1],
         unknown=diagnosis.unknown,
         start=first * length / classifier.sample_rate,
+        duration=samples.shape[1] / classifier.sample_rate,
         channels=classifier.channels,
         unit=classifier.layout.unit,
-        peaks=np.maximum.reduceat(np.abs(samples), edges, axis=1),
-        moment=n_samples / classifier.sample_rate / n_moments,
         rms=band_rms(samples, adds["bands"], classifier.sample_rate),
         pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),

@@ -29,26 +29,25 @@ _LIMITS = (
 
 def evidence_part(evidence: Evidence, key: str) -> Part:
     """Part of the page about the evidence for one verdict."""
-    span = evidence.moment * evidence.moments.shape[1]
+    end = evidence.start + evidence.duration
     introduction = (
-        f"This looks at {evidence.start:.3g} s to {evidence.start + span:.3g} s of the recording, the stretch that "
-        f"speaks most for the verdict. Compared with {evidence.baseline}, these samples change the network's score of "
+        f"This looks at {evidence.start:.3g} s to {end:.3g} s of the recording, the stretch that speaks "
+        f"most for the verdict. Compared with {evidence.baseline}, these samples change the network's score of "
         f"{words(evidence.label)} over that of {words(evidence.rival)} by {number(evidence.margin)}"
     )
     pictures: tuple[Drawing, ...] = ()
     if evidence.adds_up:
         gap = percent(evidence.gap) if evidence.gap else "0 %"
-        introduction += ". The figures below divide that change between lines and moments (by integrated gradients; "
+        introduction += ". The figure below divides that change between lines (by integrated gradients; "
         introduction += f"{gap} of it is left over)."
-        pictures = line_drawing(evidence, key), moment_drawing(evidence, key)
+        pictures = (line_drawing(evidence, key),)
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
     blocks = (
         *evidence.sentences()[1:],
         introduction,
-        *pictures[:1],
+        *pictures,
         _line_table(evidence),
-        *pictures[1:],
         _neighbor_table(evidence),
         Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
         Bullets("What this evidence is not", tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)),
@@ -117,41 +116,6 @@ def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> 
     names |= {index: band.name for index, band in enumerate(bands) if band.part == "whole"}
     upright = any(band.order is None and band.low > 0 for band in bands)
     panel.set_xticks(positions[list(names)], list(names.values()), rotation=90 if upright else 0)
-
-
-@figure_style()
-def moment_drawing(evidence: Evidence, key: str) -> Drawing:
-    """Contribution of each moment to the score, with the samples' peaks, channel by channel."""
-    channels, count = evidence.channels, evidence.moments.shape[1]
-    edges = evidence.start + np.arange(count + 1) * evidence.moment
-    figure, axes = panels(len(channels), 1, 0.9 + 1.25 * len(channels), sharex=True)
-    limit = max(float(np.abs(evidence.moments).max()), 1e-12)
-    for channel, name in enumerate(channels):
-        panel, peaks = axes[channel, 0], evidence.peaks[channel]
-        highest = 1.1 * max(float(peaks.max()), 1e-12)
-        panel.stairs(peaks, edges, baseline=-peaks, fill=True, color=LIGHT)
-        panel.set_ylim(-highest, highest)
-        beside, adds = panel.twinx(), evidence.moments[channel]
-        for side, color in ((np.maximum(adds, 0), CALIBRATED), (np.minimum(adds, 0), _AGAINST)):
-            beside.stairs(side, edges, fill=True, color=color)
-        beside.set(ylim=(-1.1 * limit, 1.1 * limit), yticks=[])
-        beside.grid(visible=False)
-        panel.set_title(words(name), loc="left")
-        panel.grid(axis="x", visible=False)
-    axes[len(channels) // 2, 0].set_ylabel(f"samples [{unit_words(evidence.unit)}]")
-    axes[-1, 0].set_xlabel("time [s]")
-    caption = (
-        f"Gray: peaks of the samples. Blue bars: moments that speak for {words(evidence.label)}, orange for "
-        f"{words(evidence.rival)}, on one scale for all channels."
-    )
-    columns = {
-        "channel": np.repeat(channels, count),
-        "time_s": np.tile((edges[:-1] + edges[1:]) / 2, len(channels)),
-        "adds": evidence.moments.ravel(),
-        "peak": evidence.peaks.ravel(),
-    }
-    title = "Which moments speak for the verdict"
-    return render_drawing(f"{key}_moments", figure, columns, title=title, caption=caption)
 
 
 def _line_table(evidence: Evidence) -> Table:

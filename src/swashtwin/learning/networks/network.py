@@ -42,7 +42,7 @@ class Network(Configured, nn.Module):
     """
 
     has_gradients: ClassVar[bool] = True
-    """Whether its answer can be traced to bands and moments (`explain`)."""
+    """Whether its answer can be traced to bands (`explain`)."""
     head: nn.Module
     """Last layer, features to one score per class."""
 

@@ -22,7 +22,7 @@ class SolvedNetwork(Configured):
     """
 
     has_gradients: ClassVar[bool] = False
-    """Whether its answer can be traced to bands and moments (`explain`)."""
+    """Whether its answer can be traced to bands (`explain`)."""
 
     def __init__(self, **settings: Any) -> None:
         require_sizes(self.name, settings)

@@ -10,6 +10,7 @@ import pytest
 from commandline import run, run_json
 
 from swashtwin.calibration import (
+    QUANTILE,
     Calibration,
     GaussNewton,
     Nuisances,
@@ -171,12 +172,11 @@ def test_a_recess_that_two_laws_explain_has_an_interval_around_both(calibration:
 def test_a_change_is_known_better_than_either_severity(calibration: Calibration, record: Record) -> None:
     small, large = (record(replace(LONG, depth=mm(depth)), f"at_{depth}") for depth in (0.05, 0.1))
     trend = estimate_severity(calibration, [small, large], LONG, free=())
-    ratio, (low, high) = trend.change(1)
-    assert low < 2 < high
+    severities = [estimate.severity for estimate in trend.estimates]
+    assert severities[1].value / severities[0].value == pytest.approx(2, rel=0.15)
     assert repr(trend).startswith("<SeverityTrend of SwashPlateDefect: at_0.05: ")
-    assert ratio == pytest.approx(2, rel=0.15)
-    interval = trend.estimates[1].severity.interval
-    assert high / low < interval[1] / interval[0]
+    deviation = math.hypot(*(estimate.repeatability for estimate in trend.estimates))
+    assert 2 * QUANTILE * deviation < math.log(severities[1].interval[1] / severities[1].interval[0])
 
 
 def test_a_recess_that_slippers_follow_less_at_high_frequencies_is_still_as_deep(

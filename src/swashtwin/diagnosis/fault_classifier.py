@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from swashtwin.recordings import Manifest, Recording, join_manifests
 Progress = Callable[[str, int, int], None]
 
 
+@dataclass(eq=False, repr=False)
 class FaultClassifier(Estimator):
     """Classifier of pump faults from vibration, an estimator of scikit-learn, which is imported where it is needed.
 
@@ -96,52 +97,28 @@ class FaultClassifier(Estimator):
     ['normal', 'piston']
     """
 
-    def __init__(
-        self,
-        network: str | None = None,
-        *,
-        window: int | None = None,
-        stride: int | None = None,
-        allow_partial_revolution: bool = False,
-        epochs: int = RECOMMENDED_TRAINING.epochs,
-        batch_size: int = RECOMMENDED_TRAINING.batch_size,
-        learning_rate: float = RECOMMENDED_TRAINING.learning_rate,
-        decay: str = RECOMMENDED_TRAINING.decay,
-        normalization: str = RECOMMENDED_TRAINING.normalization,
-        training_settings: Mapping[str, Any] | None = None,
-        network_settings: Mapping[str, Any] | None = None,
-        budget: float = 600.0,
-        test_fraction: float = 0.0,
-        validation_fraction: float = 0.0,
-        group: str | Mapping[str, str] = "recording",
-        error_rate: float | None = None,
-        fault_of: Mapping[str, str] | None = None,
-        prior: PriorClassifier | str | Path | None = None,
-        sample_rate: float = 1.0,
-        device: str = "cpu",
-        seed: int = 0,
-    ) -> None:
-        self.network = network
-        self.window = window
-        self.stride = stride
-        self.allow_partial_revolution = allow_partial_revolution
-        self.epochs = epochs
-        self.batch_size = batch_size
-        self.learning_rate = learning_rate
-        self.decay = decay
-        self.normalization = normalization
-        self.training_settings = training_settings
-        self.network_settings = network_settings
-        self.budget = budget
-        self.test_fraction = test_fraction
-        self.group = group
-        self.validation_fraction = validation_fraction
-        self.error_rate = error_rate
-        self.fault_of = fault_of
-        self.prior = prior
-        self.sample_rate = sample_rate
-        self.device = device
-        self.seed = seed
+    network: str | None = None
+    _: KW_ONLY
+    window: int | None = None
+    stride: int | None = None
+    allow_partial_revolution: bool = False
+    epochs: int = RECOMMENDED_TRAINING.epochs
+    batch_size: int = RECOMMENDED_TRAINING.batch_size
+    learning_rate: float = RECOMMENDED_TRAINING.learning_rate
+    decay: str = RECOMMENDED_TRAINING.decay
+    normalization: str = RECOMMENDED_TRAINING.normalization
+    training_settings: Mapping[str, Any] | None = None
+    network_settings: Mapping[str, Any] | None = None
+    budget: float = 600.0
+    test_fraction: float = 0.0
+    validation_fraction: float = 0.0
+    group: str | Mapping[str, str] = "recording"
+    error_rate: float | None = None
+    fault_of: Mapping[str, str] | None = None
+    prior: PriorClassifier | str | Path | None = None
+    sample_rate: float = 1.0
+    device: str = "cpu"
+    seed: int = 0
 
     def fit(
         self,

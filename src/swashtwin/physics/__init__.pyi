@@ -33,7 +33,6 @@ from .steady import HarmonicBalance as HarmonicBalance
 from .steady import SteadySolver as SteadySolver
 from .twin.batch import OrderLines as OrderLines
 from .twin.batch import accelerations as accelerations
-from .twin.batch import prepare as prepare
 from .twin.model import Sensitivity as Sensitivity
 from .twin.model import Twin as Twin
 from .twin.model import sensitivities as sensitivities

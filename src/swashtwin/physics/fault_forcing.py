@@ -131,14 +131,9 @@ class FaultAction:
 
     def mapped(self, function: Callable[[Tensor], Tensor]) -> "FaultAction":
         """The same action with `function` applied to each of its tensors."""
-        return replace(
-            self,
-            motion=function(self.motion),
-            rate=function(self.rate),
-            film=function(self.film),
-            bore=function(self.bore),
-            direct=function(self.direct),
-        )
+        tensors = self.motion, self.rate, self.film, self.bore, self.direct
+        motion, rate, film, bore, direct = map(function, tensors)
+        return replace(self, motion=motion, rate=rate, film=film, bore=bore, direct=direct)
 
 
 @singledispatch

@@ -46,23 +46,6 @@ STEPS = 16384
 """Time steps of a revolution. At 860 rev/min one is 4 microseconds; a loaded slipper falls by 0.07 mm in 80."""
 
 
-@dataclass(frozen=True, eq=False)
-class Ride:
-    """One revolution of one slipper, on a uniform grid of its own shaft angle that starts at 0."""
-
-    angle: Float[np.ndarray, " step"]
-    """Its shaft angle [rad]."""
-    displacement: Float[np.ndarray, " step"]
-    """Its displacement s into the recess [m]."""
-    force: Float[np.ndarray, " step"]
-    """Normal force between it and the swash plate [N]: never below zero, and zero in flight."""
-
-    @property
-    def in_flight(self) -> float:
-        """Share of the revolution during which it touches nothing [1]."""
-        return float(np.mean(self.force <= 1e-9 * self.force.max()))
-
-
 def pressing_force(
     pump: Pump, condition: OperatingCondition, angle: Float[np.ndarray, " angle"]
 ) -> Float[np.ndarray, " angle"]:
@@ -76,18 +59,15 @@ def pressing_force(
 
 
 @lru_cache(maxsize=64)
-def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) -> Ride:
-    """How a slipper of `pump` rides through `defect`, once a revolution; under pressure it lands at the latest."""
+def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) -> Float[np.ndarray, " step"]:
+    """Displacement s [m] of a slipper in `defect` over `STEPS` shaft angles from 0; pressed, it lands once a turn."""
     angle = 2 * math.pi * np.arange(STEPS) / STEPS
     mass, tilt = pump.masses.piston_slipper, math.cos(pump.rotating_group.swash_angle)
     first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
     step = condition.period / STEPS
     pressed = pressing_force(pump, condition, angle)
     surface = np.roll(slipper_profile(pump, defect, angle)[0], -first)
-    displacement = np.roll(_path(surface, np.roll(pressed, -first) * (step**2 * tilt / mass)), first)
-    curvature = np.roll(displacement, -1) - 2 * displacement + np.roll(displacement, 1)
-    force = (pressed - mass / tilt * curvature / step**2) / tilt
-    return Ride(angle, displacement, np.where(force > 1e-9 * pressed.max(), force, 0.0))
+    return np.roll(_path(surface, np.roll(pressed, -first) * (step**2 * tilt / mass)), first)
 
 
 @compiled
@@ -109,7 +89,7 @@ def riding_lines(
     scatter: Float[np.ndarray, " slipper"] | None = None,
 ) -> Complex[np.ndarray, " line"]:
     """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of `displacement_lines`."""
-    lines = fourier_lines(ride(pump, condition, defect).displacement)[1 : n_lines + 1]
+    lines = fourier_lines(ride(pump, condition, defect))[1 : n_lines + 1]
     return combined_lines(pump, np.arange(1, n_lines + 1), scatter) * lines
 
 

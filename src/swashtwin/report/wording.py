@@ -190,10 +190,7 @@ TERMS = MappingProxyType(
 """Explanations by word, as the pages spell it."""
 
 _TERM = "|".join(map(re.escape, sorted(TERMS, key=len, reverse=True)))
-_PATTERN = re.compile(rf"(\(?)\b({_TERM})\b([),.;:]*)")
-_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
-_UNBROKEN = Markup('<span class="option">{}</span>')
-_BUTTON = Markup('<button class="term" type="button" popovertarget="term-{}">{}</button>')
+_MARKED = re.compile(rf"(\(?)\b({_TERM})\b([),.;:]*)|(?<![\w-])(--[a-z][a-z-]*)")
 
 
 class Glossary:
@@ -205,23 +202,15 @@ class Glossary:
 
     def mark(self, text: str) -> Markup:
         """The text as markup, with a button at each word that stands here first; it opens the explanation."""
-        parts, end = [Markup()], 0
-        for match in _PATTERN.finditer(text):
-            before, term, after = match.groups()
-            if TERMS[term] in self.used.values():
-                continue
-            self.used[term] = TERMS[term]
-            button = Markup("{}{}{}").format(before, _BUTTON.format(len(self.used), term), after)
-            # browsers may end a line at either side of a button, so its punctuation stays in one line with it
-            parts += [_unbroken(text[end : match.start()]), _UNBROKEN.format(button) if before or after else button]
-            end = match.end()
-        return Markup().join([*parts, _unbroken(text[end:])])
+        return Markup(_MARKED.sub(self._mark, escape(text)))
 
-
-def _unbroken(text: str) -> Markup:
-    """The text as markup in which no line ends within an option such as ``--report``."""
-    parts, end = [Markup()], 0
-    for match in _OPTION.finditer(text):
-        parts += [escape(text[end : match.start()]), _UNBROKEN.format(match[0])]
-        end = match.end()
-    return Markup().join([*parts, escape(text[end:])])
+    def _mark(self, match: re.Match[str]) -> str:
+        """A word as a button, one line with its punctuation, and an option such as ``--report`` in one line."""
+        before, term, after, option = match.groups()
+        if option is not None:
+            return f'<span class="option">{option}</span>'
+        if TERMS[term] in self.used.values():
+            return match[0]
+        self.used[term] = TERMS[term]
+        button = f'<button class="term" type="button" popovertarget="term-{len(self.used)}">{term}</button>'
+        return f'<span class="option">{before}{button}{after}</span>' if before or after else button

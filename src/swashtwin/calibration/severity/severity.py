@@ -158,19 +158,6 @@ class SeverityTrend:
         more = f"; {len(self.estimates) - 3} more" if len(self.estimates) > 3 else ""
         return f"<SeverityTrend of {type(self.reference).__name__}: {severities}{more}>"
 
-    def change(self, later: int, earlier: int = 0) -> tuple[float, tuple[float, float]]:
-        """Severity of estimate `later` over that of `earlier`, with its interval of 90 %.
-
-        What is common to both, such as the error of the fault's law, cancels; see `Severity.repeatability`. NaN where
-        either severity is zero.
-        """
-        ends = [self.estimates[later], self.estimates[earlier]]
-        if not all(severity.severity.value > 0 for severity in ends):
-            return math.nan, (0.0, math.inf)
-        ratio = ends[0].severity.value / ends[1].severity.value
-        factor = math.exp(QUANTILE * math.hypot(*(severity.repeatability for severity in ends)))
-        return ratio, (ratio / factor, ratio * factor)
-
     def to_dict(self) -> dict[str, Any]:
         """All of it as JSON can hold it, in SI; a dimension with its unit and what one such unit is in SI."""
         kind, table = {"kind": type(self.reference).__name__}, to_table(self)

@@ -33,12 +33,6 @@ class OrderLines:
     """Lines [m/s^2]; zero at orders that are not among a twin's own, such as those above its bandwidth."""
 
 
-def prepare(twins: Sequence[Twin]) -> None:
-    """Compute ahead what no interface value changes: each twin's chamber pressures and the lines of its fault."""
-    for twin in twins:
-        _ = twin.drive
-
-
 def accelerations(
     twins: Sequence[Twin],
     values: Float[Tensor, "twin *batch 6"] | None = None,
@@ -127,6 +121,12 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
             row[column] = part[0].numpy()
         return out
 
+    path = None
+    if any(drive.path is not None for drive in drives):
+        path = torch.ones(len(drives), len(drives[0].structure.sensor_rows), orders.size, dtype=torch.complex128)
+        for row, column, drive in zip(path, columns, drives, strict=True):
+            if drive.path is not None:
+                row[:, torch.as_tensor(column)] = drive.path[0]
     actions = [drive.action for drive in drives]
     together = Drive(
         structure=drives[0].structure,
@@ -143,22 +143,9 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
             pushes=any(action.pushes for action in actions),
         ),
         wear=torch.cat([drive.wear for drive in drives]),
-        path=_stacked_paths(drives, orders, columns),
+        path=path,
     )
     return together.mapped(lambda part: part.repeat_interleave(inner, 0)) if inner > 1 else together
-
-
-def _stacked_paths(
-    drives: Sequence[Drive], orders: Int[np.ndarray, " line"], columns: Sequence[np.ndarray]
-) -> Complex[Tensor, "twin sensor line"] | None:
-    if all(drive.path is None for drive in drives):
-        return None
-    sensors = drives[0].structure.sensor_rows.shape[0]
-    out = torch.ones(len(drives), sensors, orders.size, dtype=torch.complex128)
-    for row, column, drive in zip(out, columns, drives, strict=True):
-        if drive.path is not None:
-            row[:, torch.as_tensor(column)] = drive.path[0]
-    return out
 
 
 def _spread(lines: Tensor, columns: Int[np.ndarray, " own"], n_lines: int) -> Tensor:

@@ -14,7 +14,6 @@ from torch import Tensor
 from swashtwin.foundation import InputError
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import recess_of
-from swashtwin.physics.loads import LoadCase, force_lines
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.response import UNSCALED, Drive, Scales, SensorPath, drive_of, require_positive, respond
 from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump, in_trade_units, pump_numbers, with_number
@@ -75,16 +74,6 @@ class Twin:
     def structure(self) -> Structure:
         """Constant matrices."""
         return assemble(self.pump, self.topology)
-
-    @property
-    def pressure(self) -> Complex[np.ndarray, "line 13"]:
-        """Force lines of the chamber pressures, orders 0 (the mean) to `n_lines`, for any interface values."""
-        return force_lines(self.load_case, self.n_lines, topology=self.topology)
-
-    @property
-    def load_case(self) -> LoadCase:
-        """What decides the chamber pressures."""
-        return LoadCase(self.pump, self.condition, self.fault)
 
     @cached_property
     def drive(self) -> Drive:

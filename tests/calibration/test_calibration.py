@@ -106,7 +106,7 @@ def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recordi
     objective = objective_of(twin, measure(twin, [recording], (0, 1000)))
     exact = IPINN(epochs=15).search(objective, seed=0)
     stepped = IPINN(epochs=15, solver=RK4()).search(objective, seed=0)
-    np.testing.assert_allclose(stepped.values, exact.values, rtol=1e-4)
+    np.testing.assert_allclose(stepped.point[:6], exact.point[:6], atol=1e-4)
 
 
 def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, recording: Recording, tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def test_bore_lines_are_the_transform_of_the_displacement(
         offset = np.mod(angle + 2 * math.pi * bore / 7 - deg(270) + math.pi, 2 * math.pi) - math.pi
         return um(50) * np.cos(math.pi * offset / (2 * deg(half_width))) * (np.abs(offset) < deg(half_width))
 
-    np.testing.assert_allclose(bore_lines(pump, at_15, defect, 200), sampled_lines(height, 200), atol=1e-13)
+    np.testing.assert_allclose(bore_lines(pump, defect, 200), sampled_lines(height, 200), atol=1e-13)
 
 
 def test_a_worn_valve_plate_softens_its_film(pump: Pump) -> None:
@@ -166,9 +166,9 @@ def test_excitation_that_does_not_fit_the_pump_is_refused(pump: Pump, at_15: Ope
     with pytest.raises(InputError, match=r"scatter has shape \(3,\) for 7 slippers"):
         displacement_lines(pump, at_15, DEFECT, 7, scatter=(1.0, 1.0, 1.0))
     with pytest.raises(InputError, match=r"BoreDefect.bore \(7\) is none of the 7"):
-        bore_lines(pump, at_15, BoreDefect(um(50), bore=7), 7)
+        bore_lines(pump, BoreDefect(um(50), bore=7), 7)
     with pytest.raises(InputError, match=r"half_width \(200 deg\) must not exceed 180"):
-        bore_lines(pump, at_15, BoreDefect(um(50), half_width=deg(200)), 7)
+        bore_lines(pump, BoreDefect(um(50), half_width=deg(200)), 7)
     with pytest.raises(InputError, match=r"n_lines \(0\)"):
         displacement_lines(pump, at_15, DEFECT, 0)
 

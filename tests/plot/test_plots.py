@@ -7,7 +7,6 @@ import pytest
 
 from swashtwin import plot
 from swashtwin.foundation import InputError, MPa, rpm
-from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -41,9 +40,7 @@ def test_a_confusion_matrix_counts_what_has_no_verdict_in_a_column_of_its_own() 
     assert [text.get_text() for text in figure.axes[0].texts] == ["75", "25", "100"]
 
 
-def test_what_cannot_be_drawn_is_refused_in_one_line(pump) -> None:
-    with pytest.raises(InputError, match="has no recess"):
-        plot.excitation(Twin(pump, AT))
+def test_what_cannot_be_drawn_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match="has no samples from 20 s on"):
         plot.waveform(tone(7), start=20.0)
     with pytest.raises(InputError, match="does not fit 3 classes"):

@@ -220,12 +220,7 @@ def _samples_per_turn(recording: Recording) -> int:
 def _simulated(
     lines: np.ndarray, orders: np.ndarray, recording: Recording, band: tuple[float, float], shift: float
 ) -> Float[np.ndarray, "channel time"]:
-    """Two revolutions at the recording's speed and rate, through the same filter as the recording.
-
-    Parameters
-    ----------
-    shift : shift of the start [sample].
-    """
+    """Two revolutions at the recording's speed and rate, through its filter, the start shifted by `shift` [sample]."""
     assert recording.condition is not None
     turn = _samples_per_turn(recording)
     is_resolved = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate

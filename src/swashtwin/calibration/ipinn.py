@@ -140,13 +140,7 @@ class ParameterNetwork(nn.Module):
 
 
 def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:
-    """Start of the first recording; all channels over their common RMS, float32.
-
-    Raises
-    ------
-    DataError
-        The recording is shorter.
-    """
+    """Start of the first recording; all channels over their common RMS, float32. A `DataError` where it is shorter."""
     first = objective.comparisons[0]
     recording = first.measurement.recordings[0]
     length = round(revolutions * first.twin.condition.period * recording.sample_rate)

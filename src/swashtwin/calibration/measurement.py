@@ -161,10 +161,7 @@ def place_single_channels(recordings: Iterable[Recording], pump: Pump) -> tuple[
 def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
     """Recordings that show what the twin models, and the ids of the others, each with the reason.
 
-    Raises
-    ------
-    DataError
-        None is left; both numbers that differ are named.
+    Where none is left, a `DataError` names both numbers that differ.
     """
     used, left_out = [], []
     for recording in recordings:
@@ -234,12 +231,9 @@ def _orders_within(
 
 
 def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.ndarray, " order"]:
-    """Shaft orders of the lines within `band` [Hz] at the twin's speed.
+    """Shaft orders of the lines within `band` [Hz] at the twin's speed; an `InputError` where there is none.
 
-    Raises
-    ------
-    InputError
-        There is none, or the twin has none but piston-pass lines although all shaft orders are requested.
+    So it is where a twin has none but piston-pass lines although all shaft orders are requested.
     """
     low, high = band
     count, shaft = twin.pump.rotating_group.piston_count, twin.condition.shaft_frequency
@@ -273,12 +267,8 @@ def phased_lines(
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
     """Complex peak amplitudes at `orders` along the shaft's angle, and the standard deviation of each of their parts.
 
-    Angle 0 is an arbitrary position of the shaft, the same for all channels and orders of the recording.
-
-    Raises
-    ------
-    DataError
-        No piston-pass line stands clear enough to be followed.
+    Angle 0 is an arbitrary position of the shaft, the same for all channels and orders of the recording. A `DataError`
+    where no piston-pass line stands clear enough to be followed.
     """
     shaft = piston_pass_angle(recording, piston_count)
     length = recording.signal.shape[1] // SEGMENTS

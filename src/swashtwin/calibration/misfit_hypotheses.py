@@ -84,12 +84,7 @@ def suspected_mistakes(objective: Objective, point: Float[np.ndarray, " unknown"
 
 
 def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
-    """Mistakes that would explain a misfit, the likeliest first; none where no single one does.
-
-    Parameters
-    ----------
-    misfit : `Objective.weighted_loss` at the point found.
-    """
+    """Mistakes that would explain a misfit (`misfit_of`), the likeliest first; none where no single one does."""
     count = objective.measured.numel()
     if count * misfit**2 < BEYOND_CHANCE:
         return ()

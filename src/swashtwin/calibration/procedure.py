@@ -208,12 +208,8 @@ def starting_twins(
 ) -> list[Twin]:
     """Twins of one pump: those given, or one for each operating point of the recordings of the fault's class.
 
-    Raises
-    ------
-    InputError
-        Twins differ in more than condition, or a fault is given beside them.
-    DataError
-        No recording has the fault's class, or none of those states its operating condition.
+    An `InputError` where twins differ in more than condition, or a fault is given beside them; a `DataError` where no
+    recording has the fault's class, or none of those states its operating condition.
     """
     if isinstance(pump, str):
         pump = load_pump(pump)

@@ -37,13 +37,7 @@ def require_one_machine(recordings: Iterable[Recording], thing: str) -> None:
 
 
 def clipping_note(recording: Recording) -> str | None:
-    """Note on a recording with a few clipped samples, or None.
-
-    Raises
-    ------
-    DataError
-        1 % of a channel's samples or more stand at its extremes.
-    """
+    """Note on a recording with a few clipped samples, or None; a `DataError` from 1 % of a channel's samples on."""
     for name, row in zip(recording.channels, recording.signal, strict=True):
         share = clipped_samples(row) / len(row)
         where = f"{recording.recording_id}, {name}: {share:.2%} of the samples stand in a row at the extreme"
@@ -58,13 +52,7 @@ def clipping_note(recording: Recording) -> str | None:
 
 
 def lines_of(recording: Recording, shaft_frequency: float, orders: Int[np.ndarray, " order"]) -> OrderSpectrum:
-    """Lines of a recording at `orders`.
-
-    Raises
-    ------
-    DataError
-        It is too short for them, or holds nothing but noise there.
-    """
+    """Lines of a recording at `orders`; a `DataError` where it is too short, or holds nothing but noise there."""
     try:
         spectrum = order_spectrum(recording.signal, recording.sample_rate, shaft_frequency, orders)
     except InputError as cause:
@@ -171,14 +159,9 @@ def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int)
 
 
 def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> None:
-    """Refuse a recording whose lines show another speed than it states; the error names both.
+    """Refuse a recording whose lines show another speed than it states with a `DataError` that names both.
 
     A recording whose speed was measured along with it, or whose lines show nothing clearly, passes.
-
-    Raises
-    ------
-    DataError
-        The piston-pass lines are those of another speed.
     """
     if recording.speed is not None:
         return

@@ -68,11 +68,6 @@ class Search:
     notes: tuple[str, ...] = ()
     """What the user should look at, in words."""
 
-    @property
-    def values(self) -> Float[np.ndarray, " 6"]:
-        """Interface values, in the order of `pump.PARAMETERS`."""
-        return np.exp(self.point[VALUES])
-
 
 @runtime_checkable
 class Calibrator(Protocol):

@@ -284,12 +284,7 @@ def objective_of(
 
 
 def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()) -> Comparison:
-    """Comparison within the band that was measured, of the lines that the twin has, or of all of a ``"spectrum"``.
-
-    Parameters
-    ----------
-    channels : those of the search (`Comparison.searched`).
-    """
+    """Comparison within the band that was measured, of the lines that the twin has, or of all of a ``"spectrum"``."""
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders) | (measurement.lines == "spectrum")

@@ -63,15 +63,7 @@ def search_space(twin: Twin, bounds: Mapping[str, tuple[float, float]] | float |
     Parameters
     ----------
     bounds : a factor for all, or (least, greatest) by parameter name or letter for some, a factor of 10 for the others.
-
-    Raises
-    ------
-    InputError
-        An unknown parameter, or bounds that do not hold the nominal value.
-
-    Examples
-    --------
-    ``search_space(twin, {"C_sw": (5e5, 5e6)})``
+        An `InputError` where one is unknown, or its bounds do not hold the nominal value.
     """
     nominal = twin.values.numpy()
     factor = float(bounds) if isinstance(bounds, int | float) else DEFAULT_FACTOR

@@ -60,18 +60,9 @@ def evaluate_alarms(
 
     Parameters
     ----------
-    diagnose : the model's answer on a recording.
-    manifest : recordings that had a part in it.
-    X : recordings with labels.
-    y : class of each recording; None for its own label.
-    error_rate : false-alarm rate that the model states.
-
-    Raises
-    ------
-    LeakError
-        A recording had a part in the model.
-    DataError
-        None has a label.
+    diagnose, manifest, error_rate : the model's answer, the recordings in it, and the false-alarm rate that it states.
+    X, y : recordings, and their classes; None for their own labels. A `LeakError` where one had a part in the model, a
+        `DataError` where none has a label.
     """
     from swashtwin.learning import wilson_interval
 

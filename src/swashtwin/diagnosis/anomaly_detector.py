@@ -232,10 +232,6 @@ def leave_out_odd(healthy: HealthyLevels, error_rate: float | None) -> tuple[Hea
     """(the usual recordings, notes on the odd ones: names, what moved, what they cost).
 
     All stay where more than `MOST_ODD` are odd, for then they are another state of the machine.
-
-    Parameters
-    ----------
-    error_rate : false-alarm rate asked for, if any.
     """
     is_usual = usual_recordings(healthy.levels, healthy.point_index)
     odd = np.flatnonzero(~is_usual).tolist()

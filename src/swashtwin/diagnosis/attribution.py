@@ -90,9 +90,7 @@ def level_shares(
 ) -> Float64[np.ndarray, "level band"]:
     """Share of each level in each of `level_bands`, by overlap in frequency; those of a level sum to 1.
 
-    Parameters
-    ----------
-    turns : turns of the shaft per sample.
+    `turns` are turns of the shaft per sample.
     """
     shares = np.zeros((len(levels), len(bands)))
     names = [band.name for band in bands]
@@ -181,11 +179,6 @@ def contributions(
     ----------
     label, rival : indices of the two classes.
     shaft : speed of the shaft [Hz], or None where it is not stated.
-
-    Raises
-    ------
-    DataError
-        The gradients are not finite.
     """
     network = classifier.network
     if isinstance(network, LevelNetwork):
@@ -251,14 +244,7 @@ def _require_finite(gradient: np.ndarray, windows: WindowSet) -> None:
 def mean_gradients(
     network: "nn.Module", signal: Float32[np.ndarray, "window *entry"], label: int, rival: int
 ) -> tuple[Float64[np.ndarray, "window *entry"], Float64[np.ndarray, " window"]]:
-    """(mean gradient on the way, f(x) - f(0)) of each window, f being the score of `label` less that of `rival`.
-
-    Parameters
-    ----------
-    network : in evaluation mode.
-    signal : scaled windows, as the network takes them.
-    label, rival : indices of the two classes.
-    """
+    """(mean gradient on the way, f(x) - f(0)) of each scaled window, f being the score of `label` less `rival`'s."""
     import torch
 
     inputs = torch.from_numpy(signal)

@@ -28,13 +28,7 @@ OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalizati
 
 
 def as_recordings(X: Any) -> Sequence[Recording] | None:
-    """Recordings in a sequence, or None where `X` is something else.
-
-    Raises
-    ------
-    InputError
-        It is empty, or an iterator over anything but recordings.
-    """
+    """Recordings in a sequence, or None where `X` is something else; an `InputError` where it is nothing at all."""
     if X is None or isinstance(X, (str, Path)):
         raise InputError(f"X is {X!r}; recordings are expected, as load_recordings(folder) gives them, or an array.")
     if isinstance(X, Recording):
@@ -77,13 +71,7 @@ def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
 
 
 def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:
-    """Classes of recordings or of a window set; none of an array.
-
-    Raises
-    ------
-    InputError
-        The classes `y` are a window set, or the names of all of them are one text.
-    """
+    """Classes of recordings or of a window set; none of an array. An `InputError` where `y` or `named` is no list."""
     if isinstance(y, WindowSet):
         raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
     if isinstance(named, str):
@@ -114,10 +102,7 @@ def network_parameters(fitted: learning.FittedClassifier) -> dict[str, Any]:
 def checked_settings(classifier: Any) -> learning.TrainingSettings:
     """Settings of the training by the parameters of a `FaultClassifier`.
 
-    Raises
-    ------
-    InputError
-        One belongs to a network that is not named, or there is none of that name.
+    An `InputError` where one belongs to a network that is not named, or there is none of that name.
     """
     if classifier.network is None:
         usual = type(classifier)()
@@ -162,11 +147,7 @@ def name_alike(
     ----------
     measured : classes of the recordings; where one of them is healthy, healthy synthetic windows get its name.
     fault_of : fault that a measured class stands for.
-
-    Raises
-    ------
-    InputError
-        `fault_of` names a class that nobody measured, or a fault that nobody simulated.
+        An `InputError` where nobody measured the class, or simulated the fault.
     """
     made = dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label))
     for label, fault in fault_of.items():
@@ -238,13 +219,9 @@ def windows_to_train(
 def windows_of_array(
     X: np.ndarray, target: np.ndarray, classes: tuple[str, ...], groups: Any, sample_rate: float
 ) -> WindowSet:
-    """Windows of an array ``(window, channel, sample)`` or ``(window, sample)``, each a recording by default.
+    """Windows of an array ``(window, channel, sample)`` or ``(window, sample)``, each a recording without `groups`.
 
-    Parameters
-    ----------
-    target : index of each window's class; -1 for none.
-    groups : recording of each window, or None.
-    sample_rate : samples per second [Hz].
+    `target` is the index of each window's class, -1 for none; `sample_rate` is in Hz.
     """
     signal = X[:, None] if X.ndim == 2 else X
     if signal.ndim != 3:

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.diagnosis.healthy_spectrum import classifier_spectrum
-from swashtwin.diagnosis.reasons import another_machine, called_faulty, own_healthy_would_help, reasons_of
+from swashtwin.diagnosis.reasons import another_machine, own_healthy_would_help, reasons_of
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.learning import (
     Confidence,
     FittedClassifier,
@@ -168,13 +168,7 @@ def require_recording(thing: object) -> None:
 
 
 def require_layout(layout: WindowLayout, recording: Recording) -> None:
-    """Refuse a recording whose rate, channels or unit are not those that a model was trained on.
-
-    Raises
-    ------
-    DataError
-        They differ; the message says what to do.
-    """
+    """Refuse a recording whose rate, channels or unit are not a model's with a `DataError` that says what to do."""
     require_recording(recording)
     actual = replace(layout, sample_rate=float(recording.sample_rate), channels=recording.channels, unit=recording.unit)
     difference = layout.difference(actual)
@@ -276,5 +270,8 @@ def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tu
         ]
         faulty = sum(not is_healthy(label) for label in labels)
         if faulty > _SEVERAL * len(labels):
-            notes.append(called_faulty(name, faulty, len(labels)))
+            notes.append(
+                f"{faulty} of {plural(len(labels), 'recording')} of {name} that are healthy would be called faulty "
+                "without comparing: the machine differs from the training's as a fault does."
+            )
     return informed, tuple(notes)

@@ -180,12 +180,7 @@ def classifier_spectrum(
 def detector_spectrum(
     layout: LevelLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
 ) -> HealthySpectrum:
-    """Levels of a recording in the detector's bands, over those of the healthy recordings of its point.
-
-    Parameters
-    ----------
-    healthy : levels of the healthy recordings that it was compared with.
-    """
+    """Levels of a recording in the detector's bands, over `healthy`, those of the recordings it was compared with."""
     bands = [index for index, level in enumerate(layout.levels) if level.is_band]
     each = len(bands) // len(layout.channels)
     edges = np.array([(layout.levels[index].low, layout.levels[index].high) for index in bands[:each]])

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import plural
 from swashtwin.learning import FittedClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
@@ -93,7 +92,8 @@ def another_machine(reference: TrainingReference | None, specimen: str, *, alway
         return ""
     if not (always or (specimen and single_machine_classes(reference))):
         return ""
-    known = f"one, {trained[0]}" if len(trained) == 1 else f"{len(trained)}, {_listed_names(trained)}"
+    named = ", ".join(trained) if len(trained) <= 3 else f"{trained[0]} to {trained[-1]}"
+    known = f"one, {trained[0]}" if len(trained) == 1 else f"{len(trained)}, {named}"
     if not specimen:
         return f"It states no machine. The training knows {known}: of another one, any difference may be the machine's."
     return (
@@ -118,18 +118,6 @@ def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
         f"{100 * without:.0f} % of the recordings were named right so, and {100 * with_own:.0f} % compared with "
         f"{few if few == many else f'{few} to {many}'} healthy recordings of their own: give some (--healthy)."
     )
-
-
-def called_faulty(specimen: str, faulty: int, healthy: int) -> str:
-    """That a machine's healthy recordings are called faulty where it is compared with other machines, in words."""
-    return (
-        f"{faulty} of {plural(healthy, 'recording')} of {specimen} that are healthy would be called faulty without "
-        "comparing: the machine differs from the training's as a fault does."
-    )
-
-
-def _listed_names(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{names[0]} to {names[-1]}"
 
 
 def _of_condition(classifier: FittedClassifier, speed: float, pressure: float) -> Iterator[str]:

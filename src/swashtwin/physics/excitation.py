@@ -209,17 +209,11 @@ def combined_lines(
     return np.asarray(np.exp(2j * math.pi * turns) @ weights)
 
 
-def bore_lines(
-    pump: Pump, condition: OperatingCondition, defect: BoreDefect, n_lines: int
-) -> Complex[np.ndarray, " line"]:
+def bore_lines(pump: Pump, defect: BoreDefect, n_lines: int) -> Complex[np.ndarray, " line"]:
     """Order lines [m] of the lateral displacement H_c of the piston in the damaged bore, felt once a revolution.
 
     H_c = depth cos(pi (phi - angle) / (2 half_width)) where the bore's angle phi is within `half_width` of the
     defect's.
-
-    Parameters
-    ----------
-    condition : has no influence, for the displacement follows the shaft angle.
     """
     if defect.half_width > math.pi:
         raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")

@@ -57,7 +57,7 @@ def motion_lines(
 
 @motion_lines.register(BoreDefect)
 def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
-    return bore_lines(pump, condition, fault, n_lines)
+    return bore_lines(pump, fault, n_lines)
 
 
 UNCHANGED = Interfaces.from_values([1.0] * 6)

@@ -174,15 +174,7 @@ def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angl
 
 
 def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> LooseMotion:
-    """Motion of the loose piston once it repeats.
-
-    Raises
-    ------
-    InputError
-        A restitution, a pulse or a slipper that cannot be.
-    SwashTwinError
-        The motion does not repeat.
-    """
+    """Motion of the loose piston once it repeats; a `SwashTwinError` where it does not."""
     tables, tight = _tight(pump, condition, replace(fault, clearance=0.0))
     loose, step = _march(pump, condition, tables, fault), condition.period / len(tight[0])
     accelerations = [(np.roll(motion[1], -1) - motion[1]) / step for motion in (loose, tight)]

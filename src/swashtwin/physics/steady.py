@@ -57,13 +57,7 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
 
 
 def require_stable(state: Float[Tensor, "*batch 26 26"], step: float) -> None:
-    """Refuse a `step` [s] above the stability limit of any of the batch.
-
-    Raises
-    ------
-    StabilityError
-        The step lies above the limit, which is named.
-    """
+    """Refuse a `step` [s] above the stability limit of any of the batch with a `StabilityError` that names it."""
     limit = float(rk4_limits(state).min())
     if not step > 0:
         raise StabilityError(

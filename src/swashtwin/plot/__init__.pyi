@@ -1,7 +1,6 @@
-"""Names that other rooms import, and where each lives: four figures, then what all figures share."""
+"""Names that other rooms import, and where each lives: three figures, then what all figures share."""
 
 from .figures import confusion as confusion
-from .figures import excitation as excitation
 from .figures import spectrum as spectrum
 from .figures import unit_words as unit_words
 from .figures import waveform as waveform

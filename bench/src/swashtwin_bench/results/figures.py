@@ -15,7 +15,6 @@ from swashtwin.physics import Twin, recess_of, slipper_displacements
 from swashtwin.plot import (
     CALIBRATED,
     MEASURED,
-    excitation,
     figure_style,
     log_axis,
     panels,
@@ -267,10 +266,22 @@ def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
     time = np.linspace(0, twin.condition.period, 701)
     each = slipper_displacements(twin.pump, twin.condition, recess, time)
     columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
+    figure, axes = panels(2, 1, 4.8, sharex=True)
+    (above,), (below,) = axes
+    turn = np.exp(2j * np.pi * time / twin.condition.period)
+    for j, row in enumerate(each):
+        above.plot(time * 1e3, row * 1e3, color=f"{0.15 + 0.5 * j / max(1, len(each) - 1):.2f}")
+        middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
+        above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
+    total = each.sum(axis=0) * 1e3
+    below.plot(time * 1e3, total, color=CALIBRATED)
+    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
+    below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
+    below.set_ylim(0, total.max() * 1.15)
     size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
     caption = (
         f"Displacement of the slippers in a recess of {size} (length × width × depth) over one revolution, before any "
         "gain. Where neighbors overlap the total never returns to zero, and it repeats once per slipper."
     )
     name, title = f"{key}_excitation", "Excitation by the defect"
-    return [render_drawing(name, excitation(twin), columns, title=title, caption=caption)]
+    return [render_drawing(name, figure, columns, title=title, caption=caption)]

@@ -179,10 +179,7 @@ class FaultSpace:
 def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
     """`fault` with its severity free, and the further dimensions named; the usual ones where None.
 
-    Raises
-    ------
-    InputError
-        The fault has no such dimension, or no severity to scale.
+    An `InputError` where the fault has no such dimension, or no severity to scale.
     """
     search = search_of(fault)
     dimensions = {dimension.name: dimension for dimension in search.dimensions}

@@ -192,7 +192,7 @@ class Inversion(ProfileProblem):
 
     def likely(self, minima: Iterable[Minimum]) -> list[Minimum]:
         """Those that may hold the truth, each once, the deepest first."""
-        deepest, *others = sorted(minima, key=_height)
+        deepest, *others = sorted(minima, key=lambda minimum: minimum.height)
         likely = [deepest]
         for minimum in others:
             is_likely = minimum.height - deepest.height < THRESHOLD
@@ -309,7 +309,3 @@ class Inversion(ProfileProblem):
         errors = scipy.linalg.solve_triangular(self.root, weights[:n_lines], lower=True, trans="T")
         drift = self.prior_root.T @ weights[n_lines : n_lines + self.n_unknowns]
         return covariance, float(np.sqrt(np.sum((errors * noise) ** 2) + drift @ self.prior.drift @ drift))
-
-
-def _height(minimum: Minimum) -> float:
-    return minimum.height

@@ -74,10 +74,7 @@ def profile_likelihood(
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
     """Values of coordinate `fixed`, rising, and how far the least sum of squares over all others rises there.
 
-    Parameters
-    ----------
-    best : where the sum of squares is `least`; the walk goes from there to both sides, until the rise is clear or a
-        bound is met.
+    The walk goes from `best`, where the sum is `least`, to both sides, until the rise is clear or a bound is met.
     """
     points = [(float(best[fixed]), least)]
     for side in (-1.0, 1.0):

@@ -112,9 +112,7 @@ _VERDICTS: tuple[SeverityVerdict, ...] = ("identified", "weak", "not identified"
 def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:
     """The likelier of the severities under two laws of contact; around both where the lines do not decide.
 
-    Parameters
-    ----------
-    shared, lifting : severity and -2 ln likelihood where films are strained, and where slippers lift off.
+    Each is a severity with its -2 ln likelihood: where films are strained, and where slippers lift off.
     """
     pairs = {"shared": shared, "lift_off": lifting}
     (likelier, (best, loss)), (unlikelier, (other, more)) = sorted(pairs.items(), key=lambda item: item[1][1])

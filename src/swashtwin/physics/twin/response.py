@@ -265,13 +265,7 @@ def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -
 
 
 def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]) -> None:
-    """Refuse interface values and scales that would make a spring push where it should pull.
-
-    Raises
-    ------
-    InputError
-        One is not positive; it is named.
-    """
+    """Refuse interface values and scales that are not positive with an `InputError` that names one."""
     names = (*PARAMETERS, *(f"scales.{item.name}" for item in fields(Scales)))
     for tensor, words in ((values, names[: len(PARAMETERS)]), (scales, names[len(PARAMETERS) :])):
         if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):

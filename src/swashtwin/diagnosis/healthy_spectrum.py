@@ -114,11 +114,6 @@ class HealthySpectrum:
     """Which healthy recordings these are, in words."""
 
     @property
-    def n_healthy(self) -> int:
-        """Number of healthy recordings."""
-        return len(self.healthy)
-
-    @property
     def excess(self) -> Float64[np.ndarray, "channel band"]:
         """How far the recording is above the greatest of the healthy ones, or below the least where negative [dB]."""
         above, below = self.level - self.healthy.max(axis=0), self.level - self.healthy.min(axis=0)

@@ -28,11 +28,7 @@ from swashtwin.diagnosis.prior_head import (
     shaft_frequency,
 )
 from swashtwin.diagnosis.verdict import Diagnosis
-from swashtwin.foundation import (
-    DataError,
-    InputError,
-    plural,
-)
+from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, canonical_label, is_healthy, values_match
 from swashtwin.recordings import (
     Manifest,
@@ -156,23 +152,15 @@ class PriorClassifier:
         target = [str(known[str(item.label)]) for item in faulty]
         adapted = replace(
             adapted,
-            levels=np.stack([order_levels(recording, adapted.bands) for recording in sound]),
-            specimen=tuple(recording.specimen or "" for recording in sound),
-            point_speed=np.array([2 * math.pi * shaft_frequency(recording) for recording in sound]),
-            point_pressure=np.array([stated_pressure(recording) for recording in sound]),
+            **adapted._points(sound),
             taught={name: target.count(name) for name in self.classes if name in target},
             manifest=join_manifests([self.manifest, manifest_of(recordings)]),
         )
         return adapted.fit_levels([adapted.change(recording)[0] for recording in faulty], target, seed=seed)
 
     def narrowed(self, channels: tuple[str, ...], unit: str, pistons: int | None = None) -> "PriorClassifier":
-        """The prior of a machine's channels and, where it is of another design, of its number of pistons.
-
-        Raises
-        ------
-        DataError
-            Channels that the virtual pumps lack, or a classifier that is adapted already.
-        """
+        """The prior of a machine's channels and, where it is of another design, of its number of pistons; raises as
+        `fit` does."""
         if self.virtual is None:
             raise DataError("this classifier is adapted already; adapt the prior itself, with all recordings at once.")
         if missing := [name for name in channels if name not in self.channels]:
@@ -211,27 +199,28 @@ class PriorClassifier:
     def with_healthy(self, healthy: Sequence[Recording]) -> "PriorClassifier":
         """The adapted classifier that compares with these healthy recordings of further machines too.
 
-        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to.
-
-        Raises
-        ------
-        DataError
-            One does not fit (`fit`), or is labeled faulty.
+        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to. Raises as
+        `fit` does, and a `DataError` where one is labeled faulty.
         """
         for recording in healthy:
             self._require_fit(recording, self.unit)
             if not (recording.label is None or is_healthy(recording.label)):
                 raise DataError(f"{recording.recording_id} is labeled {recording.label} and is no healthy recording.")
-        new = np.array([order_levels(item, self.bands) for item in healthy]).reshape(-1, *self.levels.shape[1:])
-        speed, pressure = (np.array([value(item) for item in healthy]) for value in (shaft_frequency, stated_pressure))
-        return replace(
-            self,
-            levels=np.concatenate([self.levels, new]),
-            specimen=(*self.specimen, *(item.specimen or "" for item in healthy)),
-            point_speed=np.concatenate([self.point_speed, 2 * math.pi * speed]),
-            point_pressure=np.concatenate([self.point_pressure, pressure]),
-            manifest=join_manifests([self.manifest, manifest_of(healthy)]),
-        )
+        new = self._points(healthy)
+        specimen = (*self.specimen, *new.pop("specimen"))
+        arrays = {name: np.concatenate([getattr(self, name), values]) for name, values in new.items()}
+        manifest = join_manifests([self.manifest, manifest_of(healthy)])
+        return replace(self, **arrays, specimen=specimen, manifest=manifest)
+
+    def _points(self, healthy: Sequence[Recording]) -> dict[str, Any]:
+        """Fields of the classifier that healthy recordings make: levels, machines, speeds, pressures."""
+        levels = np.array([order_levels(item, self.bands) for item in healthy])
+        return {
+            "levels": levels.reshape(-1, len(self.channels), len(self.bands.names)),
+            "specimen": tuple(item.specimen or "" for item in healthy),
+            "point_speed": 2 * math.pi * np.array([shaft_frequency(item) for item in healthy]),
+            "point_pressure": np.array([stated_pressure(item) for item in healthy]),
+        }
 
     def class_of(self, label: str) -> str | None:
         """Class of the prior that a recording's label stands for, if any."""
@@ -243,10 +232,7 @@ class PriorClassifier:
     def change(self, recording: Recording) -> tuple[Float64[np.ndarray, "channel level"], tuple[str, ...]]:
         """Change of a recording's levels [log10] against its machine's healthy ones, and notes on what was compared.
 
-        Raises
-        ------
-        DataError
-            It is unfit, or of a machine or operating point that has no healthy recording.
+        A `DataError` where it is unfit, or of a machine or operating point that has no healthy recording.
         """
         self._require_fit(recording, self.unit)
         members, notes = self._members(recording)

@@ -199,8 +199,8 @@ class PriorClassifier:
     def with_healthy(self, healthy: Sequence[Recording]) -> "PriorClassifier":
         """The adapted classifier that compares with these healthy recordings of further machines too.
 
-        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to. Raises as
-        `fit` does, and a `DataError` where one is labeled faulty.
+        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to. It
+        raises as `fit` does, and a `DataError` where one is labeled faulty.
         """
         for recording in healthy:
             self._require_fit(recording, self.unit)
@@ -208,7 +208,7 @@ class PriorClassifier:
                 raise DataError(f"{recording.recording_id} is labeled {recording.label} and is no healthy recording.")
         new = self._points(healthy)
         specimen = (*self.specimen, *new.pop("specimen"))
-        arrays = {name: np.concatenate([getattr(self, name), values]) for name, values in new.items()}
+        arrays: dict[str, Any] = {name: np.concatenate([getattr(self, name), values]) for name, values in new.items()}
         manifest = join_manifests([self.manifest, manifest_of(healthy)])
         return replace(self, **arrays, specimen=specimen, manifest=manifest)
 

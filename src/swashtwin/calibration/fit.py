@@ -147,7 +147,7 @@ def _band(
     """5 % and 95 % quantile of each line's amplitude over twins drawn from the posterior."""
     points = torch.as_tensor(posterior.draws(DRAWS, seed=0))
     with torch.no_grad():
-        amplitude = comparison.amplitude(posterior.unknowns, points).numpy()
+        amplitude = comparison.lines(posterior.unknowns, points).abs().numpy()
     low, high = np.quantile(amplitude, (0.05, 0.95), axis=0)
     return low, high
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -12,6 +13,8 @@ from torch import Tensor
 from swashtwin.calibration.measurement import Measurement, turn_lines
 from swashtwin.calibration.unknowns import Nuisances, Unknowns, search_space
 from swashtwin.physics import SteadySolver, Twin
+
+Points: TypeAlias = Float[Tensor, "*batch unknown"]
 
 MODEL_ERROR = 0.05
 """Relative error of every simulated line that even the right values leave; our estimate, as in
@@ -107,7 +110,7 @@ class Comparison:
         return np.tile(measurement.phasor_deviation, 2).reshape(-1)
 
     def lines(
-        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
+        self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:
         """Simulated lines [m/s^2] at `point`, differentiable, at the twin's own shaft position."""
         lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
@@ -123,19 +126,13 @@ class Comparison:
             lines = lines * path
         return lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
 
-    def amplitude(
-        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch channel order"]:
-        """Simulated amplitudes [m/s^2] at `point`, differentiable."""
-        return self.lines(unknowns, point, solver=solver).abs()
-
     def observables(
-        self, unknowns: Unknowns, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
+        self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Float[Tensor, "*batch channel observable"]:
         """Simulated observables [m/s^2] at `point`, differentiable."""
+        lines = self.lines(unknowns, point, solver)
         if self.measurement.phasor is None:
-            return self.amplitude(unknowns, point, solver=solver)
-        lines = self.lines(unknowns, point, solver=solver)
+            return lines.abs()
         weight = self.sigma[:, : len(self._orders)] ** -2
         return _parts(turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
 
@@ -200,43 +197,34 @@ class Objective:
         """The point of the nominal twin."""
         return torch.as_tensor(self.unknowns.start)
 
-    def observables(
-        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch observable"]:
+    def observables(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch observable"]:
         """Simulated observables [m/s^2], differentiable."""
-        parts = [comparison.observables(self.unknowns, point, solver=solver) for comparison in self.comparisons]
+        parts = [comparison.observables(self.unknowns, point, solver) for comparison in self.comparisons]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
 
-    def spectrum_loss(
-        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch"]:
+    def spectrum_loss(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch"]:
         """RMSE between simulated and measured observables over the RMS of the measured ones (the paper's L_freq).
 
         With several conditions, the root of the mean of their squares, so that none counts more for being louder.
         """
-        squares = [
-            (comparison.observables(self.unknowns, point, solver=solver) - comparison.measured)
-            .square()
-            .mean(dim=(-2, -1))
-            / comparison.measured.square().mean()
-            for comparison in self.comparisons
-        ]
+        squares = []
+        for comparison in self.comparisons:
+            difference = comparison.observables(self.unknowns, point, solver) - comparison.measured
+            squares.append(difference.square().mean(dim=(-2, -1)) / comparison.measured.square().mean())
         return _root(torch.stack(squares).mean(dim=0))
 
-    def weighted_loss(
-        self, point: Float[Tensor, "*batch unknown"], *, solver: SteadySolver | None = None
-    ) -> Float[Tensor, "*batch"]:
+    def weighted_loss(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
-        difference = (self.observables(point, solver=solver) - self.measured) / self.sigma
+        difference = (self.observables(point, solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
 
     def sensitivity(
-        self, point: Float[Tensor, " unknown"], *, solver: SteadySolver | None = None
+        self, point: Float[Tensor, " unknown"], solver: SteadySolver | None = None
     ) -> tuple[Float[Tensor, " observable"], Float[Tensor, "observable unknown"]]:
         """Observables [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
         directions = torch.eye(len(point), dtype=point.dtype)
         points = point.detach().repeat(len(point), 1).requires_grad_()
-        observables = self.observables(points, solver=solver)
+        observables = self.observables(points, solver)
         # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
         # forward derivative along that direction. One batch holds all directions.
         weights = torch.zeros_like(observables, requires_grad=True)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import singledispatch
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -31,18 +32,17 @@ from swashtwin.pump import (
 )
 from swashtwin.pump import InterfaceValue as Value
 
+Frequency: TypeAlias = Float[np.ndarray, " line"]
+Lines: TypeAlias = Complex[np.ndarray, " line"]
 
-def excitation_lines(
-    pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
-) -> Complex[np.ndarray, " line"]:
+
+def excitation_lines(pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int) -> Lines:
     """Lines 0...`n_lines` of a fault's displacement [m], zero where it has none; without the mean."""
     return np.concatenate([[0.0], motion_lines(fault, pump, condition, n_lines)])
 
 
 @singledispatch
-def motion_lines(
-    fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int
-) -> Complex[np.ndarray, " line"]:
+def motion_lines(fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int) -> Lines:
     """Lines 1...`n_lines` of a fault's displacement [m], which `fault_action` takes.
 
     Unless registered otherwise, those of its recess (`recess_of`), or zero.
@@ -56,7 +56,7 @@ def motion_lines(
 
 
 @motion_lines.register(BoreDefect)
-def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int) -> Complex[np.ndarray, " line"]:
+def _(fault: BoreDefect, pump: Pump, condition: OperatingCondition, n_lines: int) -> Lines:
     return bore_lines(pump, fault, n_lines)
 
 
@@ -138,12 +138,7 @@ class FaultAction:
 
 @singledispatch
 def fault_action(
-    fault: Fault | None,
-    pump: Pump,
-    structure: Structure,
-    topology: str,
-    frequency: Float[np.ndarray, " line"],
-    lines: Complex[np.ndarray, " line"],
+    fault: Fault | None, pump: Pump, structure: Structure, topology: str, frequency: Frequency, lines: Lines
 ) -> FaultAction:
     """Action of a fault whose displacement `lines` are given at `frequency` [rad/s], float64.
 
@@ -166,9 +161,7 @@ def fault_action(
     return replace(idle, film=-factor * slipper, bore=recess.gain * share / tilt * arm, strains=True)
 
 
-def no_action(
-    structure: Structure, frequency: Float[np.ndarray, " line"], lines: Complex[np.ndarray, " line"]
-) -> FaultAction:
+def no_action(structure: Structure, frequency: Frequency, lines: Lines) -> FaultAction:
     """The displacement `lines` at `frequency` [rad/s] straining nothing; `replace` adds what they strain or push."""
     motion, rate = torch.as_tensor(lines), torch.as_tensor(1j * frequency * lines)
     zero = torch.zeros_like(structure.slipper_vector)
@@ -177,12 +170,7 @@ def no_action(
 
 @fault_action.register(BoreDefect)
 def _(
-    fault: BoreDefect,
-    pump: Pump,
-    structure: Structure,
-    topology: str,
-    frequency: Float[np.ndarray, " line"],
-    lines: Complex[np.ndarray, " line"],
+    fault: BoreDefect, pump: Pump, structure: Structure, topology: str, frequency: Frequency, lines: Lines
 ) -> FaultAction:
     share = 1 / pump.rotating_group.piston_count
     bore = pump.coupling.lateral_ratio * share * structure.lateral_vector
@@ -195,8 +183,8 @@ def fault_forces(
     topology: str,
     fault: Fault | None,
     values: Float[Tensor, "*batch 6"],
-    frequency: Float[np.ndarray, " line"],
-    lines: Complex[np.ndarray, " line"],
+    frequency: Frequency,
+    lines: Lines,
 ) -> Complex[Tensor, "*fault line 13"]:
     """Force lines [N, N m] of a fault whose displacement `lines` are given at `frequency` [rad/s]."""
     action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(lambda part: moved(part, values))

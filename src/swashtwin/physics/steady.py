@@ -12,7 +12,7 @@ exceeds what decides the motion by orders of magnitude.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, no_type_check, runtime_checkable
+from typing import Protocol, TypeAlias, no_type_check, runtime_checkable
 
 import numpy as np
 import torch
@@ -22,13 +22,16 @@ from torch import Tensor
 from swashtwin.foundation import StabilityError, compiled
 from swashtwin.physics.receptances import receptance
 
+Mass: TypeAlias = Float[Tensor, "13 13"]
+Matrices: TypeAlias = Float[Tensor, "*#batch 13 13"]
+Frequencies: TypeAlias = Float[Tensor, "*#batch line"]
+Lines: TypeAlias = Complex[Tensor, "*#batch line 13"]
+
 REACH = 6.0
 """No point of RK4's stability region is farther from the origin than this."""
 
 
-def state_matrix(
-    mass: Float[Tensor, "13 13"], damping: Float[Tensor, "*#batch 13 13"], stiffness: Float[Tensor, "*#batch 13 13"]
-) -> Float[Tensor, "*#batch 26 26"]:
+def state_matrix(mass: Mass, damping: Matrices, stiffness: Matrices) -> Float[Tensor, "*#batch 26 26"]:
     """A of x' = A x + B u for the state (displacements, velocities)."""
     damping, stiffness = torch.broadcast_tensors(damping, stiffness)
     lower = -torch.linalg.solve(mass, torch.cat([stiffness, damping], dim=-1))
@@ -139,13 +142,8 @@ class SteadySolver(Protocol):
     """What turns force lines into motion lines."""
 
     def steady_state(
-        self,
-        mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*#batch 13 13"],
-        stiffness: Float[Tensor, "*#batch 13 13"],
-        frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*#batch line 13"],
-    ) -> Complex[Tensor, "*#batch line 13"]:
+        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+    ) -> Lines:
         """Displacement lines [m, rad] under `force` lines [N, N m] at angular frequencies `frequency` [rad/s]."""
         ...
 
@@ -155,13 +153,8 @@ class HarmonicBalance:
     """Exact steady state: X_k = (K + i w_k C - w_k^2 M)^-1 Q_k."""
 
     def steady_state(
-        self,
-        mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*#batch 13 13"],
-        stiffness: Float[Tensor, "*#batch 13 13"],
-        frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*#batch line 13"],
-    ) -> Complex[Tensor, "*#batch line 13"]:
+        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+    ) -> Lines:
         """Displacement lines; see `SteadySolver`."""
         return receptance(mass, damping, stiffness, 1j * frequency, force)
 
@@ -178,13 +171,8 @@ class RK4:
     """Time step [s]; None takes, for each of a batch, 0.8 of its stability limit at the values given."""
 
     def steady_state(
-        self,
-        mass: Float[Tensor, "13 13"],
-        damping: Float[Tensor, "*#batch 13 13"],
-        stiffness: Float[Tensor, "*#batch 13 13"],
-        frequency: Float[Tensor, "*#batch line"],
-        force: Complex[Tensor, "*#batch line 13"],
-    ) -> Complex[Tensor, "*#batch line 13"]:
+        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+    ) -> Lines:
         """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability limit."""
         state = state_matrix(mass.detach(), damping.detach(), stiffness.detach())
         if self.step is None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from twin_recordings import DAMPER, SIX_VALUES, recording_of, worn_twin
+from twin_recordings import DAMPER, SIX_VALUES, recording_of
 
 from swashtwin.calibration import (
     IPINN,
@@ -18,12 +18,9 @@ from swashtwin.calibration import (
     Nuisances,
     calibrate,
     load_calibration,
-    measure,
-    objective_of,
 )
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, MPa
-from swashtwin.physics import RK4, SensorPath, Twin
-from swashtwin.pump import OperatingCondition, Pump
+from swashtwin.physics import SensorPath, Twin
 from swashtwin.recordings import Recording, manifest_of
 
 PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
@@ -37,13 +34,8 @@ def ratios(calibration: Calibration, factors: np.ndarray) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return worn_twin(pump, at_15)
-
-
-@pytest.fixture(scope="module")
 def recording(twin: Twin) -> Recording:
-    return recording_of(twin, DAMPER)
+    return replace(recording_of(twin, DAMPER), attributes={"origin": "swashtwin virtual rig, version 1"})
 
 
 @pytest.fixture(scope="module")
@@ -102,17 +94,11 @@ def test_twins_that_differ_in_more_than_condition_are_not_calibrated_together(tw
         calibrate([twin, other], [recording], **PAPER_CALIBRATION)
 
 
-def test_rk4_and_harmonic_balance_teach_the_network_the_same(twin: Twin, recording: Recording) -> None:
-    objective = objective_of(twin, measure(twin, [recording], (0, 1000)))
-    exact = IPINN(epochs=15).search(objective, seed=0)
-    stepped = IPINN(epochs=15, solver=RK4()).search(objective, seed=0)
-    np.testing.assert_allclose(stepped.point[:6], exact.point[:6], atol=1e-4)
-
-
 def test_a_saved_calibration_is_read_back_whole(calibration: Calibration, recording: Recording, tmp_path: Path) -> None:
     path = calibration.save(tmp_path / "calibration.json")
     again = load_calibration(path)
     assert again.to_dict() == calibration.to_dict()
+    assert again.origin == "swashtwin virtual rig, version 1"
     assert dict(again.recording_hashes) == manifest_of([recording])
     assert again.twin.pump == calibration.twin.pump
     assert again.twin.fault == calibration.twin.fault
@@ -137,14 +123,6 @@ def test_a_damaged_calibration_is_refused(calibration: Calibration, tmp_path: Pa
         path.write_text(text)
         with pytest.raises(ArtifactError, match=f"{name}.json: "):
             load_calibration(path)
-
-
-def test_the_file_says_where_recordings_of_no_machine_come_from(
-    twin: Twin, recording: Recording, tmp_path: Path
-) -> None:
-    rig = replace(recording, attributes={"origin": "swashtwin virtual rig, version 1"})
-    calibration = calibrate(twin, [rig], method=GaussNewton(starts=1), **SIX_VALUES)
-    assert load_calibration(calibration.save(tmp_path / "a.json")).origin == "swashtwin virtual rig, version 1"
 
 
 def test_the_values_can_be_pasted_into_a_pump_file(calibration: Calibration, tmp_path: Path) -> None:

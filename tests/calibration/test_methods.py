@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from twin_recordings import recording_of, worn_twin
+from twin_recordings import recording_of
 
 from swashtwin.calibration import (
     IPINN,
@@ -15,7 +15,6 @@ from swashtwin.calibration import (
     objective_of,
 )
 from swashtwin.physics import Twin
-from swashtwin.pump import OperatingCondition, Pump
 
 QUICK: dict[str, Calibrator] = {
     "gauss_newton": GaussNewton(starts=2),
@@ -23,11 +22,6 @@ QUICK: dict[str, Calibrator] = {
 }
 """Every method, cut short."""
 each_method = pytest.mark.parametrize("method", QUICK.values(), ids=QUICK)
-
-
-@pytest.fixture(scope="module")
-def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return worn_twin(pump, at_15)
 
 
 @pytest.fixture(scope="module")
@@ -73,15 +67,6 @@ def test_the_same_seed_gives_the_same_bits_and_leaves_random_numbers_as_they_wer
     again = method.search(objective, seed=5)
     np.testing.assert_array_equal(first.history.points, again.history.points)
     np.testing.assert_array_equal(first.point, again.point)
-
-
-def test_a_bound_stops_the_search(twin: Twin) -> None:
-    objective = objective_of(twin, measure(twin, [recording_of(twin)]), 1.2)
-    search = QUICK["gauss_newton"].search(objective, seed=0)
-    unknowns = objective.unknowns
-    assert (search.history.points >= unknowns.lower - 1e-12).all()
-    assert (search.history.points <= unknowns.upper + 1e-12).all()
-    assert search.point[4] == pytest.approx(unknowns.upper[4], abs=0.02)
 
 
 def test_the_papers_recipe_counts_no_prior_of_the_six_values(objective: Objective, constants: Objective) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from twin_recordings import SIX_VALUES, recording_of, with_amplitudes, worn_twin
+from twin_recordings import SIX_VALUES, recording_of, with_amplitudes
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
 from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
@@ -18,11 +18,6 @@ from swashtwin.recordings import Recording
 from swashtwin_bench.questions.twin_matrix import CHANNELS, with_mixing, with_unit_error
 
 QUICK = GaussNewton(starts=1)
-
-
-@pytest.fixture(scope="module")
-def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return worn_twin(pump, at_15)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from swashtwin.calibration import Nuisances, Objective, objective_of
 from swashtwin.calibration.measurement import Measurement
-from swashtwin.calibration.posterior import estimates_of, posterior_covariance
+from swashtwin.calibration.posterior import posterior_covariance
 from swashtwin.calibration.unknowns import search_space
 from swashtwin.foundation import InputError, mm
 from swashtwin.physics import RK4, HarmonicBalance, SteadySolver, Twin
@@ -114,14 +114,6 @@ def test_the_deviations_are_those_of_the_physics_notes(
     objective = ideal_objective(twin, bounds=1e100, nuisances=nuisances)
     covariance = posterior_covariance(objective, objective.unknowns.start)
     assert np.sqrt(np.diag(covariance))[:6] == pytest.approx(expected, rel=0.06)
-
-
-def test_a_value_on_a_bound_is_called_so_and_its_interval_ends_there(objective: Objective) -> None:
-    point = objective.unknowns.start.copy()
-    point[3] = objective.unknowns.upper[3]
-    estimate = estimates_of(objective, point, np.eye(6) * 0.04)[3]
-    assert estimate.verdict == "at bound"
-    assert estimate.interval[0] < estimate.interval[1] <= estimate.bounds[1] * (1 + 1e-12)
 
 
 def test_the_boundary_loss_is_zero_within_the_bounds_and_grows_beyond(twin: Twin) -> None:

@@ -145,7 +145,7 @@ def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration
     assert estimate.severity.verdict == "not detected"
     assert estimate.severity.interval[0] == 0.0
     assert estimate.detection_limit is not None
-    assert estimate.severity.interval[1] < 3 * estimate.detection_limit
+    assert estimate.detection_limit <= estimate.severity.interval[1] < 3 * estimate.detection_limit
 
 
 def test_nothing_is_called_identified_on_a_calibration_in_doubt(calibration: Calibration, record: Record) -> None:
@@ -246,16 +246,6 @@ def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
         _severity(space, np.array([0.8]), (None, 1.5), problem, is_there=is_there).verdict for is_there in (True, False)
     ]
     assert verdicts == ["not identified", "not detected"]
-
-
-def test_an_advance_that_may_not_be_there_ends_at_its_detection_limit_at_least(
-    calibration: Calibration, healthy: list[Recording]
-) -> None:
-    (estimate,) = estimate_severity(calibration, healthy[:1], GrooveErosion(deg(4)), healthy=healthy).estimates
-    assert estimate.severity.verdict == "not detected"
-    assert estimate.detection_limit is not None
-    assert estimate.severity.interval[0] == 0
-    assert estimate.severity.interval[1] >= estimate.detection_limit
 
 
 def test_recordings_that_do_not_belong_are_refused_or_left_out(

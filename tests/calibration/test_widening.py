@@ -1,7 +1,5 @@
 """Bounds that nobody stated widen while the optimum touches one; stated ones stay."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of
@@ -43,14 +41,6 @@ def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(twin:
         assert stopped.estimate("C_sw").verdict == "at bound"
         assert stopped.estimate("C_sw").bounds == pytest.approx((1.86e5, 1.86e7))
         assert any('--set "bounds=C_sw=' in note for note in stopped.notes)
-
-
-def test_bounds_of_a_right_twin_stay(twin: Twin) -> None:
-    right = replace(recording_of(twin, np.ones(6)), recording_id="right")
-    calibration = calibrate(twin, [right], method=QUICK, **SIX_VALUES)
-    assert not any("widened" in note for note in calibration.notes)
-    for estimate in calibration.estimates:
-        assert estimate.bounds == pytest.approx((estimate.nominal / 10, estimate.nominal * 10))
 
 
 def test_the_papers_network_keeps_its_bounds_where_a_value_crosses_one(twin: Twin, thick: Recording) -> None:

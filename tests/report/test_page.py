@@ -18,7 +18,7 @@ from swashtwin.physics import Twin
 from swashtwin.plot import panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
 from swashtwin.recordings import Recording, RecordingFacts, facts_of
-from swashtwin.report import Part, Section, SectionOrder, page_text, render_drawing, write_report
+from swashtwin.report import page_text, render_drawing, write_report
 from swashtwin.report.drawing import cutaway_html, cutaway_of
 from swashtwin.report.wording import Glossary, fact_entries
 
@@ -177,20 +177,6 @@ def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
     command += [f"--print-to-pdf={paper}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 4
-
-
-def test_two_calibrations_or_more_items_of_one_title_are_told_apart() -> None:
-    def part(verdict: str) -> Part:
-        section = Section(SectionOrder.CALIBRATION, "Calibration", (verdict,))
-        facts = (("Pump", "P"), ("Recordings", "2"))
-        return Part("Calibration of P", (), "", (section,), {}, verdict=verdict, facts=facts)
-
-    head = Part("Comparison", ("They differ.",), "", (), {}, verdict="1 value differs")
-    page = page_text(head, part("one"), part("two"), scored(0.7))
-    titles = ["Calibration of P (number 1)", "Calibration of P (number 2)"]
-    assert re.findall(r'<p class="about">(Calibration.*?)</p>', page) == titles
-    assert re.findall(r"<h2>(Calibration.*?)</h2>", page) == titles
-    assert re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page) == [("Pump", "P")]
 
 
 def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> None:

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import Nuisances, Objective
-from swashtwin.foundation import mm
 from swashtwin.physics import Twin
-from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.pump import Interfaces
 from swashtwin.recordings import Recording
 from swashtwin.signals import add_noise
 
@@ -16,11 +15,6 @@ DAMPER = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """Truth over nominal: C_v, K_v and C_Hz are off."""
 SIX_VALUES: dict[str, Any] = {"nuisances": Nuisances(), "phases": False}
 """Settings of a calibration of the six values alone, from amplitudes, as in the paper."""
-
-
-def worn_twin(pump: Pump, condition: OperatingCondition) -> Twin:
-    """Twin of a recess at `condition`, up to 2.6 kHz."""
-    return Twin(pump, condition, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)
 
 
 def recording_of(twin: Twin, factors: np.ndarray = DAMPER, *, seed: int = 0, snr_db: float = 30.0) -> Recording:

@@ -96,7 +96,8 @@ class Discrepancy:
 
 def estimate_discrepancy(around: Linearization) -> Discrepancy:
     """Discrepancy that the residuals show; none where there are no more observables than coordinates."""
-    names = _fixed_constants(around.objective)
+    forced, searched = around.objective.twin.fault is not None, around.objective.unknowns.scales
+    names = [name for name in COMMON if name not in searched and (forced or name != "excitation")]
     width = np.array([1.0] * len(names) + [RELATIVE_WIDTH] * 3)
     shares = np.zeros(len(width))
     if around.slope.shape[0] > around.slope.shape[1]:
@@ -170,12 +171,6 @@ def _line_names(comparison: Comparison) -> np.ndarray:
     """Channel and order of each observable."""
     orders = np.tile(comparison.measurement.orders, 2 if comparison.has_phases else 1)
     return np.array([f"{order} {channel}" for channel in comparison.measurement.channels for order in orders])
-
-
-def _fixed_constants(objective: Objective) -> list[str]:
-    """Constants that were not searched and matter here."""
-    forced = objective.twin.fault is not None
-    return [name for name in COMMON if name not in objective.unknowns.scales and (forced or name != "excitation")]
 
 
 def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:

@@ -122,7 +122,9 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
         near, measured, simulated = agreement(measurement, twin, amplitudes[-1])
         agreements.append(near)
         excerpts.append(simulated)
-    low, high = _band(comparison, posterior)
+    with torch.no_grad():
+        draws = comparison.lines(posterior.unknowns, torch.as_tensor(posterior.draws(DRAWS, seed=0))).abs().numpy()
+    low, high = np.quantile(draws, (0.05, 0.95), axis=0)
     spectra = Spectra(
         channels=measurement.channels,
         orders=measurement.orders,
@@ -139,17 +141,6 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
     waveforms = Waveforms(times, measured, *excerpts)
     duration = sum(recording.duration for recording in measurement.recordings)
     return Fit(condition, measurement.recording_ids, before, after, spectra, waveforms, duration)
-
-
-def _band(
-    comparison: Comparison, posterior: Posterior
-) -> tuple[Float[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """5 % and 95 % quantile of each line's amplitude over twins drawn from the posterior."""
-    points = torch.as_tensor(posterior.draws(DRAWS, seed=0))
-    with torch.no_grad():
-        amplitude = comparison.lines(posterior.unknowns, points).abs().numpy()
-    low, high = np.quantile(amplitude, (0.05, 0.95), axis=0)
-    return low, high
 
 
 def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:

@@ -81,7 +81,8 @@ class IPINN:
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
-                rows.append((*losses.tolist(), gradient_norm(network)))
+                slopes = [weights.grad.norm() for weights in network.parameters() if weights.grad is not None]
+                rows.append((*losses.tolist(), float(torch.stack(slopes).norm())))
                 path.append(point.detach().numpy())
                 best = epoch if sum(rows[epoch][:3]) < sum(rows[best][:3]) else best
                 if progress is not None:
@@ -151,10 +152,3 @@ def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "
         )
     window = recording.signal[:, :length] - recording.signal[:, :length].mean(axis=1, keepdims=True)
     return torch.as_tensor(window / np.sqrt(np.mean(window**2)), dtype=torch.float32)
-
-
-def gradient_norm(network: nn.Module) -> float:
-    """Norm of the loss's gradient with respect to all weights."""
-    return float(
-        torch.stack([weights.grad.norm() for weights in network.parameters() if weights.grad is not None]).norm()
-    )

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 
 from swashtwin.calibration.spectrum_objective import Objective
-from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, Unknowns, touched
+from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, touched
 from swashtwin.foundation import InputError, one_thread, stream
 from swashtwin.physics import HarmonicBalance, SteadySolver
 from swashtwin.pump import LETTERS, PARAMETERS
@@ -198,7 +198,10 @@ def widening_search(
     simulations, widened = search.simulations, set[str]()
     while letters := _to_widen(objective, search, names):
         widened |= letters
-        objective = replace(objective, unknowns=_wider(objective.unknowns, letters))
+        space = objective.unknowns.space
+        factor = np.array([DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()])
+        wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
+        objective = replace(objective, unknowns=replace(objective.unknowns, space=wider, begun=None))
         begun = replace(objective, unknowns=replace(objective.unknowns, begun=search.point))
         search = method.search(begun, seed=seed, progress=progress)
         simulations += search.simulations
@@ -215,11 +218,3 @@ def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> s
     at_bound = touched(search.point, objective.unknowns)[VALUES]
     letters = [LETTERS[name] for name in PARAMETERS]
     return {letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at} & set(names)
-
-
-def _wider(unknowns: Unknowns, letters: Collection[str]) -> Unknowns:
-    """`unknowns` within wider bounds of some values, and the wider priors that follow from them."""
-    space = unknowns.space
-    factor = np.array([DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()])
-    wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
-    return replace(unknowns, space=wider, begun=None)

@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 from torch import Tensor
 
 from swashtwin.calibration.measurement import Measurement, turn_lines
-from swashtwin.calibration.unknowns import Nuisances, Unknowns, search_space
+from swashtwin.calibration.unknowns import VALUES, Nuisances, Unknowns, search_space
 from swashtwin.physics import SteadySolver, Twin
 
 Points: TypeAlias = Float[Tensor, "*batch unknown"]
@@ -113,7 +113,7 @@ class Comparison:
         self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:
         """Simulated lines [m/s^2] at `point`, differentiable, at the twin's own shaft position."""
-        lines = self.twin.acceleration(unknowns.values_of(point), scales=unknowns.scales_of(point), solver=solver)
+        lines = self.twin.acceleration(point[..., VALUES].exp(), scales=unknowns.scales_of(point), solver=solver)
         lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
         if self._indices is not None:
             silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))

@@ -254,10 +254,6 @@ class Unknowns:
             self, channels=channels or self.channels, nuisances=replace(self.nuisances, **nuisances), begun=None
         )
 
-    def values_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 6"]:
-        """The six values at `point`."""
-        return point[..., VALUES].exp()
-
     def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 11"]:
         """Factors in the order of `Scales` at `point`."""
         columns = []

@@ -198,15 +198,7 @@ class AnomalyDetector(Estimator):
 
     @classmethod
     def load(cls, path: Path | str) -> "AnomalyDetector":
-        """The detector that `save` wrote.
-
-        Raises
-        ------
-        MissingFileError
-            There is no such file.
-        ArtifactError
-            It is damaged, no detector, or of another version.
-        """
+        """The detector that `save` wrote. Errors: `load_model`."""
         advice = "swashtwin train, or its method save, writes a detector"
         card = load_artifact(path, _Card, cls.KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
         return cls(error_rate=card.error_rate)._set(card)

@@ -176,7 +176,9 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     ranked = sorted(diagnosis.probabilities, key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]))
     label, rival = (classifier.classes.index(name) for name in ranked[:2])
     logarithm = np.log(np.maximum(probability, 1e-12))
-    first = _best_run(logarithm[:, label] - logarithm[:, rival])
+    first, margin = 0, logarithm[:, label] - logarithm[:, rival]
+    if margin.size > MOST_WINDOWS:  # those in a row with the greatest margin together
+        first = int(np.convolve(margin, np.ones(MOST_WINDOWS), mode="valid").argmax())
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = classifier.cut_windows([piece])
@@ -200,14 +202,6 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
             unknown=diagnosis.unknown,
         ),
     )
-
-
-def _best_run(margin: Float64[np.ndarray, " window"]) -> int:
-    """First of the windows in a row with the greatest margin together."""
-    if margin.size <= MOST_WINDOWS:
-        return 0
-    together = np.convolve(margin, np.ones(MOST_WINDOWS), mode="valid")
-    return int(together.argmax())
 
 
 def _nearest(classifier: FittedClassifier, features: np.ndarray) -> tuple[Neighbor, ...]:

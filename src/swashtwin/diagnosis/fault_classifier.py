@@ -325,15 +325,7 @@ class FaultClassifier(Estimator):
 
     @classmethod
     def load(cls, path: Path | str) -> "FaultClassifier":
-        """The classifier that `save` wrote; its answers are those of the one saved.
-
-        Raises
-        ------
-        MissingFileError
-            There is no such file.
-        ArtifactError
-            It is damaged, no classifier, of another version, or its network is not registered here.
-        """
+        """The classifier that `save` wrote; its answers are those of the one saved. Errors: `load_model`."""
         fitted, resemblance = load_both(path)
         classifier = cls(
             **({} if fitted.choice is not None else network_parameters(fitted)),

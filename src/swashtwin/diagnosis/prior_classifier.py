@@ -378,15 +378,5 @@ class PriorClassifier:
 
     @classmethod
     def load(cls, path: Path | str) -> "PriorClassifier":
-        """The classifier that `save` wrote, or the shipped prior of a design, such as ``"25scy14-1b"``.
-
-        Raises
-        ------
-        MissingFileError
-            There is no such file.
-        InputError
-            No prior of this design is shipped.
-        ArtifactError
-            The file is damaged, edited, something else, or of another version.
-        """
+        """The classifier that `save` wrote, or the shipped prior of a design. Errors: `load_model`."""
         return load_prior(path, cls, cls.KIND)

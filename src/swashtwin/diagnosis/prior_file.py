@@ -28,7 +28,13 @@ def save_prior(prior: Any, path: Path | str, kind: str) -> Path:
 def load_prior(path: Path | str, form: type[P], kind: str) -> P:
     """What `save_prior` wrote, or the shipped prior of a design; errors: `PriorClassifier.load`."""
     if not Path(path).suffix:
-        path = _shipped(str(path))
+        shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.safetensors"))}
+        if str(path) not in shipped:
+            raise InputError(
+                f"no prior of the design {path} is shipped (there is {', '.join(shipped)}); make one with swashtwin "
+                "twin prior --pump FILE, and give its file."
+            )
+        path = shipped[str(path)]
     advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
     card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with refuse_misfits(path, kind):
@@ -38,14 +44,3 @@ def load_prior(path: Path | str, form: type[P], kind: str) -> P:
             own = {name.removeprefix(f"{part}_"): tensors[name] for name in tensors if name.startswith(f"{part}_")}
             arrays |= {part: own} if own else {}
         return from_table({**card, **arrays}, form)
-
-
-def _shipped(design: str) -> Path:
-    """File of the prior of a design."""
-    shipped = {path.stem: path for path in sorted(SHIPPED.glob("*.safetensors"))}
-    if design not in shipped:
-        raise InputError(
-            f"no prior of the design {design} is shipped (there is {', '.join(shipped)}); make one with swashtwin twin "
-            "prior --pump FILE, and give its file."
-        )
-    return shipped[design]

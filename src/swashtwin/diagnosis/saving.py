@@ -125,12 +125,7 @@ def save_classifier(classifier: FittedClassifier, path: Path | str, resemblance:
 def load_classifier(path: Path | str) -> FittedClassifier:
     """The classifier that `save_classifier` wrote, on the CPU; its predictions are those of the one saved.
 
-    Raises
-    ------
-    MissingFileError
-        There is no such file.
-    ArtifactError
-        The file is damaged, edited, no classifier, of another version, or its network is not registered.
+    Errors: `load_model`.
     """
     return load_both(path)[0]
 

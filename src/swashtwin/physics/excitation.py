@@ -148,12 +148,6 @@ def _integral(rate: Float[np.ndarray, " line"], length: float) -> Complex[np.nda
     return length * np.exp(0.5j * rate * length) * np.sinc(rate * length / (2 * math.pi))
 
 
-def _half_sine(half_width: float, orders: Float[np.ndarray, " line"]) -> Float[np.ndarray, " line"]:
-    """Integral of cos(pi u / (2 D)) cos(k u) over u from -D to D, D the half width."""
-    turned = orders * half_width / math.pi
-    return half_width * (np.sinc(0.5 - turned) + np.sinc(0.5 + turned))
-
-
 def _profile_lines(pump: Pump, defect: SwashPlateDefect, orders: Float[np.ndarray, " line"]) -> np.ndarray:
     """Lines [m] of one slipper that stands in the middle of the recess at angle 0; real, for its path is symmetric."""
     stage = stages(pump, defect)
@@ -219,7 +213,9 @@ def bore_lines(pump: Pump, defect: BoreDefect, n_lines: int) -> Complex[np.ndarr
         raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
     orders = _orders(n_lines).astype(float)
     middle = defect.angle - angle_ahead(pump, defect.bore, "BoreDefect.bore")
-    return defect.depth / math.pi * np.exp(-1j * orders * middle) * _half_sine(defect.half_width, orders)
+    turned = orders * defect.half_width / math.pi
+    cosine = defect.half_width * (np.sinc(0.5 - turned) + np.sinc(0.5 + turned))  # its integral with cos(k u)
+    return defect.depth / math.pi * np.exp(-1j * orders * middle) * cosine
 
 
 @dataclass(frozen=True)
@@ -292,7 +288,5 @@ def _(fault: ValvePlateWear, pump: Pump) -> AddedLeakage:
 
 def _at_piston(pump: Pump, piston: int, value: float, name: str) -> Float[np.ndarray, " piston"]:
     """`value` at one piston and 0 at the others."""
-    count = pump.rotating_group.piston_count
-    if piston >= count:
-        raise InputError(f"{name} ({piston}) is none of the {count} pistons; count from 0.")
-    return np.where(np.arange(count) == piston, value, 0.0)
+    angle_ahead(pump, piston, name)  # refuses a piston that there is not
+    return np.where(np.arange(pump.rotating_group.piston_count) == piston, value, 0.0)

@@ -11,10 +11,8 @@ from .style import MEASURED as MEASURED
 from .style import NOMINAL as NOMINAL
 from .style import ON_DARK as ON_DARK
 from .style import ON_SHADE as ON_SHADE
-from .style import WIDTH as WIDTH
 from .style import figure_style as figure_style
 from .style import log_axis as log_axis
 from .style import panels as panels
 from .style import series_colors as series_colors
-from .style import spread_labels as spread_labels
 from .style import words as words

@@ -107,18 +107,11 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
     >>> spread_labels([0.0, 0.1, 5.0], gap=1.0)
     [-0.45, 0.55, 5.0]
     """
-    order = np.argsort(positions, kind="stable")
-    clusters: list[tuple[float, int]] = []  # (center, labels), each cluster's labels being `gap` apart
-    for position in np.asarray(positions, dtype=float)[order]:
-        clusters.append((float(position), 1))
-        while len(clusters) > 1:
-            (below, n_below), (above, n_above) = clusters[-2:]
-            count = n_below + n_above
-            if above - below >= gap * count / 2:
-                break
-            clusters[-2:] = [((below * n_below + above * n_above) / count, count)]
+    from scipy.optimize import isotonic_regression
+
+    order, steps = np.argsort(positions, kind="stable"), gap * np.arange(len(positions))
     moved = np.empty(len(order))
-    moved[order] = [center + (i - (count - 1) / 2) * gap for center, count in clusters for i in range(count)]
+    moved[order] = isotonic_regression(np.asarray(positions, dtype=float)[order] - steps).x + steps
     return [round(float(spot), 12) for spot in moved]
 
 

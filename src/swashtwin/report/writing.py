@@ -134,7 +134,10 @@ def _contents(
     """The parts, and what the page shows of them by its name in the template."""
     if not items:
         raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
-    parts = _told_apart([part_of(item, key) for item, key in zip(items, _keys(items), strict=True)])
+    kinds = [type(item).__name__.lower() for item in items]
+    numbers = [kinds[: index + 1].count(kind) for index, kind in enumerate(kinds)]
+    keys = [f"{kind}_{number}" if kinds.count(kind) > 1 else kind for kind, number in zip(kinds, numbers, strict=True)]
+    parts = [part_of(item, key) for item, key in zip(items, keys, strict=True)]
     cards = cards_of(parts)
     overview = overview_of(parts, cards)
     stated = facts_of(_used(items, recordings))
@@ -150,20 +153,6 @@ def _contents(
         "sections": [] if overview else _sections(parts),
     }
     return parts, shown
-
-
-def _numbers(names: Sequence[str]) -> list[int]:
-    """Number of each among those of its name, from 1 on; 0 for a name that stands alone."""
-    return [names[: index + 1].count(name) if names.count(name) > 1 else 0 for index, name in enumerate(names)]
-
-
-def _told_apart(parts: Sequence[Part]) -> list[Part]:
-    """The parts, those of one title and no subject, such as two calibrations, with their number in it."""
-    numbers = _numbers([part.title for part in parts])
-    return [
-        replace(part, title=f"{part.title} (number {number})") if number and not part.subject else part
-        for part, number in zip(parts, numbers, strict=True)
-    ]
 
 
 def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[Recording]:
@@ -188,12 +177,6 @@ def _sections(parts: Sequence[Part]) -> list[Section]:
             groups = tuple(Group(section.title, section.blocks, is_open=False) for section in alike)
             sections.append(replace(alike[0], title=part.title, blocks=groups))
     return sorted(sections, key=lambda section: section.position)
-
-
-def _keys(items: Sequence[object]) -> list[str]:
-    """Name of each item, numbered if there are several of its kind."""
-    kinds = [type(item).__name__.lower() for item in items]
-    return [f"{kind}_{number}" if number else kind for kind, number in zip(kinds, _numbers(kinds), strict=True)]
 
 
 def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) -> str:

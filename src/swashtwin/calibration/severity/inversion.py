@@ -196,7 +196,8 @@ class Inversion(ProfileProblem):
         likely = [deepest]
         for minimum in others:
             is_likely = minimum.height - deepest.height < THRESHOLD
-            if is_likely and not any(self._are_same(minimum, other) for other in likely):
+            place, places = minimum.point[self.severity :], [other.point[self.severity :] for other in likely]
+            if is_likely and not any(np.allclose(place, other, rtol=0.02, atol=0.02) for other in places):
                 likely.append(minimum)
         return likely
 
@@ -238,10 +239,6 @@ class Inversion(ProfileProblem):
         severity = float(minimum.point[self.severity])
         coordinate, rise = profile_likelihood(self, minimum.point, minimum.height, self.severity)
         return coordinate, minimum.height + rise - rise[int(np.searchsorted(coordinate, severity))]
-
-    def _are_same(self, minimum: Minimum, other: Minimum) -> bool:
-        ends = minimum.point[self.severity :], other.point[self.severity :]
-        return bool(np.allclose(*ends, rtol=0.02, atol=0.02))
 
     def _starts(self) -> Iterable[np.ndarray]:
         """The best points of the first grid that are clearly distinct."""

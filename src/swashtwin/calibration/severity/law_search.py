@@ -106,7 +106,10 @@ def identify_law(
             ]
             inversion = invert(calibration, comparisons, space, healthy, settings)
             starts = starts or _starts(inversion)
-            minima, misfit = inversion.search([_lengthened(start, len(inversion.lower)) for start in starts])
+            missing = np.zeros(max(0, len(inversion.lower) - len(starts[0])))  # as stated; or there are too many
+            minima, misfit = inversion.search(
+                [np.concatenate([start, missing])[: len(inversion.lower)] for start in starts]
+            )
             starts = [minima[0].point]
             fits[f"{contact}, {edge}"] = _fit(inversion, space, minima[0], misfit)
     likeliest, best, estimates, misfit = max(fits.values(), key=lambda fit: fit[0])
@@ -124,11 +127,6 @@ def _starts(inversion: Inversion) -> list[np.ndarray]:
     center = np.concatenate([inversion.prior.center, inversion.space.start])
     corner = np.eye(len(center))[inversion.severity + 1]
     return [center, center - corner, center + corner]
-
-
-def _lengthened(point: np.ndarray, length: int) -> np.ndarray:
-    """A point with as many further coordinates as are missing, as stated; without those that are too many."""
-    return np.concatenate([point, np.zeros(max(0, length - len(point)))])[:length]
 
 
 def _fit(

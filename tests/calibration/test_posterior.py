@@ -22,13 +22,12 @@ from swashtwin.calibration.discrepancy import (
     noise_covariance,
 )
 from swashtwin.calibration.posterior import estimates_of, posterior_covariance, sandwich
-from swashtwin.foundation import InputError, mm, stream
+from swashtwin.foundation import InputError, stream
 from swashtwin.physics import Scales, Twin
-from swashtwin.pump import Interfaces, OperatingCondition, Pump, SwashPlateDefect
+from swashtwin.pump import Interfaces
 from swashtwin.report.calibration_part import interval_words
 from swashtwin.signals import add_noise
 
-DEFECT = SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6))
 NONE = Nuisances()
 
 
@@ -41,11 +40,6 @@ def objective_for(assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: 
 
 def solution(objective: Objective) -> np.ndarray:
     return GaussNewton(starts=1).search(objective, seed=0).point
-
-
-@pytest.fixture(scope="module")
-def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15, DEFECT, bandwidth=2600)
 
 
 @pytest.fixture(scope="module")

@@ -126,11 +126,6 @@ def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, m
     assert result.duration == pytest.approx(4 * 128 / RATE)
 
 
-def test_the_rms_of_all_bands_is_that_of_the_readings(evidence: Evidence) -> None:
-    samples = recording("new", "valve_plate").signal
-    np.testing.assert_allclose(np.sqrt((evidence.rms**2).sum(axis=1)), samples.std(axis=1), rtol=1e-3)
-
-
 def test_evidence_is_json_and_of_one_recording(classifier: FittedClassifier, evidence: Evidence) -> None:
     assert json.loads(json.dumps(evidence.to_dict(), allow_nan=False))["strongest"][0]["band"] == "order 7"
     with pytest.raises(InputError, match="the diagnosis is of new"):

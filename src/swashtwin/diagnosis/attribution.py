@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Float64
 
 from swashtwin.foundation import DataError
 from swashtwin.learning import FittedClassifier, LevelNetwork, SolvedNetwork, WindowLevel, WindowSet
-from swashtwin.signals import line_frequencies, signal_envelope, transform
+from swashtwin.signals import line_frequencies, transform
 
 if TYPE_CHECKING:
     from torch import nn
@@ -118,27 +118,6 @@ def band_sums(
     frequency = line_frequencies(n_samples, sample_rate)
     band = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
     return np.stack([np.bincount(band, weights=row, minlength=len(bands)) for row in lines])
-
-
-def band_rms(
-    samples: Float64[np.ndarray, "channel time"], bands: tuple[Band, ...], sample_rate: float
-) -> Float64[np.ndarray, "channel band"]:
-    """Root mean square of the samples, or of their envelope, in each band; NaN where it is of no band."""
-    rms = np.full((len(samples), len(bands)), np.nan)
-    moving = samples - samples.mean(axis=1, keepdims=True)
-    for part in ("signal", "envelope"):
-        members = [index for index, band in enumerate(bands) if band.part == part]
-        if members:
-            lines = _powers(moving if part == "signal" else signal_envelope(moving))
-            sums = band_sums(lines, tuple(bands[index] for index in members), sample_rate, samples.shape[1])
-            rms[:, members] = np.sqrt(sums)
-    return rms
-
-
-def _powers(samples: np.ndarray) -> Float64[np.ndarray, "channel line"]:
-    """Mean square of each line, mean removed."""
-    moving = samples - samples.mean(axis=1, keepdims=True)
-    return np.asarray(np.maximum(line_shares(moving, moving), 0.0) / samples.shape[1], dtype=np.float64)
 
 
 def line_shares(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis.attribution import Band, band_rms, contributions
+from swashtwin.diagnosis.attribution import Band, contributions
 from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
 from swashtwin.diagnosis.verdict import Check, Diagnosis, next_checks
 from swashtwin.foundation import InputError, to_table
@@ -35,7 +35,7 @@ class Neighbor:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the network's answer rests on; all figures but the amplitudes are in the unit of its scores (log-odds)."""
+    """What the network's answer rests on; all figures are in the unit of its scores (log-odds)."""
 
     recording_id: str
     """The recording."""
@@ -57,14 +57,10 @@ class Evidence:
     """Length of what was looked at [s]."""
     channels: tuple[str, ...]
     """Channels."""
-    unit: str
-    """Unit of the samples."""
     bands: tuple[Band, ...]
     """Orders and third octaves, ascending; of a network on levels also those of the envelope, and the whole."""
     lines: Float64[np.ndarray, "channel band"]
     """What each band adds; their sum is `margin`."""
-    rms: Float64[np.ndarray, "channel band"]
-    """Root mean square of the samples, or of their envelope, in each band; NaN for the whole."""
     pistons: int | None
     """Number of pistons, where it was said."""
     nearest: tuple[Neighbor, ...]
@@ -183,7 +179,6 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     piece = recording.relabeled(None).slice(first * length, (first + count) * length)
     windows = classifier.cut_windows([piece])
     adds = contributions(classifier, windows, label, rival, stated_speed(recording))
-    samples = windows.signal.transpose(1, 0, 2).reshape(len(classifier.channels), -1).astype(np.float64)
     return Evidence(
         **adds,
         recording_id=recording.recording_id,
@@ -191,10 +186,8 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         rival=ranked[1],
         unknown=diagnosis.unknown,
         start=first * length / classifier.sample_rate,
-        duration=samples.shape[1] / classifier.sample_rate,
+        duration=len(windows) * length / classifier.sample_rate,
         channels=classifier.channels,
-        unit=classifier.layout.unit,
-        rms=band_rms(samples, adds["bands"], classifier.sample_rate),
         pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),
         checks=next_checks(

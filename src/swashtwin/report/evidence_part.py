@@ -1,6 +1,5 @@
 """Part of the page about the evidence for one verdict."""
 
-import math
 from itertools import pairwise
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.diagnosis import Band, Evidence, hertz
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, unit_words, words
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import number, number_cell, percent
@@ -94,7 +93,6 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
         "low_hz": np.tile([band.low for band in evidence.bands], len(channels)),
         "high_hz": np.tile([band.high for band in evidence.bands], len(channels)),
         "adds": evidence.lines.ravel(),
-        "rms": evidence.rms.ravel(),
     }
     return render_drawing(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
 
@@ -121,11 +119,9 @@ def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> 
 def _line_table(evidence: Evidence) -> Table:
     rows = []
     for channel, band, share in evidence.strongest(6):
-        level = evidence.rms[evidence.channels.index(channel), evidence.bands.index(band)]
         shown = (percent(share),) if evidence.adds_up else ()
-        cell = number_cell(float(level), "no band" if math.isnan(level) else "")
-        rows.append((evidence.describe(band), words(channel), *shown, cell))
-    header = ("line", "channel", *(("share",) if evidence.adds_up else ()), f"RMS [{unit_words(evidence.unit)}]")
+        rows.append((evidence.describe(band), words(channel), *shown))
+    header = ("line", "channel", *(("share",) if evidence.adds_up else ()))
     shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
     return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))
 

@@ -125,7 +125,8 @@ def calibrate(
         )
     page = None
     if report is not None:
-        page = write_page(report, result, recordings=recordings, about={"Calibration": out})
+        used = [recording for recording in recordings if recording.recording_id in result.recording_ids]
+        page = write_page(report, result, recordings=used, about={"Calibration": out})
     result.save(out)
     values = result.save_interfaces(values_file)
     shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes", "law")

@@ -26,14 +26,8 @@ def make_prior(
     Parameters
     ----------
     change, label, number, scatter, drawn : as of `synthesis.OrderChanges`, the healthy class first and the one of what
-        is none of the faults last.
-    pump : the design.
-    speed, pressure : ranges of its operating points [rad/s, Pa].
-
-    Raises
-    ------
-    InputError
-        There are fewer than three classes, or the first is not healthy.
+        is none of the faults last; an `InputError` where there are fewer than three.
+    speed, pressure : ranges of the design's operating points [rad/s, Pa].
     """
     classes = tuple(dict.fromkeys(label.tolist()))
     if len(classes) < 3 or not is_healthy(classes[0]):

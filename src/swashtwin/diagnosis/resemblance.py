@@ -84,19 +84,9 @@ def find_resemblance(
 ) -> tuple[Resemblance | None, str]:
     """(what the prior says of faults that recordings of a training do not hold, or None; a note that says so).
 
-    Parameters
-    ----------
-    prior : a pump prior, or its file; where it is of no machine yet, it is adapted to the healthy recordings.
-    X, y : recordings and their classes (`FaultClassifier.fit`), of which the measured ones of the training are taken.
-    training : windows that are trained on.
-    fault_of : fault that a class stands for.
-
-    Raises
-    ------
-    InputError
-        A fault of the training is none of the prior's, or `X` is of windows.
-    DataError
-        The prior cannot be adapted to the healthy recordings (`PriorClassifier.fit`).
+    A prior, or its file, that is of no machine yet is adapted to the healthy recordings. Of `X` the measured recordings
+    of the training are taken. An `InputError` where a fault of the training is none of the prior's, or `X` is of
+    windows; a `DataError` where the prior cannot be adapted.
     """
     if (given := as_recordings(X)) is None:
         raise InputError("a pump prior needs recordings; windows and arrays are too short.", field="prior")

@@ -12,12 +12,6 @@ from swashtwin.foundation import InputError
 from swashtwin.pump import Interface, Interfaces, OperatingCondition, Pump
 
 
-def orifice_conductance(pump: Pump, viscosity: float) -> float:
-    """Laminar conductance [m^3/(s Pa)] of the damping hole of one piston and slipper."""
-    group = pump.rotating_group
-    return math.pi * group.orifice_diameter**4 / (128 * viscosity * group.orifice_length)
-
-
 def slipper_land_conductance(pump: Pump, film: float, viscosity: float) -> float:
     """Conductance [m^3/(s Pa)] of the sealing land of one slipper that rides on `film` [m]."""
     group = pump.rotating_group
@@ -26,7 +20,8 @@ def slipper_land_conductance(pump: Pump, film: float, viscosity: float) -> float
 
 def slipper_leakage(pump: Pump, film: float, viscosity: float) -> float:
     """Conductance [m^3/(s Pa)] from a chamber to the case through damping hole and slipper land in series."""
-    hole, land = orifice_conductance(pump, viscosity), slipper_land_conductance(pump, film, viscosity)
+    group, land = pump.rotating_group, slipper_land_conductance(pump, film, viscosity)
+    hole = math.pi * group.orifice_diameter**4 / (128 * viscosity * group.orifice_length)
     return hole * land / (hole + land)
 
 
@@ -91,14 +86,6 @@ def film_factors(
     ------
     InputError
         A discharge pressure does not exceed the case's, so that no film carries.
-
-    Examples
-    --------
-    >>> from swashtwin import MPa, OperatingCondition, load_pump, rpm
-    >>> at_15 = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-    >>> factors = film_factors(load_pump("25scy14-1b"), at_15, at_15.replaced(discharge_pressure=MPa(5)))
-    >>> print(f"{factors.slipper_swash.stiffness:.3f} {factors.slipper_swash.damping:.0f}")
-    0.329 1
     """
     for condition in (here, there):
         if condition.discharge_pressure <= condition.case_pressure:

@@ -59,20 +59,6 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
     return limits
 
 
-def require_stable(state: Float[Tensor, "*batch 26 26"], step: float) -> None:
-    """Refuse a `step` [s] above the stability limit of any of the batch with a `StabilityError` that names it."""
-    limit = float(rk4_limits(state).min())
-    if not step > 0:
-        raise StabilityError(
-            f"RK4 step {step * 1e6:.4g} us must be positive, up to {limit * 1e6:.4g} us for this pump."
-        )
-    if step > limit:
-        raise StabilityError(
-            f"RK4 step {step * 1e6:.4g} us lies above the stability limit {limit * 1e6:.4g} us of this pump; "
-            f"use at most {0.95 * limit * 1e6:.3g} us, or harmonic balance: it has none."
-        )
-
-
 def rk4_poles(
     turn: Float[np.ndarray, "*batch"],
 ) -> tuple[Complex[np.ndarray, "*batch 4"], Complex[np.ndarray, "*batch 4"]]:
@@ -178,7 +164,12 @@ class RK4:
         if self.step is None:
             step = 0.8 * rk4_limits(state)[..., None]
         else:
-            require_stable(state, self.step)
+            limit = 1e6 * float(rk4_limits(state).min())
+            if not 0 < self.step <= limit / 1e6:
+                raise StabilityError(
+                    f"RK4 step {self.step * 1e6:.4g} us must be positive and below the stability limit of this pump, "
+                    f"{limit:.4g} us: use at most {0.95 * limit:.3g} us, or harmonic balance: it has none."
+                )
             step = torch.tensor(self.step, dtype=torch.float64)
         poles, weights = rk4_poles((frequency.detach().cpu().double() * step).numpy())
         s = torch.as_tensor(poles).to(force) / step[..., None].to(force.device)

@@ -1,9 +1,8 @@
-"""Names that other rooms import, and where each lives: three figures, then what all figures share."""
+"""Names that other rooms import, and where each lives: two figures, then what all figures share."""
 
 from .figures import confusion as confusion
 from .figures import spectrum as spectrum
 from .figures import unit_words as unit_words
-from .figures import waveform as waveform
 from .style import CALIBRATED as CALIBRATED
 from .style import INTERFACE_COLORS as INTERFACE_COLORS
 from .style import LIGHT as LIGHT

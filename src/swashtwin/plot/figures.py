@@ -1,4 +1,4 @@
-"""Confusion matrices, waveforms, and spectra with their expected lines."""
+"""Confusion matrices, and spectra with their expected lines."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 from swashtwin.foundation import InputError
 from swashtwin.plot.style import (
     CALIBRATED,
-    LIGHT,
     MEASURED,
     ON_DARK,
     ON_SHADE,
@@ -22,7 +21,7 @@ from swashtwin.plot.style import (
     spread_labels,
     words,
 )
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording
 from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
 
 
@@ -94,52 +93,9 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
 MOST_POINTS = 3000
 """Most points drawn of one spectrum; each is the greatest line of its group."""
 
-_TURNS = 3
-"""Revolutions that a waveform shows where the speed is stated."""
 _PISTONS, _SHAFT = CALIBRATED, "#009e73"
 _MARK_KINDS = {False: (_SHAFT, "shaft"), True: (_PISTONS, "piston pass")}
 """Color and name of a mark, by whether it is of the pistons."""
-
-
-@figure_style()
-def waveform(recording: Recording, *, start: float = 0.0, duration: float | None = None) -> Figure:
-    """Samples of each channel over time [s], with a line at each turn of the shaft where its speed is stated.
-
-    Parameters
-    ----------
-    start : time of the first sample shown [s].
-    duration : length shown [s]; by default three turns of the shaft, or 0.2 s where no speed is stated.
-
-    Raises
-    ------
-    InputError
-        The recording has no samples there.
-
-    Examples
-    --------
-    >>> wave = np.sin(np.arange(4000) / 10)[None]
-    >>> len(waveform(Recording(wave, 1000.0, "a"), duration=1.5).axes)
-    1
-    """
-    shaft = stated_speed(recording)
-    length = duration if duration is not None else _TURNS / shaft if shaft else 0.2
-    first, last = round(start * recording.sample_rate), round((start + length) * recording.sample_rate)
-    if not 0 <= first < min(last, recording.n_samples):
-        raise InputError(
-            f"{recording.recording_id} is {recording.duration:.4g} s long and has no samples from {start:g} s on for "
-            f"{length:.4g} s; choose start and duration within it."
-        )
-    part = recording.slice(first, min(last, recording.n_samples))
-    time = start + part.time
-    figure, axes = panels(part.n_channels, 1, 1.0 + 1.4 * part.n_channels, sharex=True)
-    for panel, name, row in zip(axes[:, 0], part.channels, part.signal, strict=True):
-        for turn in np.arange(math.ceil(start * shaft), time[-1] * shaft) if shaft else ():
-            panel.axvline(turn / shaft, color=LIGHT, linewidth=1.2, zorder=0)
-        panel.plot(time, row, color=MEASURED, linewidth=0.8)
-        panel.set_title(words(name), loc="left")
-        panel.set_ylabel(f"[{unit_words(recording.unit)}]")
-    axes[-1, 0].set(xlabel="time [s]", xlim=(time[0], time[-1]))
-    return figure
 
 
 @figure_style()

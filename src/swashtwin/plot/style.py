@@ -89,12 +89,7 @@ def series_colors(names: Sequence[str]) -> dict[str, str]:
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """Empty figure of the common width, and its axes as an array of (row, column).
-
-    Parameters
-    ----------
-    height : height of the whole figure [inch].
-    """
+    """Empty figure of the common width and a `height` [inch], and its axes as an array of (row, column)."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 

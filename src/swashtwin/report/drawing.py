@@ -81,12 +81,7 @@ def render_drawing(
     caption: str,
     description: str = "",
 ) -> Drawing:
-    """The figure as SVG with its data; call it within `figure_style`.
-
-    Parameters
-    ----------
-    description : what it shows in words, for those who cannot see it.
-    """
+    """The figure as SVG with its data (`Drawing`); call it within `figure_style`."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata=_NO_METADATA)
     svg = text.getvalue().replace("<svg", "<!-- figure of swashtwin -->\n<svg", 1)

@@ -236,12 +236,9 @@ def _class_table(scores: Scores) -> Table:
 def confusion_drawing(
     name: str, matrices: Mapping[tuple[str, str], np.ndarray], classes: Sequence[str], *, caption: str
 ) -> Drawing:
-    """Grid of confusion matrices.
+    """Grid of confusion matrices: windows by actual (row) and predicted class, by (row, column of the grid).
 
-    Parameters
-    ----------
-    matrices : windows by actual (row) and predicted class (column), by (row of the grid, column of the grid). A column
-        beyond the classes counts the windows without a verdict.
+    A column beyond the classes counts the windows without a verdict.
     """
     n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
     predictions = [*classes, *["no verdict"] * (n_columns - len(classes))]

@@ -36,13 +36,7 @@ Item: TypeAlias = (
 def page_text(
     *items: Item, recordings: Sequence[Recording] = (), about: Mapping[str, str] = MappingProxyType({})
 ) -> str:
-    """The page of `write_report` as text.
-
-    Raises
-    ------
-    InputError
-        No item, or an item of an unknown type.
-    """
+    """The page of `write_report` as text; errors are the same."""
     return _page(*_contents(items, recordings, about), has_folder=False)
 
 
@@ -91,18 +85,9 @@ def write_report(
 
 @singledispatch
 def part_of(item: Any, key: str) -> Part:
-    """Part of the page about an item.
-
-    Parameters
-    ----------
-    key : start of the name of each figure.
-
-    Raises
-    ------
-    InputError
-        No part is registered for its type.
-    """
-    if _is_of_calibration(item):  # whose room needs torch, which other pages do without
+    """Part of the page about an item; `key` is the start of the name of each figure. An `InputError` where none is
+    registered for its type."""
+    if type(item).__module__ == "swashtwin.calibration.result":  # whose room needs torch, which other pages do without
         from swashtwin.report.calibration_part import calibration_part
 
         return calibration_part(item, key)
@@ -110,10 +95,6 @@ def part_of(item: Any, key: str) -> Part:
         f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
         "diagnosis."
     )
-
-
-def _is_of_calibration(item: object) -> bool:
-    return type(item).__module__.startswith("swashtwin.calibration.")
 
 
 part_of.register(Part)(lambda part, key: part)
@@ -140,7 +121,7 @@ def _contents(
     parts = [part_of(item, key) for item, key in zip(items, keys, strict=True)]
     cards = cards_of(parts)
     overview = overview_of(parts, cards)
-    stated = facts_of(_used(items, recordings))
+    stated = facts_of(recordings)
     agreed = shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
     if sum(bool(part.facts) for part in parts) > 1:
         agreed.pop("Recordings", None)  # a count of one part alone
@@ -153,14 +134,6 @@ def _contents(
         "sections": [] if overview else _sections(parts),
     }
     return parts, shown
-
-
-def _used(items: Sequence[object], recordings: Sequence[Recording]) -> Sequence[Recording]:
-    """The recordings that the items are of; calibrations name those that they used."""
-    if not all(map(_is_of_calibration, items)):
-        return recordings
-    names = {name for item in items for name in getattr(item, "recording_ids", ())}
-    return [recording for recording in recordings if recording.recording_id in names] if names else recordings
 
 
 def _sections(parts: Sequence[Part]) -> list[Section]:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -69,8 +70,7 @@ class Prior:
     """The part of it that differs from recording to recording."""
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
+class Minimum(NamedTuple):
     """A local minimum of the sum of squares."""
 
     point: Float[np.ndarray, " unknown"]

@@ -281,12 +281,6 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
     run("twin", "severity", saved, index, "--fault", "normal", code=2)
     assert answer["healthy"] == [*(recording.recording_id for recording in healthy), "new and sound"]
-    sound = tmp_path / "sound"
-    sound.mkdir()
-    only = write_index(
-        recordings[:-1],
-        [write_recording(recording, sound / f"{n}.h5") for n, recording in enumerate(recordings[:-1])],
-        sound,
-    )
+    only = write_index(recordings[:-1], files[:-1], tmp_path / "sound.toml")
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal

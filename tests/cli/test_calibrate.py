@@ -58,11 +58,11 @@ def test_band_lines_and_starts_reach_the_search(rig: Path, tmp_path: Path) -> No
     assert "multiples of 7 only" in refused
 
 
-def test_ipinn_takes_its_settings_and_the_page_says_what_the_recordings_can_tell(rig: Path, tmp_path: Path) -> None:
+def test_ipinn_takes_its_settings_and_the_page_says_which_combinations_are_known(rig: Path, tmp_path: Path) -> None:
     words = ("--specimen", "A", "--method", "ipinn", *SIMPLE, "--set", "epochs=5", "--report", tmp_path / "page")
     answer = run_json("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json")
     assert answer["settings"]["epochs"] == 5
-    assert "What the measurement can tell" in Path(answer["report"]).read_text(encoding="utf-8")
+    assert "Independent combinations of the six values" in Path(answer["report"]).read_text(encoding="utf-8")
     shown = run("calibrate", rig, *AT_15, *DEFECT, *words, "--out", tmp_path / "a.json").stdout
     assert shown.split()[-1] == answer["report"]
     search = (tmp_path / "page" / "figures" / "calibration_search.csv").read_text(encoding="utf-8").splitlines()

@@ -162,6 +162,7 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
             f"{name} leaks all it displaces and cannot hold its discharge pressure; raise the speed, or lower "
             "discharge_pressure or oil_temperature."
         )
+    chamber.flags.writeable = discharge.flags.writeable = False  # remembered, and shared by who asks again
     return chamber.T, discharge, flow
 
 

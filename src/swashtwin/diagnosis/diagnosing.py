@@ -58,8 +58,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
             "--network, or with --validation-fraction 0.2."
         )
     require_layout(classifier.layout, recording)
-    fault_of = classifier.fault_of if isinstance(classifier, FittedClassifier) else {}
-    result = Diagnosis(recording.recording_id, facts=facts_of([recording]), fault_of=fault_of)
+    result = Diagnosis(recording.recording_id, facts=facts_of([recording]), fault_of=classifier.fault_of)
     answers = []
     try:
         for windows in recording_windows(classifier, recording):

@@ -258,12 +258,10 @@ def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
     elif unit == "K":
         steps = [(value + TEMPERATURE, f"+{TEMPERATURE:g} K")]
     else:
-        steps = [(_times(value, 1 + sign * SHARE), f"{sign * SHARE:+.0%}") for sign in (1, -1)]
+        factors = (1 + SHARE, 1 - SHARE)
+        changed = [tuple(n * f for n in value) if isinstance(value, tuple) else value * f for f in factors]
+        steps = list(zip(changed, (f"{SHARE:+.0%}", f"{-SHARE:+.0%}"), strict=True))
     try:
         return with_number(pump, path, steps[0][0]), steps[0][1]
     except InputError:
         return with_number(pump, path, steps[-1][0]), steps[-1][1]
-
-
-def _times(value: Any, factor: float) -> Any:
-    return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor

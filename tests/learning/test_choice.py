@@ -7,7 +7,7 @@ import pytest
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import CANDIDATES, WindowSet, choose, cut_windows, fit_chosen
-from swashtwin.learning.choice.candidates import CLEAN_TRAINING
+from swashtwin.learning.choice.choice import CLEAN_TRAINING
 from swashtwin.learning.choice.choosing import _training_rows, _Views
 from swashtwin.recordings import Recording
 

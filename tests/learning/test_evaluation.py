@@ -13,7 +13,7 @@ from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, level_between, pooled_probabilities
-from swashtwin.learning.evaluation.metrics import accuracy_interval, expected_calibration_error, g_mean_laplace
+from swashtwin.learning.evaluation.scores import accuracy_interval, expected_calibration_error, g_mean_laplace
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording

@@ -5,8 +5,7 @@ import pytest
 
 from swashtwin.foundation import InputError
 from swashtwin.learning import LevelNetwork
-from swashtwin.learning.networks.hidden_layer import fit_hidden
-from swashtwin.learning.networks.level_network import HEADS
+from swashtwin.learning.networks.level_network import HEADS, fit_hidden
 from swashtwin.learning.networks.window_levels import gain_response, window_levels
 
 LENGTH = 1024

@@ -8,8 +8,7 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_chosen
-from swashtwin.learning.recordings.recording_levels import RecordingLevels
-from swashtwin.learning.recordings.recording_table import RecordingTable, joined, recording_rows
+from swashtwin.learning.recordings.recording_levels import RecordingLevels, RecordingTable, joined, recording_rows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

@@ -12,8 +12,7 @@ from swashtwin.foundation import MPa, rpm
 from swashtwin.learning import TrainingReference, WindowSet, cut_windows, outside_facts, signal_facts
 from swashtwin.learning.features import level_features
 from swashtwin.learning.training.class_space import fit_class_space
-from swashtwin.learning.training.signal_facts import ERROR_RATE
-from swashtwin.learning.training.training_reference import build_reference, scaled_reference
+from swashtwin.learning.training.training_reference import ERROR_RATE, build_reference, scaled_reference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 

@@ -231,8 +231,6 @@ def _show_check(check: "DataCheck") -> None:
         say(f"{_STATES[use.state]}: {use.name}: {use.reason}")
     for severity, text in check.inspection.merged(by_kind=True):
         say(f"{severity}: {text}")
-    for copy in check.copies:
-        say(f"error: {copy.again.recording_id}, {copy.again.channel} is a copy of {copy.first.recording_id}; use one.")
     for label, condition in check.gaps:
         say(f"warning: {class_words(label)} was not measured at {condition}.")
     for text in check.notes:

@@ -1,14 +1,13 @@
 """Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with it."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, plural, to_table
-from swashtwin.learning.copies import Copy, copied_recordings
 from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
 from swashtwin.learning.training.confidence import allowed_error_rate, least_validation
 from swashtwin.pump import is_healthy
@@ -27,14 +26,13 @@ from swashtwin.recordings import (
     stated_speed,
 )
 
-_MOST_SAMPLES = 1 << 27
-"""Samples of all recordings up to which copies are looked for: this needs all in memory (1 GB)."""
+State = Literal["yes", "partly", "no"]
+Answer = tuple[State, str]
+
 _TEST_FRACTION = 0.2
 _DETECTION = "detection from healthy recordings alone"
 _CALIBRATION_TURNS = 16
 """Revolutions whose orders a calibration can read."""
-
-State = Literal["yes", "partly", "no"]
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,6 @@ class DataCheck:
 
     inspection: InspectionReport
     """Findings of each recording, and of all together."""
-    copies: tuple[Copy, ...]
-    """Channels that are another one again at another gain; those of equal samples are findings of the inspection."""
     counts: tuple[ClassCount, ...]
     """Recordings of each class and condition, without copies."""
     gaps: tuple[tuple[str, str], ...]
@@ -82,12 +78,12 @@ class DataCheck:
     uses: tuple[Use, ...]
     """What can be trained, tested and calibrated."""
     notes: tuple[str, ...]
-    """What was not looked at, and why."""
+    """What was not counted, and what a test on these recordings cannot show."""
 
     @property
     def is_sound(self) -> bool:
         """Whether nothing was found that must not be used."""
-        return not self.inspection.has_errors and not self.copies
+        return not self.inspection.has_errors
 
     @property
     def is_enough(self) -> bool:
@@ -97,18 +93,16 @@ class DataCheck:
     @property
     def answer(self) -> str:
         """The answer in one sentence."""
-        missing = [use.name for use in self.uses if use.is_required and use.state == "no"]
-        is_tested = any(use.is_required and use.state != "no" for use in self.uses if use.name != _DETECTION)
+        required = [use for use in self.uses if use.is_required]
+        is_tested = any(use.state != "no" for use in required if use.name != _DETECTION)
         enough = f"enough {'to train and to test' if is_tested else 'for an anomaly detector'}"
-        if missing:
-            enough = f"not enough: no {' and no '.join(missing)}"
-        if not self.is_sound:
-            enough = f"the usable recordings are {enough}"
-        findings = [*self.inspection.findings, *(f for report in self.inspection.recordings for f in report.findings)]
-        errors = sum(finding.severity == "error" for finding in findings) + len(self.copies)
+        if not self.is_enough:
+            enough = f"not enough: no {' and no '.join(use.name for use in required if use.state == 'no')}"
         if self.is_sound:
-            return f"The data are sound{', but' if missing else ' and'} {enough}."
-        return f"The data are not sound ({errors} finding{'s' * (errors != 1)} to mend); {enough}."
+            return f"The data are sound{' and' if self.is_enough else ', but'} {enough}."
+        findings = [*self.inspection.findings, *(f for report in self.inspection.recordings for f in report.findings)]
+        errors = plural(sum(finding.severity == "error" for finding in findings), "finding")
+        return f"The data are not sound ({errors} to mend); the usable recordings are {enough}."
 
     def to_dict(self) -> dict[str, Any]:
         """The check as JSON can hold it."""
@@ -118,7 +112,7 @@ class DataCheck:
             "is_enough": self.is_enough,
             "gaps": [{"label": label, "condition": condition} for label, condition in self.gaps],
             "inspection": self.inspection.to_dict(),
-            **to_table({name: getattr(self, name) for name in ("counts", "uses", "copies", "notes")}),
+            **to_table({name: getattr(self, name) for name in ("counts", "uses", "notes")}),
         }
 
 
@@ -146,35 +140,26 @@ def check_recordings(
         if any(finding.severity == "error" for finding in report.findings)
     }
     usable = [recording for recording in recordings if recording.recording_id not in unfit]
-    copies, notes = _copies(usable)
-    repeated = {*repeated_recordings(manifest_of(usable)), *(copy.again.recording_id for copy in copies)}
-    usable = [recording for recording in usable if recording.recording_id not in repeated]
-    names = [recording.recording_id for recording in usable]
-    facts = ([stated(recording) for recording in usable] for stated in (stated_angular_speed, stated_pressure))
-    conditions = dict(zip(names, condition_words(names, *facts), strict=True))
-    counts = _counts(usable, conditions)
+    copies = repeated_recordings(manifest_of(usable))
+    usable = [recording for recording in usable if recording.recording_id not in copies]
+    counts = _counts(usable)
+    labels, conditions = (dict.fromkeys(getattr(count, part) for count in counts) for part in ("label", "condition"))
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
-    if repeated:
-        notes = (f"{len(repeated)} of the recordings are copies of others and are not counted.", *notes)
-    unusable = (f"no recording of {name} is usable." for name in sorted(map(str, lost)))
-    notes = (*_one_machine_each(labeled), *unusable, *_origins(recordings), *notes)
+    cells = {(count.label, count.condition) for count in counts}
+    every = ((label, condition) for label in labels if label for condition in conditions)
     return DataCheck(
         inspection=inspection,
-        copies=copies,
         counts=counts,
-        gaps=_gaps(counts),
+        gaps=tuple(cell for cell in every if cell not in cells),
         uses=tuple(_uses(labeled, error_rate)),
-        notes=notes,
+        notes=(
+            *_one_machine_each(labeled),
+            *(f"no recording of {name} is usable." for name in sorted(map(str, lost))),
+            *_origins(recordings),
+            *(f"{name} is a copy of {first} and is not counted." for name, first in copies.items()),
+        ),
     )
-
-
-def _copies(recordings: Sequence[Recording]) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
-    """(copies at another gain, why they were not looked for)."""
-    samples = sum(recording.n_samples * recording.n_channels for recording in recordings)
-    if samples > _MOST_SAMPLES:
-        return (), (f"copies were not looked for: {samples:.3g} samples are too many.",)
-    return copied_recordings(recordings), ()
 
 
 def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
@@ -200,119 +185,110 @@ def _origins(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _counts(recordings: Sequence[Recording], conditions: dict[str, str]) -> tuple[ClassCount, ...]:
+def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
+    names = [recording.recording_id for recording in recordings]
+    facts = ([stated(recording) for recording in recordings] for stated in (stated_angular_speed, stated_pressure))
     cells: dict[tuple[str, str], list[Recording]] = {}
-    for recording in recordings:
-        cells.setdefault((recording.label or "", conditions[recording.recording_id]), []).append(recording)
+    for recording, words in zip(recordings, condition_words(names, *facts), strict=True):
+        cells.setdefault((recording.label or "", words), []).append(recording)
     return tuple(
         ClassCount(
-            label,
-            condition,
+            *cell,
             len(members),
             tuple(sorted({recording.specimen for recording in members if recording.specimen})),
             sum(recording.duration for recording in members),
         )
-        for (label, condition), members in cells.items()
+        for cell, members in cells.items()
     )
 
 
-def _gaps(counts: Sequence[ClassCount]) -> tuple[tuple[str, str], ...]:
-    labels = dict.fromkeys(count.label for count in counts if count.label)
-    conditions = dict.fromkeys(count.condition for count in counts)
-    cells = {(count.label, count.condition) for count in counts}
-    return tuple((label, condition) for label in labels for condition in conditions if (label, condition) not in cells)
-
-
-def _uses(labeled: Sequence[Recording], error_rate: float) -> list[Use]:
+def _uses(labeled: Sequence[Recording], error_rate: float) -> Iterator[Use]:
     classes = Counter(str(recording.label) for recording in labeled)
-    is_healthy_only = bool(classes) and all(map(is_healthy, classes))
-    return [
-        _training(classes, not is_healthy_only),
-        _detection(sum(count for name, count in classes.items() if is_healthy(name)), is_healthy_only),
-        _test(labeled, "recording", "test on recordings that were not trained on", not is_healthy_only),
-        _test(labeled, "specimen", "test on specimens that were not trained on", False),
-        _test(labeled, "condition", "test at operating conditions that were not trained at", False),
-        _confidence(labeled, error_rate),
-        _calibration(labeled),
-    ]
+    healthy = sum(count for name, count in classes.items() if is_healthy(name))
+    is_healthy_only = healthy == len(labeled) > 0
+    for name, is_required, (state, reason) in (
+        ("training of a classifier", not is_healthy_only, _training(classes)),
+        (_DETECTION, is_healthy_only, _detection(healthy)),
+        ("test on recordings that were not trained on", not is_healthy_only, _test(labeled, "recording")),
+        ("test on specimens that were not trained on", False, _test(labeled, "specimen")),
+        ("test at operating conditions that were not trained at", False, _test(labeled, "condition")),
+        ("calibrated confidence", False, _confidence(labeled, error_rate)),
+        ("calibration of a twin", False, _calibration(labeled)),
+    ):
+        yield Use(name, state, is_required, reason)
 
 
-def _training(classes: Counter[str], is_required: bool) -> Use:
+def _training(classes: Counter[str]) -> Answer:
     if len(classes) < 2:
-        reason = f"{len(classes)} class{'es' * (len(classes) != 1)} with a label; a classifier tells two or more apart."
-        return Use("training of a classifier", "no", is_required, reason)
-    healthy = any(is_healthy(name) for name in classes)
+        return (
+            "no",
+            f"{len(classes)} class{'es' * (len(classes) != 1)} with a label; a classifier tells two or more apart.",
+        )
     listed = ", ".join(f"{count} {name}" for name, count in classes.items())
-    reason = f"{listed}." if healthy else f"{listed}; none is healthy, so false alarms cannot be counted."
-    return Use("training of a classifier", "yes" if healthy else "partly", is_required, reason)
+    if any(map(is_healthy, classes)):
+        return "yes", f"{listed}."
+    return "partly", f"{listed}; none is healthy, so false alarms cannot be counted."
 
 
-def _detection(n_healthy: int, is_required: bool) -> Use:
+def _detection(n_healthy: int) -> Answer:
     """Whether an anomaly detector can be made, at the false-alarm rate that is usual or at a higher one."""
     count = plural(n_healthy, "healthy recording")
     if n_healthy < LEAST_HEALTHY:
-        return Use(_DETECTION, "no", is_required, f"{count}; {LEAST_HEALTHY} are needed at least.")
+        return "no", f"{count}; {LEAST_HEALTHY} are needed at least."
     allowed = allowed_error_rate(n_healthy, USUAL_ERROR_RATE)
     reason = f"{count} allow a false-alarm rate of {allowed:g}: train on an index of these alone."
-    return Use(_DETECTION, "yes" if allowed == USUAL_ERROR_RATE else "partly", is_required, reason)
+    return "yes" if allowed == USUAL_ERROR_RATE else "partly", reason
 
 
-def _test(labeled: Sequence[Recording], group: str, name: str, is_required: bool) -> Use:
+def _test(labeled: Sequence[Recording], group: str) -> Answer:
     if not labeled:
-        return Use(name, "no", is_required, "no recording has a class.")
+        return "no", "no recording has a class."
     try:
         groups = recording_groups(labeled, group)
     except (DataError, InputError) as cause:
-        return Use(name, "no", is_required, str(cause))
-    members: dict[str, set[str]] = {}
-    for recording in labeled:
-        members.setdefault(str(recording.label), set()).add(groups[recording.recording_id])
-    few = sorted(label for label, names in members.items() if len(names) < 2)
-    total = len(set(groups.values()))
-    if few:
-        return Use(name, "no", is_required, f"{', '.join(few)}: one {group} only, two are needed.")
-    _, classes = np.unique([str(recording.label) for recording in labeled], return_inverse=True)
+        return "no", str(cause)
+    labels = np.array([str(recording.label) for recording in labeled])
     kept = np.array([groups[recording.recording_id] for recording in labeled])
-    if best_test_rows(classes, classes, kept, _TEST_FRACTION, seed=0) is None:
-        reason = f"{plural(total, group)}, and no share of them keeps every class in training and in the test."
-        return Use(name, "no", is_required, reason)
+    few = [label for label in np.unique(labels) if np.unique(kept[labels == label]).size < 2]
+    if few:
+        return "no", f"{', '.join(few)}: one {group} only, two are needed."
+    total = plural(np.unique(kept).size, group)
+    if _test_rows(labels, kept) is None:
+        return "no", f"{total}, and no share of them keeps every class in training and in the test."
     share = f"--group {group} " if group != "recording" else ""
-    reason = f"{plural(total, group)}, two or more of each class: train {share}holds them out."
-    return Use(name, "yes", is_required, reason)
+    return "yes", f"{total}, two or more of each class: train {share}holds them out."
 
 
-def _confidence(labeled: Sequence[Recording], error_rate: float) -> Use:
-    name = "calibrated confidence"
-    _, classes = np.unique([str(recording.label) for recording in labeled], return_inverse=True)
-    tested = best_test_rows(classes, classes, np.arange(len(labeled)), _TEST_FRACTION, seed=0) if len(labeled) else None
+def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
+    classes = np.unique(labels, return_inverse=True)[1]
+    return best_test_rows(classes, classes, groups, _TEST_FRACTION, seed=0)
+
+
+def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
+    labels = np.array([str(recording.label) for recording in labeled])
+    tested = _test_rows(labels, np.arange(len(labeled))) if labeled else None
     left = 0 if tested is None else len(labeled) - len(tested)
     needed, allowed = least_validation(error_rate), allowed_error_rate(left, error_rate)
-    remainder = "1 recording is" if left == 1 else f"{left} recordings are"
-    after = f"{remainder} left after a test of --test-fraction {_TEST_FRACTION:g}"
+    remaining = f"{plural(left, 'recording')} {'is' if left == 1 else 'are'} left"
+    after = f"{remaining} after a test of --test-fraction {_TEST_FRACTION:g}"
     if allowed == error_rate:
-        return Use(name, "yes", False, f"train calibrates it with its folds; {after}, {needed} are needed.")
+        return "yes", f"train calibrates it with its folds; {after}, {needed} are needed."
     lacking = f"--error-rate {error_rate:g} needs {needed} recordings; {after}"
-    if left < 4:
-        return Use(name, "no", False, f"{lacking}.")
-    return Use(name, "partly", False, f"{lacking}, which allow --error-rate {allowed:g}.")
+    return ("no", f"{lacking}.") if left < 4 else ("partly", f"{lacking}, which allow --error-rate {allowed:g}.")
 
 
-def _calibration(labeled: Sequence[Recording]) -> Use:
-    name = "calibration of a twin"
+def _calibration(labeled: Sequence[Recording]) -> Answer:
     healthy = [recording for recording in labeled if is_healthy(recording.label)]
     stated = [recording for recording in healthy if recording.condition is not None]
-    long = [
-        recording for recording in stated if recording.duration * (stated_speed(recording) or 0) >= _CALIBRATION_TURNS
-    ]
+    long = [item for item in stated if item.duration * (stated_speed(item) or 0) >= _CALIBRATION_TURNS]
     if not healthy:
-        return Use(name, "no", False, "no recording of a healthy pump (normal).")
+        return "no", "no recording of a healthy pump (normal)."
     if not stated:
         count = plural(len(healthy), "healthy recording")
-        reason = f"{count}, none with speed and discharge pressure; add both to the index."
-        return Use(name, "no", False, reason)
+        return "no", f"{count}, none with speed and discharge pressure; add both to the index."
     if not long:
-        return Use(name, "no", False, f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer.")
+        return "no", f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer."
     specimens = {recording.specimen for recording in long if recording.specimen}
     choice = f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
     reason = f"{plural(len(long), 'healthy recording')} with speed and pressure{choice}."
-    return Use(name, "yes" if len(long) == len(healthy) else "partly", False, reason)
+    return "yes" if len(long) == len(healthy) else "partly", reason

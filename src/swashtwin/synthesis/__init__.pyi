@@ -1,5 +1,8 @@
 """Names that other rooms import, and where each lives."""
 
+from .background import DEFAULT_VARIATION as DEFAULT_VARIATION
+from .background import Variation as Variation
+from .background import draw_twin as draw_twin
 from .fidelity import Fidelity as Fidelity
 from .fidelity import TellingFeature as TellingFeature
 from .fidelity import discriminative_score as discriminative_score
@@ -10,13 +13,10 @@ from .prior_changes import OrderChanges as OrderChanges
 from .prior_changes import simulate_changes as simulate_changes
 from .pump_prior import PumpPrior as PumpPrior
 from .pump_prior import operating_range as operating_range
+from .pump_prior import plausible_fault as plausible_fault
 from .twin_windows import Background as Background
 from .twin_windows import SyntheticWindows as SyntheticWindows
 from .twin_windows import build_windows as build_windows
 from .twin_windows import require_count as require_count
 from .twin_windows import simulate_windows as simulate_windows
 from .twin_windows import synthesize as synthesize
-from .variation import DEFAULT_VARIATION as DEFAULT_VARIATION
-from .variation import Variation as Variation
-from .variation import draw_twin as draw_twin
-from .virtual_troubles import plausible_fault as plausible_fault

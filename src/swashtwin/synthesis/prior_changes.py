@@ -11,9 +11,8 @@ from joblib import delayed
 from swashtwin.foundation import InputError, SwashTwinError, parallel, stream
 from swashtwin.pump import CLASSES
 from swashtwin.signals import OrderBands
-from swashtwin.synthesis.pump_prior import PumpPrior, draw_drawing
+from swashtwin.synthesis.pump_prior import OTHER, PumpPrior, draw_drawing
 from swashtwin.synthesis.virtual_pump import CELLS, VirtualPump
-from swashtwin.synthesis.virtual_troubles import OTHER
 
 _REFERENCES = 4
 """Healthy recordings of a virtual pump, of which one to all are its reference."""

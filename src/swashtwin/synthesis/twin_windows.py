@@ -22,10 +22,9 @@ from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_healthy, is_same_class, values_match
 from swashtwin.recordings import Recording, join_manifests, usual_window
 from swashtwin.signals import synchronous_signal
-from swashtwin.synthesis.background import background_noise
+from swashtwin.synthesis.background import DEFAULT_VARIATION, Variation, background_noise, draw_twin
 from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
 from swashtwin.synthesis.machine_check import require_same_machine
-from swashtwin.synthesis.variation import DEFAULT_VARIATION, Variation, draw_twin
 
 Background = Literal["none", "spectrum"]
 """What a twin's windows are laid over: nothing, or noise of measured windows' spectrum."""

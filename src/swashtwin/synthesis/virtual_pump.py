@@ -35,8 +35,7 @@ from swashtwin.pump import (
     Pump,
     SwashPlateDefect,
 )
-from swashtwin.synthesis.pump_prior import PumpPrior, log_uniform, operating_range, spread
-from swashtwin.synthesis.virtual_troubles import Impacts, Trouble, Troubles
+from swashtwin.synthesis.pump_prior import Impacts, PumpPrior, Trouble, Troubles, log_uniform, operating_range, spread
 
 CELLS = 8
 """Cells of a spectrum from order to order: segments are eight turns long."""

@@ -7,13 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
-from swashtwin.learning.choice.candidates import CANDIDATES, Candidate
-from swashtwin.learning.choice.choice import Choice, Trial
-from swashtwin.learning.evaluation.pooling import likeliest_class
+from swashtwin.learning.choice.choice import CANDIDATES, Candidate, Choice, Trial
 from swashtwin.learning.networks.level_network import LevelNetwork, mean_of_heads
 from swashtwin.learning.networks.window_levels import gain_response, levels_along
-from swashtwin.learning.training.classifier import TOGETHER
-from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.classifier import TOGETHER, Normalization
+from swashtwin.learning.training.confidence import likeliest_class
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
 from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap

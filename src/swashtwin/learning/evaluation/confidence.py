@@ -10,11 +10,16 @@ from jaxtyping import Float, Float64, Int64, Shaped
 from sklearn.metrics import roc_auc_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, finite_values, to_table
-from swashtwin.learning.evaluation.metrics import expected_calibration_error
-from swashtwin.learning.evaluation.pooling import fit_pooling, pooled_probabilities, window_counts
-from swashtwin.learning.evaluation.protocols import refuse_seen
+from swashtwin.learning.evaluation.scores import expected_calibration_error, refuse_seen
 from swashtwin.learning.training.classifier import FittedClassifier
-from swashtwin.learning.training.confidence import Confidence, allowed_error_rate, nonconformity_scores
+from swashtwin.learning.training.confidence import (
+    Confidence,
+    allowed_error_rate,
+    fit_pooling,
+    nonconformity_scores,
+    pooled_probabilities,
+    window_counts,
+)
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import join_manifests, say_seen, seen_recordings
 

@@ -1,20 +1,198 @@
-"""`evaluate`: a classifier, a test set it must not have seen, and what it scores."""
+"""What can be evaluated, on which recordings, and what it scores."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
-from sklearn.metrics import confusion_matrix, f1_score
+from jaxtyping import Bool, Float, Int
+from sklearn.metrics import confusion_matrix, f1_score, roc_auc_score
 
-from swashtwin.foundation import DataError, InputError, LeakError, finite_values, plural, to_table
-from swashtwin.learning.evaluation import metrics
-from swashtwin.learning.evaluation.pooling import likeliest_class, pooled_probabilities
-from swashtwin.learning.evaluation.protocols import LEVELS, Classifier, refuse_seen
+from swashtwin.foundation import DataError, InputError, LeakError, finite_values, plural, stream, to_table
+from swashtwin.learning.training.confidence import likeliest_class, pooled_probabilities
+from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.pump import is_healthy
+from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
+from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
+
+
+@runtime_checkable
+class Classifier(Protocol):
+    """What can be evaluated: a fitted network, or anything that answers like one."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Class names, in the order of the probabilities."""
+
+    @property
+    def manifest(self) -> Manifest | tuple[str, ...]:
+        """Every recording that had a part in it: by id with the hashes of its content, or ids alone."""
+
+    def predict_proba(self, windows: WindowSet) -> np.ndarray:
+        """Probability of each class for each window."""
+
+
+def unseen_recordings(
+    manifest: Manifest | Iterable[str], recordings: Sequence[Recording]
+) -> tuple[list[Recording], dict[str, str]]:
+    """Measured recordings that had no part in a model, in their order, and those that had (`seen_recordings`).
+
+    Each is read once for its content.
+
+    Parameters
+    ----------
+    manifest : of the model.
+
+    Raises
+    ------
+    DataError
+        Every recording had a part in it.
+    """
+    measured = [recording for recording in recordings if not recording.synthetic]
+    seen = seen_recordings(manifest, manifest_of(measured))
+    unseen = [recording for recording in measured if recording.recording_id not in seen]
+    if not unseen:
+        raise DataError(
+            f"all {len(recordings)} recordings had a part in the model (its manifest); test on others, or train "
+            "with a share held out."
+        )
+    return unseen, seen
+
+
+def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
+    """Raise a `LeakError` that names a recording that had a part in the classifier, if there is one."""
+    if seen := seen_recordings(classifier.manifest, recordings):
+        raise LeakError(f"{say_seen(seen)} had a part in the classifier (its manifest); test on others.")
+
+
+LEVELS = {
+    "L0": "random windows of known recordings: a diagnosis of the leak, never a headline",
+    "L1": "later time of the same recording, behind a guard gap: optimistic",
+    "L2": "another recording of the same specimen and condition",
+    "L3": "another condition: a pressure or speed that was held out",
+    "L4": "another specimen: a pump, bearing or actuator that was held out",
+    "L5": "synthetic to measured: no measured window of that class (and condition) in training",
+}
+"""Meaning of each level of generalization, nearest first."""
+
+
+def level_between(reference: TrainingReference, recordings: Iterable[Recording]) -> str | None:
+    """Level of whole recordings that had no part in the training: ``"L2"``, ``"L3"`` or ``"L4"``.
+
+    None where they are of several levels, or the machine of a recording is not stated.
+    """
+    levels = set()
+    for recording in recordings:
+        if recording.specimen is None or not any(reference.specimen):
+            return None
+        same = [number for number, name in enumerate(reference.specimen) if name == recording.specimen]
+        condition = recording.condition
+        if not same:
+            levels.add("L4")
+        elif condition is None:
+            levels.add("L2")
+        else:
+            speed, pressure = reference.condition[same].T
+            is_trained = values_match(speed, condition.speed, SPEED_TOLERANCE) & values_match(
+                pressure, condition.discharge_pressure, PRESSURE_TOLERANCE
+            )
+            levels.add("L2" if is_trained.any() else "L3")
+    return levels.pop() if len(levels) == 1 else None
+
+
+def recalls(confusion: Int[np.ndarray, "actual predicted"]) -> Float[np.ndarray, " actual"]:
+    """Share of each class that was told right; NaN for a class without a test window."""
+    count = confusion.sum(axis=1)
+    return np.where(count > 0, np.diag(confusion) / np.maximum(count, 1), np.nan)
+
+
+def g_mean(confusion: Int[np.ndarray, "actual predicted"]) -> float:
+    """Geometric mean of the recalls of all declared classes, (∏ recall_c)^(1/C).
+
+    0 where a recall is 0, NaN where a class has no test window. Where it is defined it equals imbalanced-learn's
+    ``geometric_mean_score(average="multiclass")``.
+
+    Examples
+    --------
+    >>> round(g_mean(np.array([[8, 2], [5, 5]])), 4)
+    0.6325
+    """
+    recall = recalls(confusion)
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.mean(np.log(recall))))
+
+
+def g_mean_laplace(confusion: Int[np.ndarray, "actual predicted"]) -> float:
+    """G_ε: geometric mean of the Laplace recalls (tp + 0.5) / (n + 1), which no single class can bring to 0.
+
+    NaN where a class has no test window: its 0.5 / 1 would be a number without data.
+    """
+    count = confusion.sum(axis=1)
+    if not count.all():
+        return float("nan")
+    return float(np.exp(np.mean(np.log((np.diag(confusion) + 0.5) / (count + 1)))))
+
+
+def false_alarm_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
+    """Share of the windows of the `normal` classes that were called none of them; NaN where there is none."""
+    rows = confusion[list(normal)]
+    return float(1 - rows[:, list(normal)].sum() / rows.sum()) if rows.sum() else float("nan")
+
+
+def missed_fault_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
+    """Share of the faulty windows that were called normal, or have no verdict; NaN where there is none."""
+    faulty = np.delete(confusion, normal, axis=0)
+    missed = faulty[:, normal].sum() + faulty[:, len(confusion) :].sum()
+    return float(missed / faulty.sum()) if faulty.sum() else float("nan")
+
+
+def macro_auroc(target: Int[np.ndarray, " window"], probability: Float[np.ndarray, "window class"]) -> float:
+    """Mean over the classes with test windows of the area under the curve of that class against the rest.
+
+    NaN where every test window is of one class.
+    """
+    present = np.unique(target)
+    if present.size < 2:
+        return float("nan")
+    return float(np.mean([roc_auc_score(target == index, probability[:, index]) for index in present]))
+
+
+def expected_calibration_error(
+    right: Bool[np.ndarray, " window"], confidence: Float[np.ndarray, " window"], n_bins: int = 15
+) -> float:
+    """ECE: mean over the windows of |accuracy - confidence| of their bin, with `n_bins` equal bins of confidence."""
+    bins = np.minimum((confidence * n_bins).astype(np.int64), n_bins - 1)
+    gap = np.bincount(bins, weights=right.astype(np.float64) - confidence, minlength=n_bins)
+    return float(np.abs(gap).sum() / right.size)
+
+
+def accuracy_interval(
+    right: Bool[np.ndarray, " window"], group: Int[np.ndarray, " window"], *, draws: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """95 % interval of the accuracy by bootstrap over the groups (recordings), since windows are not independent.
+
+    The bootstrap is too narrow with few groups, and has no width without an error; so the interval holds Wilson's
+    (1927, DOI 10.1080/01621459.1927.10502953) too, for as many independent trials as there are groups.
+
+    Examples
+    --------
+    >>> [round(bound, 3) for bound in accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))]
+    [0.839, 1.0]
+    """
+    correct, total = np.bincount(group, weights=right), np.bincount(group)
+    wilson = wilson_interval(float(right.mean()), total.size)
+    times = stream(seed, "bootstrap").multinomial(total.size, np.full(total.size, 1 / total.size), size=draws)
+    low, high = np.percentile((times @ correct) / (times @ total), [2.5, 97.5])
+    return min(float(low), wilson[0]), max(float(high), wilson[1])
+
+
+def wilson_interval(share: float, n: int) -> tuple[float, float]:
+    """95 % interval of a share in `n` independent trials."""
+    z = 1.959964
+    middle = (share + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z / (1 + z**2 / n) * math.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 @dataclass(frozen=True)
@@ -123,18 +301,18 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     confusion = _confusion(target, predicted, len(classes))
     normal = [index for index, name in enumerate(classes) if is_healthy(name)]
     present = np.unique(target)
-    recall = metrics.recalls(confusion)
+    recall = recalls(confusion)
     values = {
         "macro_recall": float(np.nanmean(recall)),
         "macro_f1": float(f1_score(target, predicted, labels=present, average="macro", zero_division=0)),
-        "g_mean": metrics.g_mean(confusion),
-        "g_mean_laplace": metrics.g_mean_laplace(confusion),
-        "false_alarm_rate": metrics.false_alarm_rate(confusion, normal) if normal else math.nan,
-        "missed_fault_rate": metrics.missed_fault_rate(confusion, normal) if normal else math.nan,
-        "macro_auroc": metrics.macro_auroc(target, finite),
-        "calibration_error": metrics.expected_calibration_error(right, finite.max(axis=1)),
+        "g_mean": g_mean(confusion),
+        "g_mean_laplace": g_mean_laplace(confusion),
+        "false_alarm_rate": false_alarm_rate(confusion, normal) if normal else math.nan,
+        "missed_fault_rate": missed_fault_rate(confusion, normal) if normal else math.nan,
+        "macro_auroc": macro_auroc(target, finite),
+        "calibration_error": expected_calibration_error(right, finite.max(axis=1)),
     }
-    interval = metrics.accuracy_interval(right, group, seed=seed)
+    interval = accuracy_interval(right, group, seed=seed)
     return Scores(
         level=level,
         classes=classes,

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning.lines import between, running_sums
+from swashtwin.learning.features import between, running_sums
 from swashtwin.learning.windows.window_set import WindowLayout
 from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals import power_density, signal_envelope

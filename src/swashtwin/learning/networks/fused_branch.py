@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from swashtwin.foundation import compiled
-from swashtwin.learning.networks.branch import Branch, ResidualUnit, SqueezeExcitation
+from swashtwin.learning.networks.bitcn import Branch, ResidualUnit, SqueezeExcitation
 
 _ZERO = np.float32(0)
 _U32, _F32 = np.uint32, np.float32

@@ -9,7 +9,7 @@ from jaxtyping import Float, Float32, Float64, Int
 from torch import Tensor, nn
 
 from swashtwin.foundation import InputError, TorchStream
-from swashtwin.learning.networks.settings import Configured, require_sizes
+from swashtwin.learning.networks.solved_network import Configured, require_sizes
 
 
 def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chosen"]]:

@@ -1,16 +1,17 @@
-"""Networks by name."""
+"""Networks by name, and their settings, checked against the constructor before anything is built."""
 
 import difflib
 import inspect
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from swashtwin.foundation import InputError, load_extra
-from swashtwin.learning.networks.settings import checked_settings, require_shapes
-from swashtwin.learning.networks.solved_network import SolvedNetwork
+from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 
 if TYPE_CHECKING:
     from torch import nn
@@ -166,3 +167,54 @@ def rebuild_network(name: str, settings: dict[str, Any], weights: Mapping[str, n
         needed = {key: tuple(value.shape) for key, value in unloaded.state_dict().items()}
         require_shapes(needed, weights)
     return build_network(name, **settings).loaded(weights)
+
+
+def default_settings(kind: Any) -> dict[str, Any]:
+    """Default of every setting of a network by name; a subclass has those of its base class too."""
+    defaults: dict[str, Any] = {}
+    build = getattr(kind, "build", None)  # of a person's own module
+    for constructor in [build] if build else [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]:
+        parameters = inspect.signature(constructor).parameters.values()
+        defaults |= {item.name: item.default for item in parameters if item.default is not item.empty}
+        if all(item.kind is not item.VAR_KEYWORD for item in parameters):
+            break
+    return defaults
+
+
+def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
+    """`settings` as the constructor takes them: one entry for a setting of several becomes a tuple of one.
+
+    Raises
+    ------
+    InputError
+        The network has no setting of that name (the nearest is offered), or its value is of another kind than the
+        default: a share or a word instead of a whole number, or several numbers instead of one.
+    """
+    defaults = default_settings(kind)
+    checked = {}
+    for word, value in settings.items():
+        if word not in defaults:
+            near = difflib.get_close_matches(word, defaults, n=1)
+            hint = f" Did you mean {near[0]}?" if near else ""
+            raise InputError(f"network {kind.name} has no setting {word!r}; it has {', '.join(defaults)}.{hint}")
+        checked[word] = _checked(f"{kind.name}: {word}", value, defaults[word])
+    return checked
+
+
+_KINDS: dict[type, tuple[Any, str]] = {
+    bool: (bool, "true or false"), int: (Integral, "a whole number"), float: (Real, "a number"), str: (str, "a word"),
+}  # fmt: skip
+"""What a setting with a default of such a type may be."""
+
+
+def _checked(what: str, value: Any, default: Any) -> Any:
+    if default is None or isinstance(default, tuple):  # none by default: whole numbers, worked out from the others
+        if value is None and default is None:
+            return None
+        entries = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+        return tuple(_checked(what, entry, default[0] if default else 1) for entry in entries)
+    kind, expected = _KINDS[type(default)]
+    is_bool_for_number = isinstance(value, bool) and kind is not bool
+    if not isinstance(value, kind) or is_bool_for_number or (kind is Real and not math.isfinite(value)):
+        raise InputError(f"{what} ({value}) must be {expected}; {default} is usual.")
+    return type(default)(value)

@@ -1,4 +1,4 @@
-"""Networks whose weights are found at once, from all training windows: no epochs, and no automatic derivatives."""
+"""What all networks have in common, and those whose weights are found at once: no epochs, no automatic derivatives."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -6,7 +6,52 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.learning.networks.settings import Configured, require_sizes
+from swashtwin.foundation import InputError
+
+
+class Configured:
+    """What networks of both kinds have in common: a name, and the settings that build one again."""
+
+    name: ClassVar[str]
+    """Key in the registry; saved models name their network by it."""
+    settings: dict[str, Any]
+    """Arguments that build this network again: numbers, words, and tuples of these."""
+
+    @property
+    def n_channels(self) -> int:
+        """Channels of a window."""
+        return int(self.settings["n_channels"])
+
+    @property
+    def n_classes(self) -> int:
+        """Classes told apart."""
+        return int(self.settings["n_classes"])
+
+    @property
+    def uses_speed(self) -> bool:
+        """Whether `represent_at` looks at the speed."""
+        return False
+
+
+def require_sizes(name: str, settings: dict[str, Any]) -> None:
+    """Refuse a whole number below 1 among the settings of a network, and a `dropout` that is no share."""
+    for word, value in settings.items():
+        counts = value if isinstance(value, tuple) else (value,)
+        if not counts:
+            raise InputError(f"{name}: {word} needs as many as one entry.")
+        if isinstance(counts[0], int) and min(counts) < 1 and not isinstance(value, bool):
+            raise InputError(f"{name}: {word} ({min(counts)}) must be at least 1.")
+    if not 0 <= settings.get("dropout", 0) < 1:
+        share = settings["dropout"]
+        raise InputError(f"{name}: dropout ({share:g}) is a share, at least 0 and below 1; a tenth is 0.1.")
+
+
+def require_shapes(needed: Mapping[str, tuple[int, ...]], weights: Mapping[str, np.ndarray]) -> None:
+    """Raise a `ValueError` that names a weight that is missing, unknown, or of another shape than needed."""
+    shapes = {name: weight.shape for name, weight in weights.items()}
+    for name in {**needed, **shapes}:
+        if needed.get(name) != shapes.get(name):
+            raise ValueError(f"weight {name} has the shape {shapes.get(name)}, its settings ask for {needed.get(name)}")
 
 
 class SolvedNetwork(Configured):

@@ -1,6 +1,7 @@
-"""Ensembles of decision trees on vibration features."""
+"""Ensembles of decision trees on vibration features, kept as arrays that are read without running code."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,8 +9,118 @@ from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import derive_seed
 from swashtwin.learning.features import feature_values
-from swashtwin.learning.networks.forest import Forest, forest_of
 from swashtwin.learning.networks.solved_network import SolvedNetwork
+
+
+@dataclass(frozen=True, eq=False)
+class Forest:
+    """Decision trees whose nodes stand in one row: those of the first tree, then those of the second, and so on."""
+
+    root: Int[np.ndarray, " tree"]
+    """First node of each tree."""
+    column: Int[np.ndarray, " node"]
+    """Column that a node compares; -1 in a leaf."""
+    threshold: Float[np.ndarray, " node"]
+    """A row goes left where its value is at most this."""
+    left: Int[np.ndarray, " node"]
+    """Node on the left; a leaf names itself."""
+    right: Int[np.ndarray, " node"]
+    """Node on the right, likewise."""
+    probability: Float[np.ndarray, "node class"]
+    """Share of each class among the training rows that came to a node, classes weighted alike."""
+
+    def leaves(self, values: Float[np.ndarray, "row column"]) -> Int[np.ndarray, "row tree"]:
+        """Leaf to which each row comes in each tree."""
+        node = np.repeat(self.root[None], len(values), axis=0)
+        rows = np.arange(len(values))[:, None]
+        while (inner := self.column[node] >= 0).any():
+            goes_left = values[rows, np.maximum(self.column[node], 0)] <= self.threshold[node]
+            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
+        return node
+
+    def predict_proba(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row class"]:
+        """Probability of each class: the mean over the trees."""
+        return self.probability[self.leaves(values)].mean(axis=1)
+
+    def tensors(self, share: type = np.float16) -> dict[str, np.ndarray]:
+        """Its arrays by name, as narrow as they may be; the shares of classes in a leaf as numbers of type `share`."""
+        narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
+        arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
+        leaf = self.column < 0
+        return {
+            **arrays,
+            "leaf_probability": self.probability[leaf].astype(share),
+        }
+
+    @classmethod
+    def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
+        """The forest whose `tensors` these are.
+
+        Raises
+        ------
+        ValueError
+            They contradict each other.
+        """
+        root, column, left = (tensors[name].astype(np.int64) for name in ("root", "column", "left"))
+        threshold = tensors["threshold"].astype(np.float64)
+        of_leaves = tensors["leaf_probability"].astype(np.float64)
+        nodes, leaf = np.arange(column.size), column < 0
+        fits = column.ndim == 1 and column.shape == threshold.shape == left.shape and of_leaves.shape[0] == leaf.sum()
+        if not fits or root.size == 0 or not ((root >= 0) & (root < column.size)).all():
+            raise ValueError("its trees have not one entry for each node")
+        if (left[leaf] != nodes[leaf]).any() or (left[~leaf] <= nodes[~leaf]).any():
+            raise ValueError("a node of its trees leads back")
+        if (left[~leaf] + 1 >= column.size).any():
+            raise ValueError("a node of its trees leads out of them")
+        probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
+        probability[leaf] = of_leaves / of_leaves.sum(axis=1, keepdims=True)
+        return cls(root, column, threshold, left, np.where(leaf, nodes, left + 1), probability)
+
+
+def forest_of(fitted: Any, n_classes: int) -> Forest:
+    """The trees of a fitted forest of scikit-learn, whose classes are some of the numbers below `n_classes`."""
+    parts: list[tuple[np.ndarray, ...]] = []
+    roots, first = [], 0
+    for estimator in fitted.estimators_:
+        tree = estimator.tree_
+        parts.append(_in_pairs(tree, first))
+        roots.append(first)
+        first += tree.node_count
+    column, threshold, left, right, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
+    column, left, right = (part.astype(np.int64) for part in (column, left, right))
+    of_all = np.zeros((len(probability), n_classes))
+    of_all[:, fitted.classes_] = probability
+    return Forest(np.array(roots), column, threshold, left, right, of_all)
+
+
+def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
+    """Arrays of a tree of scikit-learn, renumbered so that the right child of a node follows its left one."""
+    left, right = tree.children_left, tree.children_right
+    order, queue = [0], [0]
+    for node in queue:
+        if left[node] >= 0:
+            order += [left[node], right[node]]
+            queue += [left[node], right[node]]
+    position = np.empty(len(order), dtype=np.int64)
+    position[order] = np.arange(len(order))
+    leaf = left[order] < 0
+    nodes = np.arange(len(order))
+    lefts = np.where(leaf, nodes, position[left[order]])
+    probability = tree.value[order, 0]
+    return (
+        np.where(leaf, -1, tree.feature[order]),
+        np.where(leaf, 0.0, _not_above(tree.threshold[order])),
+        first + lefts,
+        first + np.where(leaf, nodes, lefts + 1),
+        probability / probability.sum(axis=1, keepdims=True),
+    )
+
+
+def _not_above(values: Float[np.ndarray, " node"]) -> Float[np.ndarray, " node"]:
+    """The largest numbers of single precision that are not above these: rows of such are compared with the same
+    result."""
+    single = values.astype(np.float32)
+    return np.where(single > values, np.nextafter(single, np.float32(-np.inf)), single)
 
 
 class ExtraTrees(SolvedNetwork):

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Complex64, Float, Float32, Int
 
-from swashtwin.learning.lines import running_sums
+from swashtwin.learning.features import running_sums
 from swashtwin.signals import hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7

@@ -8,16 +8,15 @@ from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, stream
 from swashtwin.learning.choice.choosing import FoldAnswers, made_without
-from swashtwin.learning.evaluation.pooling import fit_pooling
-from swashtwin.learning.recordings.heads import Heads, fit_heads
-from swashtwin.learning.recordings.recording_levels import RecordingLevels
-from swashtwin.learning.recordings.recording_model import HEAD_NAMES, RecordingModel, joint
-from swashtwin.learning.recordings.recording_table import (
+from swashtwin.learning.recordings.recording_levels import (
+    RecordingLevels,
     RecordingTable,
     levels_of,
     recording_rows,
     shortest_stretch,
 )
+from swashtwin.learning.recordings.recording_model import HEAD_NAMES, Heads, RecordingModel, fit_heads, joint
+from swashtwin.learning.training.confidence import fit_pooling
 from swashtwin.learning.training.train_transforms import with_noise
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy

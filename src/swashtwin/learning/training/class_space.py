@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64, Shaped
 
-from swashtwin.learning.windows.operating_point import group_means, operating_points
+from swashtwin.learning.windows.window_set import group_means, operating_points
 
 
 def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:

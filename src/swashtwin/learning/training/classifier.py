@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float, Float32, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.choice.choice import Choice
@@ -12,12 +12,59 @@ from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.confidence import Confidence
-from swashtwin.learning.training.normalization import Normalization
-from swashtwin.learning.training.settings import Epoch, TrainingSettings
+from swashtwin.learning.training.settings import NORMALIZATIONS, Epoch, TrainingSettings
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Normalization:
+    """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
+
+    ``"window"``: over each window by itself. ``"set"``: over the training windows, kept here. ``"none"``: not at all. A
+    channel that does not move is not divided.
+    """
+
+    kind: str
+    """``"window"``, ``"set"`` or ``"none"``."""
+    mean: Float64[np.ndarray, " channel"]
+    """Subtracted from each channel if `kind` is ``"set"``, in the windows' unit; else zeros."""
+    deviation: Float64[np.ndarray, " channel"]
+    """Each channel is divided by it if `kind` is ``"set"``, in the windows' unit; else ones."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in NORMALIZATIONS:
+            raise InputError(f"normalization {self.kind[:60]!r} is none of {', '.join(NORMALIZATIONS)}.")
+        if not (self.deviation > 0).all():
+            raise InputError("the deviation of a normalization must be positive.")
+
+    @classmethod
+    def fit(cls, kind: str, windows: WindowSet) -> "Normalization":
+        """Normalization with the statistics of the training windows."""
+        if kind == "set":
+            signal = windows.signal
+            mean = signal.mean(axis=(0, 2), dtype=np.float64)
+            return cls(kind, mean, _not_zero(signal.std(axis=(0, 2), dtype=np.float64)))
+        return cls(kind, np.zeros(windows.n_channels), np.ones(windows.n_channels))
+
+    def apply(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
+        """The samples of `windows`, scaled."""
+        if self.kind == "window":
+            mean = windows.signal.mean(axis=2, dtype=np.float64)
+            deviation = windows.signal.std(axis=2, dtype=np.float64)
+        elif self.kind == "set":
+            mean, deviation = self.mean[None], self.deviation[None]
+        else:
+            return windows.signal
+        scaled = (windows.signal - mean[:, :, None]) / _not_zero(deviation)[:, :, None]
+        return scaled.astype(np.float32)
+
+
+def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:
+    return np.where(deviation > 0, deviation, 1.0)
+
 
 TOGETHER = 32
 """Windows that pass a network together where nothing is learned: they stay in the processor's cache."""

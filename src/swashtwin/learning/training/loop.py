@@ -26,8 +26,7 @@ from swashtwin.foundation import (
     stream,
 )
 from swashtwin.learning.networks.network import Network, batches
-from swashtwin.learning.training.classifier import TOGETHER
-from swashtwin.learning.training.normalization import Normalization
+from swashtwin.learning.training.classifier import TOGETHER, Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings
 from swashtwin.learning.training.train_transforms import transform_windows
 from swashtwin.learning.windows.window_set import WindowSet

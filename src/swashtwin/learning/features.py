@@ -141,11 +141,7 @@ def level_features(
 
     Per channel: the logarithm of the deviation, four numbers of the waveform's shape that no gain changes, log10 of the
     mean power in up to 72 equal bands of the lowest twelfth of the spectrum, and `band_energies` in 48 bands. All are
-    numbers of the same kind, decades or shares, so that none needs a scale.
-
-    Parameters
-    ----------
-    powers : `window_powers`, where they are at hand.
+    decades or shares, so that none needs a scale. `powers` are `window_powers`, where they are at hand.
     """
     parts = []
     powers = window_powers(windows) if powers is None else powers
@@ -176,14 +172,9 @@ def _line_levels(power: Float64[np.ndarray, "window line"]) -> Float64[np.ndarra
 def level_spectrum(
     features: Float[np.ndarray, "row feature"], n_channels: int, length: int, sample_rate: float
 ) -> tuple[Float64[np.ndarray, " band"], Float64[np.ndarray, " band"], Float64[np.ndarray, "row channel band"]]:
-    """(lower edges [Hz], upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` hold.
+    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that rows of `level_features`, or their means, hold.
 
     The narrow bands of the lowest twelfth of the spectrum, then the logarithmic bands above them.
-
-    Parameters
-    ----------
-    features : of windows, or their means.
-    n_channels, length, sample_rate : those of the windows; the rate in Hz.
     """
     n_lines, spacing = length // 2, sample_rate / length
     lowest = max(1, round(_LINE_SHARE * n_lines))
@@ -202,10 +193,7 @@ def level_spectrum(
 def band_energies(
     signal: Float[np.ndarray, "window time"], n_bands: int = N_BANDS
 ) -> Float64[np.ndarray, "window band"]:
-    """log10 of the mean square that falls into each of `n_bands` bands of equal ratio, mean removed, Hann taper.
-
-    The bands are those of `band_shares`. Unit: log10 of the signal's, squared.
-    """
+    """log10 of the mean square in each of the `band_shares`, mean removed, Hann taper [log10 of the unit squared]."""
     return band_levels(line_powers(signal), n_bands)
 
 

@@ -79,13 +79,7 @@ class Graph:
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """The ONNX model of a classifier on levels or of trees, without metadata; see `export_onnx` for inputs and output.
-
-    Raises
-    ------
-    InputError
-        Its network is of another kind, whose operations are not known.
-    """
+    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` where it is of neither."""
     from onnx import TensorProto, helper
 
     layout, network = classifier.layout, classifier.network

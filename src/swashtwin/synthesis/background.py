@@ -50,12 +50,7 @@ DEFAULT_VARIATION = Variation()
 
 
 def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
-    """`twin` with its condition, fault and interface values as `variation` spreads them.
-
-    Parameters
-    ----------
-    seed, index : address the draw; the same ones give the same twin.
-    """
+    """`twin` with its condition, fault and interface values as `variation` spreads them, drawn by seed and index."""
     rng = stream(seed, "variation", twin.label, index)
     condition = replace(
         twin.condition,
@@ -138,10 +133,7 @@ class BackgroundNoise:
 def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
     """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where there are any.
 
-    Raises
-    ------
-    InputError
-        `like` has no measured window.
+    An `InputError` where `like` has no measured window.
     """
     candidates = ~like.synthetic
     is_normal = np.isin(like.label, [name for name in like.classes if is_healthy(name)])

@@ -81,8 +81,6 @@ def measure_fidelity(
     Parameters
     ----------
     measured : windows of the cell that the filler did not draw from.
-    synthetic : windows of the same layout.
-    seed : of the folds and the trees.
     pistons : number of pistons of the twin; 0 leaves the causes out.
     healthy : measured and synthetic healthy windows, to tell the fault's law from the sensors' path.
     """
@@ -152,13 +150,8 @@ def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.n
     """Log-spectral distance [dB] of each channel: 0 where the mean power spectra are the same.
 
     d = sqrt(mean over lines of (10 log10(P_measured / P_synthetic))^2), P being the power at a line (Hann taper, mean
-    removed) averaged over the windows. A gain of 1 dB in all lines is a distance of 1 dB. That of two measured
-    recordings of the cell says what is near.
-
-    Parameters
-    ----------
-    measured : held-out windows of the cell; training windows show only how well the filler was fitted.
-    synthetic : windows of the same layout.
+    removed) averaged over the windows. A gain of 1 dB in all lines is a distance of 1 dB. Training windows as the
+    measured ones show only how well the filler was fitted.
     """
     _require_both(measured, synthetic)
     power = [np.maximum(_power(windows).mean(axis=0), 1e-30) for windows in (measured, synthetic)]
@@ -170,12 +163,6 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
 
     It is cross-validated, no recording on both sides. A measured set of few recordings is recognized by
     their peculiarities: copies of the training windows (`Duplicate`) show the score to be granted to every filler.
-
-    Parameters
-    ----------
-    measured : held-out windows of the cell, of two recordings at least.
-    synthetic : windows of the same layout; those laid over one measured recording are one recording.
-    seed : of the folds and the trees.
 
     Raises
     ------

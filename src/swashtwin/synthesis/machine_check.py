@@ -30,13 +30,9 @@ def require_same_machine(
 ) -> tuple[str, ...]:
     """What cannot be known about whether a twin is of the pump that was measured, in sentences.
 
-    Speeds and pressures are compared where recordings state them, the number of pistons where they have the attribute
-    ``pistons``, and else as their lines show it. Windows are too short to show it.
-
-    Parameters
-    ----------
-    conditions : at which the twin is used.
-    speed, pressure : whether these are to agree; a caller that names another one on purpose says False.
+    Speeds and pressures of the `conditions` of use are compared where recordings state them, unless `speed` or
+    `pressure` is False; the number of pistons where they have the attribute ``pistons``, and else as their lines show
+    it. Windows are too short to show it.
 
     Raises
     ------

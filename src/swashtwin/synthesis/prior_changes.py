@@ -49,11 +49,11 @@ def simulate_changes(
     """Healthy recordings and one of each fault, of `count` virtual pumps, as changes against their references.
 
     Every other pump has a drawing of its own (`draw_drawing`), for no machine is its drawing. Only spectra of the
-    steady state are computed, no samples: about 0.1 s of a core for a pump.
+    steady state are computed, no samples: about 0.1 s of a core for a pump. A pump does not depend on how many are
+    drawn with it.
 
     Parameters
     ----------
-    seed : addresses every draw; a pump does not depend on how many are drawn with it.
     jobs : processes side by side.
     progress : called with the number of pumps that are done, and of all.
 

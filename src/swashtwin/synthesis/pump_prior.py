@@ -112,13 +112,7 @@ def log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:
 
 
 def operating_range(pump: Pump, prior: PumpPrior) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of the speed [rad/s] and of the discharge pressure [Pa] of a drawing.
-
-    Raises
-    ------
-    InputError
-        It states no rated operating point.
-    """
+    """Ranges of a drawing's speed [rad/s] and discharge pressure [Pa]; an `InputError` where it states no rated point."""
     if pump.rated is None:
         raise InputError(f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file.")
     low, high = prior.speed

@@ -331,15 +331,8 @@ def build_windows(
 ) -> WindowSet:
     """`signal` as synthetic windows of the layout and the classes of `like`, each a recording of its own.
 
-    The recordings of `like` had a part in them, and are in their manifest.
-
-    Parameters
-    ----------
-    name : of the filler; begins their recordings' ids.
-    label : class of all.
-    pressure, speed : discharge pressure [Pa] and speed [rad/s] of each.
-    specimen : specimen that each window stands for.
-    seed : in their recordings' ids, which each window's number ends.
+    The recordings of `like` had a part in them, and are in their manifest. `name`, that of the filler, begins their
+    recordings' ids, and `seed` and each window's number end them.
     """
     count = len(signal)
     at = ["" if math.isnan(p) else f"_{p / 1e6:.4g}MPa" for p in pressure.tolist()]

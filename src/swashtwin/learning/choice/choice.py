@@ -57,9 +57,8 @@ class Candidate:
     def rank(self) -> tuple[bool, ...]:
         """Order among candidates that two or three machines cannot tell apart, from the best.
 
-        Learned once on rig fleets 100 to 103 of versions 1 and 2, from two pumps to new ones by recording: averages
-        before single heads, levels before shapes, disturbed before clean training, orders before hertz. The first had
-        0.98 and 0.80, the first of the declared order 0.96 and 0.73.
+        Learned once on rig fleets 100 to 103 of versions 1 and 2, from two pumps to new ones by recording: the first
+        had 0.98 and 0.80, the first of the declared order 0.96 and 0.73.
         """
         return len(self.heads) == 1, self.shape, self.training == CLEAN_TRAINING, self.axis != "order"
 

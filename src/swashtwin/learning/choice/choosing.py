@@ -66,11 +66,9 @@ def choose(
 
     Parameters
     ----------
-    windows : training windows, measured and synthetic.
     candidates : from the most invariant to the least.
     budget : seconds of one core, by a model of the cost and not by the clock, so that the same seed chooses the same;
         candidates that do not fit are left out, the last first.
-    seed : seed of folds, disturbances and trainings.
     progress : called with (activity, finished, in all).
 
     Raises
@@ -312,10 +310,8 @@ def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np
 def made_without(
     made: Shaped[np.ndarray, " synthetic"], specimens: Shaped[np.ndarray, " tested"]
 ) -> Bool[np.ndarray, " synthetic"]:
-    """Whether each synthetic specimen was made without the others.
-
-    What was made from windows of a specimen is called "... of" it; a twin is called after its pump's type, and trains
-    in every fold.
+    """Whether each synthetic specimen was made without the others: what was made from windows of a specimen is called
+    "... of" it; a twin is called after its pump's type.
     """
     tested = set(specimens.tolist())
     endings = tuple(f" of {name}" for name in tested)

@@ -35,19 +35,15 @@ def fit_chosen(
 
     Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels join
     (`RecordingModel`), each tempered by what it said of the machines left out; where none is left out, nothing says how
-    far levels so fine are the machine's own.
-
-    Same seed, windows and machine: same choice, same bits.
+    far levels so fine are the machine's own. Same seed, windows and machine: same choice, same bits.
 
     Parameters
     ----------
     windows : training windows with labels, measured and synthetic.
     manifest : further recordings, as a manifest or by their ids, that had a part in the windows.
-    budget : seconds of one core that the choice may take; see `choose`.
+    budget, progress : as in `choose`.
     error_rate : share of recordings whose prediction set may miss the true class; by default as
         `cross_fitted_confidence` takes it.
-    seed : seed of everything random.
-    progress : called with (activity, finished, in all).
 
     Raises
     ------

@@ -90,11 +90,9 @@ def learn_confidence(
 
     Parameters
     ----------
-    classifier : a fitted network, or fitted trees.
     validation : measured windows with labels, without overlap, of recordings it was not trained on. Draw them as the
         recordings to come will differ from the training: by specimen for pumps that were never measured.
-    error_rate : share of the recordings whose prediction set may miss the true class, and of those that may be called
-        unknown although they are not.
+    error_rate : see `Confidence`.
 
     Raises
     ------
@@ -151,14 +149,13 @@ def cross_fitted_confidence(
 ) -> Confidence:
     """Confidence from out-of-fold answers to the recordings of the training itself, so that none need be held out.
 
-    Each recording is answered by a model of the same kind that was trained without it (grouped folds). The final model
-    is trained on all of them, and its answers to new recordings are compared with these. What holds: where the
-    recordings are exchangeable with new ones and the model hardly changes when a fold is left out, a set misses the
-    true class in about the share `error_rate` of the recordings, rather fewer, since the final model saw more than each
-    of the others. What does not: a bound for any model whatever. Cross-conformal prediction (Vovk 2015, DOI
-    10.1007/s10472-013-9368-4) and CV+ (Barber, Candès, Ramdas and Tibshirani 2021, DOI 10.1214/20-AOS1965) have a bound
-    of about twice the rate, but ask the models of all folds about each new recording; here only the final model is
-    asked. `learn_confidence`, with recordings held out, has the exact bound.
+    Each recording is answered by a model of the same kind that was trained without it (grouped folds); the final
+    model's answers to new recordings are compared with these. Where the recordings are exchangeable with new ones and
+    the model hardly changes when a fold is left out, a set misses the true class in about the share `error_rate` of the
+    recordings, rather fewer, since the final model saw more. There is no bound for any model whatever: cross-conformal
+    prediction (Vovk 2015, DOI 10.1007/s10472-013-9368-4) and CV+ (Barber, Candès, Ramdas and Tibshirani 2021, DOI
+    10.1214/20-AOS1965), with about twice the rate, ask the models of all folds about each new recording.
+    `learn_confidence`, with recordings held out, has the exact bound.
 
     Folds by specimen give answers to pumps that were never measured, folds by recording to further recordings of the
     same pumps: the confidence holds for what the folds left out.
@@ -166,11 +163,9 @@ def cross_fitted_confidence(
     Parameters
     ----------
     probability : out-of-fold probability of each class of each window, those of a recording in order of time.
-    recording_id : recording of each window.
     target : index of the true class of each window.
     ood_score : out-of-fold out-of-distribution score of each recording, in the order of ``np.unique(recording_id)``.
-    error_rate : see `Confidence`. By default 0.1, or the least that so many recordings allow, 1 / (n + 1) rounded up to
-        three digits, which fewer than 9 do: 0.143 for 6.
+    error_rate : see `Confidence`. By default 0.1, or the least that so many recordings allow (`allowed_error_rate`).
 
     Raises
     ------
@@ -274,8 +269,6 @@ def score_confidence(
 
     Parameters
     ----------
-    classifier : one whose confidence is calibrated (`learn_confidence`).
-    test : test windows with labels, measured.
     foreign : windows of classes that it was never trained on, for the area under the curve.
     error_rate : of the prediction sets; the classifier's own by default.
 

@@ -38,12 +38,6 @@ def unseen_recordings(
 ) -> tuple[list[Recording], dict[str, str]]:
     """Measured recordings that had no part in a model, in their order, and those that had (`seen_recordings`).
 
-    Each is read once for its content.
-
-    Parameters
-    ----------
-    manifest : of the model.
-
     Raises
     ------
     DataError
@@ -108,15 +102,9 @@ def recalls(confusion: Int[np.ndarray, "actual predicted"]) -> Float[np.ndarray,
 
 
 def g_mean(confusion: Int[np.ndarray, "actual predicted"]) -> float:
-    """Geometric mean of the recalls of all declared classes, (∏ recall_c)^(1/C).
+    """Geometric mean of the recalls of all declared classes: 0 where one is 0, NaN where a class has no test window.
 
-    0 where a recall is 0, NaN where a class has no test window. Where it is defined it equals imbalanced-learn's
-    ``geometric_mean_score(average="multiclass")``.
-
-    Examples
-    --------
-    >>> round(g_mean(np.array([[8, 2], [5, 5]])), 4)
-    0.6325
+    Where it is defined it equals imbalanced-learn's ``geometric_mean_score(average="multiclass")``.
     """
     recall = recalls(confusion)
     with np.errstate(divide="ignore"):
@@ -124,10 +112,7 @@ def g_mean(confusion: Int[np.ndarray, "actual predicted"]) -> float:
 
 
 def g_mean_laplace(confusion: Int[np.ndarray, "actual predicted"]) -> float:
-    """G_ε: geometric mean of the Laplace recalls (tp + 0.5) / (n + 1), which no single class can bring to 0.
-
-    NaN where a class has no test window: its 0.5 / 1 would be a number without data.
-    """
+    """G_ε: geometric mean of the Laplace recalls (tp + 0.5) / (n + 1); NaN where a class has no test window."""
     count = confusion.sum(axis=1)
     if not count.all():
         return float("nan")
@@ -148,10 +133,7 @@ def missed_fault_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Se
 
 
 def macro_auroc(target: Int[np.ndarray, " window"], probability: Float[np.ndarray, "window class"]) -> float:
-    """Mean over the classes with test windows of the area under the curve of that class against the rest.
-
-    NaN where every test window is of one class.
-    """
+    """Mean area under the curve of each class with test windows against the rest; NaN where there is one class only."""
     present = np.unique(target)
     if present.size < 2:
         return float("nan")
@@ -174,11 +156,6 @@ def accuracy_interval(
 
     The bootstrap is too narrow with few groups, and has no width without an error; so the interval holds Wilson's
     (1927, DOI 10.1080/01621459.1927.10502953) too, for as many independent trials as there are groups.
-
-    Examples
-    --------
-    >>> [round(bound, 3) for bound in accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))]
-    [0.839, 1.0]
     """
     correct, total = np.bincount(group, weights=right), np.bincount(group)
     wilson = wilson_interval(float(right.mean()), total.size)
@@ -271,15 +248,13 @@ class Scores:
 def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
     """Scores on measured recordings that had no part in the classifier.
 
-    Parameters
-    ----------
-    classifier : fitted network or baseline.
-    test : test windows with labels.
-    level : level of generalization of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
-    seed : seed of the bootstrap.
-
     A window without a verdict, because a number of the classifier is not finite, counts as an error; `Scores.reasons`
     says how many.
+
+    Parameters
+    ----------
+    level : level of generalization of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
+    seed : seed of the bootstrap.
 
     Raises
     ------

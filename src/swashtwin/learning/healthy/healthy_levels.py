@@ -78,11 +78,6 @@ def conformal_p_value(scores: Float[np.ndarray, " recording"]) -> float:
 
     Full conformal prediction (Vovk, Gammerman and Shafer 2005, DOI 10.1007/b106715): where the last recording is
     exchangeable with the others, it is at most e with a chance of at most e, for each e.
-
-    Examples
-    --------
-    >>> conformal_p_value(np.array([0.1, 0.4, 0.2, 0.3]))
-    0.5
     """
     return float(np.mean(scores >= scores[-1] * (1 - 1e-9)))
 
@@ -167,8 +162,8 @@ class HealthyLevels:
     def deviation(self, recording: Recording) -> Deviation:
         """How far a recording is from the healthy ones.
 
-        The recording joins the healthy ones, and all of them are scored alike, so the p-value is exact where it is
-        exchangeable with them (`conformal_p_value`).
+        It joins them, and all are scored alike, so the p-value is exact where it is exchangeable with them
+        (`conformal_p_value`).
 
         Raises
         ------
@@ -208,13 +203,7 @@ class HealthyLevels:
         )
 
     def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
-        """Levels [dB] of the healthy recordings of a recording's machine and operating point.
-
-        Raises
-        ------
-        DataError
-            It is of a machine or operating point that has none.
-        """
+        """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError` where there is none."""
         return self.levels[self.point_index == self._point_of(recording)[0]]
 
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
@@ -259,10 +248,10 @@ def measure_healthy(
 ) -> tuple[HealthyLevels, tuple[str, ...]]:
     """(levels of healthy recordings, notes on what was left out and why).
 
+    Recordings of one machine within 2 % of speed and 6 % of pressure are of one operating point.
+
     Parameters
     ----------
-    recordings : in memory or in their files, all healthy. Recordings of one machine within 2 % of speed and 6 % of
-        pressure are of one operating point.
     progress : called with the number of recordings that are done, and of all.
 
     Raises
@@ -317,12 +306,7 @@ def measure_healthy(
 
 
 def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
-    """(levels that all recordings allow, why orders are not among them).
-
-    Parameters
-    ----------
-    recordings : of one sample rate and the same channels, one at least.
-    """
+    """(levels that all of one or more recordings of one layout allow, why orders are not among them)."""
     first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
     shafts = [stated_speed(recording) for recording in recordings]
     stated = [shaft for shaft in shafts if shaft]

@@ -16,17 +16,12 @@ ones; the deviation is at least so much of the median. Cube roots of chi-squares
 def usual_recordings(
     levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Bool[np.ndarray, " recording"]:
-    """Which recordings are alike; the others are odd.
+    """Which recordings, two or more of each point, are alike; the others are odd.
 
     From the half of each point that is nearest to the point's median the usual ones grow and shrink (as in Rousseeuw
     and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until each has a score below the limit against the
     other usual ones, and no other recording has. So odd recordings cannot hide one another. A point of which one
     recording would be left is odd as a whole.
-
-    Parameters
-    ----------
-    levels : of each recording [dB].
-    point : of each recording; every point has two recordings at least.
     """
     usual = _central_half(levels, point)
     for _ in range(len(levels)):

@@ -168,13 +168,9 @@ class LevelNetwork(SolvedNetwork):
     def mean_gradient(
         self, levels: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
     ) -> tuple[Float64[np.ndarray, "window level"], Float64[np.ndarray, " window"]]:
-        """(mean gradient on the straight way from 0, change on it) of the score of `label` less that of `rival`.
+        """(mean gradient on the straight way from 0 to `levels`, change on it) of a class's score less that of its rival.
 
-        Parameters
-        ----------
-        levels : as `encode` gives them.
-        label, rival : indices of the two classes.
-        steps : points of the midpoint rule.
+        `levels` are as `encode` gives them, `steps` the points of the midpoint rule.
         """
         names = self.settings["heads"]
         inner = {head: (levels @ self.weights[head].T).astype(np.float64) for head in names}
@@ -264,20 +260,12 @@ def fit_hidden(
     noise: float,
     seed: int,
 ) -> dict[str, Float32[np.ndarray, "..."]]:
-    """Weights ``hidden`` and ``output`` of W₂ ReLU(W₁ x + b₁) + b₂, with their biases.
+    """Weights ``hidden`` and ``output`` of W₂ ReLU(W₁ x + b₁) + b₂, with their biases; x of mean 0 and deviation 1.
 
-    Trained by Adam (Kingma and Ba 2015, arXiv:1412.6980) for the cross-entropy, classes weighted alike, in ten passes
-    with a rate that falls by a cosine. Before the ReLU stands batch normalization (Ioffe and Szegedy 2015,
-    arXiv:1502.03167), which the weights given hold already, and after it dropout.
-
-    Parameters
-    ----------
-    levels : of mean 0 and deviation 1.
-    target : class of each, from 0.
-    size : hidden units.
-    dropout : share of them dropped in each step.
-    noise : deviation of the noise added to the levels in each step.
-    seed : seed of first weights, order, noise and dropout.
+    Trained by Adam (Kingma and Ba 2015, arXiv:1412.6980), its derivatives written out, for the cross-entropy, classes
+    weighted alike, in ten passes with a rate that falls by a cosine. Before the ReLU stands batch normalization (Ioffe
+    and Szegedy 2015, arXiv:1502.03167), which the weights given hold already, and after it dropout of a share of the
+    `size` units; in each step noise of deviation `noise` is added to the levels.
     """
     rng = stream(seed, "hidden layer")
     n, n_levels = levels.shape

@@ -16,11 +16,6 @@ def batches(order: Int[Tensor, " window"], size: int) -> list[Int[Tensor, " chos
     """Places of windows, `size` of them in each step.
 
     A last step of a single window joins the one before: normalization over a batch has no deviation of one window.
-
-    Examples
-    --------
-    >>> [len(batch) for batch in batches(torch.arange(9), 4)], [len(batch) for batch in batches(torch.arange(10), 4)]
-    ([4, 5], [4, 4, 2])
     """
     steps = list(order.split(size))
     return [*steps[:-2], torch.cat(steps[-2:])] if len(steps) > 1 and len(steps[-1]) == 1 else steps
@@ -123,16 +118,7 @@ class Network(Configured, nn.Module):
 
 
 class OwnModule(Network):
-    """A person's own `torch.nn.Module`, which `register_network` made known.
-
-    `embed` gives its scores, since its features are not known.
-
-    Parameters
-    ----------
-    n_channels : channels of a window.
-    n_classes : classes told apart.
-    length : samples per window and channel.
-    **settings : further arguments of the function that builds the module.
+    """A person's own `torch.nn.Module`, which `register_network` made known; `embed` gives its scores.
 
     Raises
     ------
@@ -154,13 +140,7 @@ class OwnModule(Network):
         self.head = nn.Identity()
 
     def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window class"]:
-        """Score per class and window.
-
-        Raises
-        ------
-        InputError
-            The module gives another shape.
-        """
+        """Score per class and window; an `InputError` where the module gives another shape."""
         scores: Tensor = self.module(windows)
         if scores.shape != (len(windows), self.n_classes):
             raise InputError(

@@ -187,8 +187,7 @@ def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The network has no setting of that name (the nearest is offered), or its value is of another kind than the
-        default: a share or a word instead of a whole number, or several numbers instead of one.
+        The network has no setting of that name (the nearest is offered), or its value is of another kind than the default.
     """
     defaults = default_settings(kind)
     checked = {}

@@ -95,13 +95,7 @@ class SolvedNetwork(Configured):
         raise NotImplementedError
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "SolvedNetwork":
-        """This network with the weights of a saved one.
-
-        Raises
-        ------
-        ValueError
-            They are not those of a network with these settings.
-        """
+        """This network with the weights of a saved one; a `ValueError` where they are not of these settings."""
         raise NotImplementedError
 
     def probabilities(

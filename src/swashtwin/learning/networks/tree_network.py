@@ -54,13 +54,7 @@ class Forest:
 
     @classmethod
     def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
-        """The forest whose `tensors` these are.
-
-        Raises
-        ------
-        ValueError
-            They contradict each other.
-        """
+        """The forest whose `tensors` these are; a `ValueError` where they contradict each other."""
         root, column, left = (tensors[name].astype(np.int64) for name in ("root", "column", "left"))
         threshold = tensors["threshold"].astype(np.float64)
         of_leaves = tensors["leaf_probability"].astype(np.float64)
@@ -186,14 +180,7 @@ class ExtraTrees(SolvedNetwork):
 
 
 class RandomForest(ExtraTrees):
-    """Random forest (Breiman 2001, DOI 10.1023/A:1010933404324) on `feature_values`.
-
-    Parameters
-    ----------
-    n_channels : channels of a window.
-    n_classes : classes told apart.
-    trees : number of trees.
-    """
+    """Random forest (Breiman 2001, DOI 10.1023/A:1010933404324) on `feature_values`."""
 
     name: ClassVar[str] = "random_forest"
     estimator: ClassVar[str] = "RandomForestClassifier"

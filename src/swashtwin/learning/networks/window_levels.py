@@ -83,10 +83,8 @@ def window_levels(
 ) -> Float32[np.ndarray, "window channel level"]:
     """Levels of each channel, the logarithm of its deviation first.
 
-    Parameters
-    ----------
-    turns : turns of the shaft per sample in each window, by which narrow lines are orders; None takes lines of equal
-        width over the lowest fifth of the spectrum.
+    Narrow lines are orders of the shaft, which turns so far per sample in each window; without `turns` they are of
+    equal width over the lowest fifth of the spectrum.
     """
     return levels_along(windows, [turns])[0]
 

@@ -48,12 +48,7 @@ class RecordingTrial:
         return recalls
 
     def answers(self, windows: FoldAnswers, *, own: bool) -> FoldAnswers:
-        """Joint answers of windows, with or without the heads on changes.
-
-        Parameters
-        ----------
-        windows : answers by the short windows alone.
-        """
+        """Joint answers of windows, from those by the short windows alone, with or without the heads on changes."""
         index = np.unique(windows.recording_id, return_inverse=True)[1]
         heads = [None if part is None else part[index] for part in self.logarithms[1 : 5 if own else 3]]
         return replace(windows, probability=joint([_logarithm(windows.probability), *heads], self.temperatures))
@@ -110,10 +105,7 @@ def _noisy(stretch: np.ndarray, rng: np.random.Generator, rate: float) -> np.nda
 def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple[RecordingModel, RecordingTrial] | None:
     """(heads on whole recordings, what they said of left-out recordings), or None where recordings are too short.
 
-    Parameters
-    ----------
-    windows : training windows, measured and synthetic.
-    answers : of short windows to the recordings that each fold left out; the heads' folds are the same.
+    `answers` are those of short windows to the recordings that each fold left out; the heads' folds are the same.
     """
     shortest = shortest_stretch(windows)
     if shortest < LEAST_SAMPLES:

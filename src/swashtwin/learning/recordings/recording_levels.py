@@ -51,12 +51,7 @@ class RecordingLevels:
 
     @classmethod
     def of(cls, windows: WindowSet, shortest: int) -> "RecordingLevels":
-        """The levels that recordings with these windows allow.
-
-        Parameters
-        ----------
-        shortest : samples of the shortest recording.
-        """
+        """The levels that recordings with these windows allow, the shortest of so many samples."""
         rate, shaft = windows.sample_rate, windows.speed / (2 * np.pi)
         length = min(shortest, LONGEST)
         n_orders = 0
@@ -81,12 +76,7 @@ class RecordingLevels:
         return list(pairwise(edges.tolist()))
 
     def measure(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float32[np.ndarray, "channel level"]:
-        """Levels of a recording [dB of the squared unit; of the envelopes dB].
-
-        Parameters
-        ----------
-        shaft : shaft frequency [Hz]; NaN where it is not stated, which orders cannot do without.
-        """
+        """Levels of a recording [dB of the squared unit; of envelopes dB] at a shaft frequency [Hz]; NaN without orders."""
         length = min(self.length, signal.shape[1])
         starts = range(0, signal.shape[1] - length + 1, max(1, length - length // 2))
         power = np.mean([self._powers(signal[:, start : start + length], shaft) for start in starts], axis=0)
@@ -199,13 +189,7 @@ def shortest_stretch(windows: WindowSet) -> int:
 def levels_of(
     layout: RecordingLevels, windows: WindowSet, rows: list[Rows], change: Change = lambda stretch: stretch
 ) -> Float[np.ndarray, "recording channel level"]:
-    """Levels of recordings by their windows: of their stretches the mean by length.
-
-    Parameters
-    ----------
-    rows : rows of each recording's windows, as of `recording_rows`.
-    change : what is done to each stretch before.
-    """
+    """Levels of recordings by their windows' rows: of their stretches, each changed before, the mean by length."""
     levels = np.empty((len(rows), windows.n_channels, layout.n_levels), dtype=np.float32)
     for number, members in enumerate(rows):
         shaft = float(windows.speed[members[0]]) / (2 * np.pi)

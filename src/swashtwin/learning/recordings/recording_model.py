@@ -164,12 +164,7 @@ class RecordingModel:
     def combined(
         self, log_probability: Float[np.ndarray, "window class"], windows: WindowSet
     ) -> Float64[np.ndarray, "window class"]:
-        """Probabilities of windows from what they say themselves and what their whole recordings say.
-
-        Parameters
-        ----------
-        log_probability : logarithm of each class's probability by the short windows alone.
-        """
+        """Probabilities of windows from the logarithms of their own and from what their whole recordings say."""
         table = self.table(windows)
         answers = self.answers(table)
         of_window = np.unique(windows.recording_id, return_inverse=True)[1]

@@ -96,15 +96,7 @@ def fit_class_space(
     specimen: Sequence[str] | Shaped[np.ndarray, " recording"],
     condition: Float[np.ndarray, "recording quantity"],
 ) -> ClassSpace:
-    """The space of these recordings.
-
-    Parameters
-    ----------
-    features : mean of each feature over a recording.
-    label : class of each.
-    specimen : machine of each; "" where it is not stated.
-    condition : speed [rad/s] and discharge pressure [Pa] of each; NaN where not stated.
-    """
+    """The space of recordings by their mean features, class, machine ("" for none), speed [rad/s] and pressure [Pa]."""
     values, n_features = features.astype(np.float64), features.shape[1]
     classes, target = np.unique(label, return_inverse=True)
     points, point = _operating_points(condition, len(classes))

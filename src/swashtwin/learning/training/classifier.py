@@ -161,13 +161,7 @@ class FittedClassifier:
         return probability
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
-        """Name of the likeliest class of each window.
-
-        Raises
-        ------
-        DataError
-            A window has no verdict.
-        """
+        """Name of the likeliest class of each window; a `DataError` where a window has no verdict."""
         probability = self.predict_proba(windows)
         require_verdicts(probability, windows.recording_id)
         return np.array(self.classes, dtype=np.str_)[probability.argmax(axis=1)]

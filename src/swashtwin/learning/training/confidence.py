@@ -70,19 +70,13 @@ class Confidence:
     ) -> Float64[np.ndarray, "*recording class"]:
         """Calibrated probabilities of recordings; rows sum to 1, and the likeliest class stays.
 
-        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ).
-
-        Parameters
-        ----------
-        probability : from the mean log-probability of the windows (`pooled_probabilities`).
-        n_windows : windows n of each recording.
+        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ) and p from the mean log-probability of the n
+        windows (`pooled_probabilities`).
 
         Examples
         --------
         >>> scores = np.linspace(0.0, 1.0, 9)
         >>> confidence = Confidence(2.0, 0.5, (1,), scores[None], np.zeros(9, dtype=np.int64), scores, 0.1)
-        >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 1).round(2)
-        array([0.83, 0.17])
         >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 20).round(2)
         array([0.95, 0.05])
         """
@@ -97,15 +91,10 @@ class Confidence:
         """Conformal p-value of each class: the share of recordings whose score is at least as high, this one counted.
 
         (1 + #{i : s_i >= -log p_c}) / (m + 1) over the m validation recordings of the class's `class_groups`, each cut
-        to the most `listening_windows` that the recording has. p_c is that before the temperature, so that no p-value
-        depends on what was fitted to the validation recordings. For the true class it is at most e in a share e of
-        the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
-
-        Parameters
-        ----------
-        probability : from the mean log-probability of the windows (`pooled_probabilities`).
-        n_windows : windows of each recording.
-        error_rate : rate that decides how classes are grouped; the confidence's own by default.
+        to the most `listening_windows` that the recording has. p_c is that of `pooled_probabilities` before the
+        temperature, so that no p-value depends on what was fitted to the validation recordings. For the true class it
+        is at most e in a share e of the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch.
+        4).
         """
         score = nonconformity_scores(probability)
         row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1
@@ -140,10 +129,7 @@ class Confidence:
     ) -> Bool[np.ndarray, "*recording class"]:
         """Which classes cannot be ruled out at the error rate: those more plausible than it, and always the likeliest.
 
-        Raises
-        ------
-        InputError
-            Too few validation recordings for this error rate.
+        An `InputError` where there are too few validation recordings for the rate.
         """
         rate = self.error_rate if error_rate is None else error_rate
         require_enough(self.n_recordings, rate)
@@ -163,15 +149,7 @@ class Confidence:
 def least_validation(error_rate: float) -> int:
     """Validation recordings that an error rate needs at least: 1 / error_rate - 1, rounded up.
 
-    Raises
-    ------
-    InputError
-        The error rate is not between 0 and 1.
-
-    Examples
-    --------
-    >>> least_validation(0.1)
-    9
+    An `InputError` where it is not between 0 and 1.
     """
     if not (isinstance(error_rate, (int, float, np.number)) and 0 < error_rate < 1):
         raise InputError(f"error_rate ({error_rate!r}) must lie between 0 and 1; one recording in ten is 0.1.")
@@ -191,18 +169,8 @@ def require_enough(n_recordings: int, error_rate: float) -> None:
 def validation_share(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> tuple[float, int]:
     """(share of the recordings to hold back for validation, about how many these are).
 
-    That is `fraction`, or as much more as the error rate needs, half at most; see `allowed_error_rate` of so many.
-
-    Parameters
-    ----------
-    n_recordings : recordings that are left after the test set was taken away.
-    error_rate : error rate asked for.
-    fraction : share asked for.
-
-    Examples
-    --------
-    >>> validation_share(24), validation_share(12)
-    ((0.5, 12), (0.5, 6))
+    That is `fraction`, or as much more as the error rate needs, half at most; see `allowed_error_rate` of so many. The
+    recordings are those that are left after the test set was taken away.
     """
     needed = least_validation(error_rate)
     if round(n_recordings * fraction) >= needed:
@@ -261,13 +229,7 @@ def pooled_probabilities(
 
 
 def window_counts(n_windows: int) -> tuple[int, ...]:
-    """Powers of two below `n_windows`, and `n_windows`: what recordings are cut to.
-
-    Examples
-    --------
-    >>> window_counts(12)
-    (1, 2, 4, 8, 12)
-    """
+    """Powers of two below `n_windows`, and `n_windows`: what recordings are cut to."""
     return *(1 << power for power in range((n_windows - 1).bit_length())), n_windows
 
 
@@ -280,11 +242,6 @@ def fit_pooling(
     recording, has the same weight. The targets are (n + 1)/(n + C) for the true class of n recordings and 1/(n + C) for
     each other. These are Laplace's shares: n recordings that are all told right are no proof of certainty (the
     multiclass form of Platt's targets, 1999). Without them T would fall to nothing there.
-
-    Parameters
-    ----------
-    probability : of the windows of each recording, in order of time.
-    target : index of the true class of each recording.
     """
     n, n_classes = len(probability), probability[0].shape[1]
     goal = np.full((n, n_classes), 1 / (n + n_classes))
@@ -328,11 +285,5 @@ def _blocks(
 
 
 def likeliest_class(probability: Float[np.ndarray, "*window class"]) -> Int64[np.ndarray, "*window"]:
-    """Index of the likeliest class; -1 where a probability is no finite number, so that there is no verdict.
-
-    Examples
-    --------
-    >>> likeliest_class(np.array([[0.2, 0.8], [np.nan, np.nan]])).tolist()
-    [1, -1]
-    """
+    """Index of the likeliest class; -1 where a probability is no finite number, so that there is no verdict."""
     return np.where(np.isfinite(probability).all(axis=-1), probability.argmax(axis=-1), -1)

@@ -59,11 +59,7 @@ def train_epochs(
 ) -> tuple[Network, tuple[Epoch, ...]]:
     """(network of the same settings, trained, in evaluation mode on the CPU; loss and accuracy of each epoch).
 
-    Parameters are those of `fit`.
-
-    Parameters
-    ----------
-    run : what makes the run this one and no other, by which its checkpoint is known.
+    Parameters are those of `fit`; by `run`, what makes the run this one and no other, its checkpoint is known.
     """
     _require_device(device)
     with _deterministic_kernels(device), one_thread():

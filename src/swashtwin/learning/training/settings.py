@@ -111,13 +111,7 @@ class TrainingSettings:
         return {name: value for name, value in values.items() if name not in usual or value != usual[name]}
 
     def learning_rate_in(self, epoch: int) -> float:
-        """Learning rate in `epoch`, the first being 1.
-
-        Examples
-        --------
-        >>> [round(TrainingSettings(epochs=3, decay="cosine").learning_rate_in(epoch), 5) for epoch in (1, 2, 3)]
-        [0.001, 0.00075, 0.00025]
-        """
+        """Learning rate in `epoch`, the first being 1."""
         if self.decay == "none":
             return self.learning_rate
         return self.learning_rate * (1 + math.cos(math.pi * (epoch - 1) / self.epochs)) / 2

@@ -32,14 +32,7 @@ def transform_windows(
     """(indices of the windows that an epoch changes, these windows as it uses them).
 
     Each transform of `settings` acts on a random half of the windows, noise on `noise_share` of them: `stretch` first,
-    then `gain`, then `noise_snr`, in the order in which machine, sensor and cable act. Without any transform no window
-    changes.
-
-    Parameters
-    ----------
-    settings : how far windows are changed.
-    seed : seed of the training.
-    epoch : number of the epoch, which draws anew.
+    then `gain`, then `noise_snr`, in the order in which machine, sensor and cable act.
     """
     signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
     for purpose, width, change in _active_transforms(settings, windows.sample_rate):
@@ -65,13 +58,8 @@ def with_noise(
     """The windows with noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
 
     The signal's power is the variance of the window per channel, not of the recording as in tests
-    (docs/explanation/method.md, "Noise"): a synthetic window has no recording.
-
-    Parameters
-    ----------
-    least_snr : least signal-to-noise ratio [dB].
-    kinds : kinds of noise (`signals.add_noise`); of several each window gets one, drawn.
-    sample_rate : samples per second [Hz]; hum needs it.
+    (docs/explanation/method.md, "Noise"): a synthetic window has no recording. Of several `kinds` each window gets one,
+    drawn; hum needs the sample rate [Hz].
     """
     ratio = least_snr + RANGE * rng.random((len(signal), 1, 1), dtype=np.float32)
     scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
@@ -86,25 +74,18 @@ def with_noise(
 
 
 def with_gains(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
-    """The windows with each channel louder or quieter, uniform in dB ("scaling", DOI 10.1145/3136755.3136817).
-
-    Parameters
-    ----------
-    largest : largest gain, and largest loss [dB].
+    """The windows with each channel louder or quieter, uniform in dB up to the largest ("scaling", DOI
+    10.1145/3136755.3136817).
     """
     gain = largest * rng.uniform(-1, 1, (*signal.shape[:2], 1))
     return (signal * 10 ** (gain / 20)).astype(np.float32)
 
 
 def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
-    """The windows as a shaft a little faster or slower would give them, all else the same.
+    """The windows as a shaft a little faster or slower would give them, by a share uniform within the largest.
 
-    Time is stretched about the window's middle, by a share uniform within the largest; what a window lacks at its ends
-    is mirrored. Frequencies of the structure move with those of the shaft, which on a machine they do not.
-
-    Parameters
-    ----------
-    largest : largest change of speed, relative.
+    Time is stretched about the window's middle; what a window lacks at its ends is mirrored. Frequencies of the
+    structure move with those of the shaft, which on a machine they do not.
     """
     middle = (signal.shape[-1] - 1) / 2
     time = np.arange(signal.shape[-1]) - middle

@@ -66,11 +66,8 @@ def signal_facts(
 ) -> Float64[np.ndarray, "window channel fact"]:
     """`FACTS` and the levels of `N_BANDS` bands, of each channel of each window [dB re the unit squared].
 
-    The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean removed.
-
-    Parameters
-    ----------
-    powers : `window_powers`, where they are at hand.
+    The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean removed. `powers` are
+    `window_powers`, where they are at hand.
     """
     samples = windows.signal.astype(np.float64)
     mean = samples.mean(axis=2)
@@ -102,20 +99,14 @@ def outside_facts(
     machines: Sequence[str],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[OutsideFact, ...]:
-    """Facts outside the training's range by more than is usual between its recordings, most unusual first.
+    """Facts of a recording outside the training's range by more than usual between its recordings, most unusual first.
 
     A recording's deviation is how far the furthest of its facts is outside the range of others, in standard deviations
     between the training recordings (1 dB at least). A fact is told where its deviation exceeds that of all but
-    `ERROR_RATE` of the training recordings, each against the others; against those of other machines, where there
-    are several. So at most about this share of recordings that are like the training's get any such remark; with
-    fewer than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that of being unknown.
-    Fewer than five give no such rate: what is 10 dB outside their range is told.
-
-    Parameters
-    ----------
-    training : mean facts of each training recording.
-    machines : machine of each; "" where not stated.
-    facts : mean facts of the recording in question.
+    `ERROR_RATE` of the training recordings, each against the others; against those of other `machines` ("" where not
+    stated), where there are several. So at most about this share of recordings that are like the training's get any
+    such remark; with fewer than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that
+    of being unknown. Fewer than five give no such rate: what is 10 dB outside their range is told.
     """
     values, recorded = training[:, :, : len(FACTS)], facts[:, : len(FACTS)]
     spread = np.maximum(values.std(axis=0), _LEAST_SPREAD)
@@ -236,13 +227,8 @@ class TrainingReference:
 
         A likelihood ratio between the nearest trained class and a new one (`ClassSpace`; in the manner of Ren and
         others 2021, arXiv:2106.09022), over what nine in ten of the training recordings have that are left out: alone
-        where the machine is one of the training's, else together with all of their machine. It may be negative.
-
-        Parameters
-        ----------
-        features : means over the windows.
-        specimen : machine; empty where not stated.
-        condition : speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
+        where the machine is one of the training's, else together with all of their machine. It may be negative. The
+        condition is speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
         """
         at = np.full(2, np.nan) if condition is None else condition
         is_trained = bool(specimen) and specimen in self.specimen
@@ -275,9 +261,7 @@ class TrainingReference:
 def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feature"]) -> TrainingReference | None:
     """Reference of the measured recordings among training windows, or None where all are synthetic or not finite.
 
-    Parameters
-    ----------
-    features : of each window, numbers of the same kind, such as logarithms of powers.
+    The features are of each window, numbers of the same kind, such as logarithms of powers.
     """
     names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:

@@ -96,12 +96,6 @@ def window_batches(
 ) -> Iterator[WindowSet]:
     """The windows of `cut_windows`, at most `batch` at a time, for a recording whose windows are larger than memory.
 
-    Parameters
-    ----------
-    recording : in memory or in its file.
-    length, stride, classes, allow_partial_revolution : as in `cut_windows`.
-    batch : windows that are in memory together.
-
     Raises
     ------
     InputError, DataError

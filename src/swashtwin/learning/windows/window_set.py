@@ -172,13 +172,7 @@ class WindowSet:
         return self._with({name: getattr(self, name)[chosen] for name in _PER_WINDOW})
 
     def with_classes(self, classes: Sequence[str]) -> "WindowSet":
-        """The same windows with their classes among `classes`, in that order.
-
-        Raises
-        ------
-        InputError
-            A class that has windows is missing.
-        """
+        """The same windows with classes in another order; an `InputError` where one that has windows is missing."""
         order = {name: index for index, name in enumerate(classes)}
         present = [self.classes[index] for index in np.unique(self.target) if index >= 0]
         missing = [name for name in present if name not in order]
@@ -254,13 +248,7 @@ _MAY_BE_NAN = ("discharge_pressure", "speed")
 
 
 def save_windows(windows: WindowSet, path: Path | str) -> Path:
-    """`path`, after the windows, their manifest included, were written to it whole; what was compared with is not.
-
-    Raises
-    ------
-    ArtifactError
-        A sample is NaN or infinite.
-    """
+    """`path`, after the windows and their manifest were written to it whole; an `ArtifactError` for NaN or infinity."""
     alone = WindowSet(**{item.name: getattr(windows, item.name) for item in fields(WindowSet)})
     return save_artifact(path, _KIND, _VERSION, alone, may_be_nan=_MAY_BE_NAN)
 
@@ -306,7 +294,6 @@ def refuse_other_values(
     simulated, measured : speeds [rad/s] or discharge pressures [Pa], NaN where not stated.
     quantity : ``"speed"`` or ``"pressure"``.
     who : whose values `simulated` are, with a verb: ``"the twin runs"``.
-    remedy : what to do.
     """
     tolerance, factor, unit = {
         "speed": (SYNTHETIC_SPEED_TOLERANCE, 30 / math.pi, "rev/min"),

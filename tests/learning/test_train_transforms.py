@@ -17,7 +17,7 @@ from swashtwin.learning import (
     cut_windows,
     fit,
 )
-from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains, with_noise
+from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains, with_noise
 from swashtwin.recordings import Recording
 
 SETTINGS = TrainingSettings(epochs=3, batch_size=8, noise_snr=0.0, normalization="set")

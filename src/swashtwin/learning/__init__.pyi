@@ -69,12 +69,12 @@ from .training.confidence import require_enough as require_enough
 from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
 from .training.settings import PAPER_TRAINING as PAPER_TRAINING
+from .training.settings import RANGE as RANGE
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
-from .training.train_transforms import RANGE as RANGE
-from .training.train_transforms import at_other_speeds as at_other_speeds
-from .training.train_transforms import with_gains as with_gains
+from .training.settings import at_other_speeds as at_other_speeds
+from .training.settings import with_gains as with_gains
 from .training.training_reference import N_FACTS as N_FACTS
 from .training.training_reference import OutsideFact as OutsideFact
 from .training.training_reference import TrainingReference as TrainingReference

@@ -172,7 +172,7 @@ def _line_levels(power: Float64[np.ndarray, "window line"]) -> Float64[np.ndarra
 def level_spectrum(
     features: Float[np.ndarray, "row feature"], n_channels: int, length: int, sample_rate: float
 ) -> tuple[Float64[np.ndarray, " band"], Float64[np.ndarray, " band"], Float64[np.ndarray, "row channel band"]]:
-    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that rows of `level_features`, or their means, hold.
+    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` or their means hold.
 
     The narrow bands of the lowest twelfth of the spectrum, then the logarithmic bands above them.
     """

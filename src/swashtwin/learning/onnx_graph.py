@@ -79,7 +79,7 @@ class Graph:
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` where it is of neither."""
+    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` for others."""
     from onnx import TensorProto, helper
 
     layout, network = classifier.layout, classifier.network
@@ -137,7 +137,7 @@ def _answer_of_trees(graph: Graph, classifier: FittedClassifier, network: ExtraT
     attributes = {
         "nodes_treeids": tree, "nodes_nodeids": np.arange(forest.column.size) - first,
         "nodes_featureids": np.maximum(forest.column, 0), "nodes_truenodeids": np.where(leaf, 0, forest.left - first),
-        "nodes_falsenodeids": np.where(leaf, 0, forest.right - first),
+        "nodes_falsenodeids": np.where(leaf, 0, forest.left + 1 - first),
         "class_treeids": tree[leaves], "class_nodeids": leaves - first[leaves],
         "class_ids": np.tile(np.arange(n_classes), int(leaf.sum())),
     }  # fmt: skip

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import InputError, MPa, celsius, deg, mm, rpm, um
+from swashtwin.physics import SensorPath
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -111,8 +112,31 @@ def log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:
     return float(np.exp(rng.uniform(*np.log(limits))))
 
 
+def drawn_modes(
+    rng: np.random.Generator, count: int, channels: int, frequency: tuple[float, float], share: float
+) -> SensorPath:
+    """Modes with random frequencies and shares."""
+    return SensorPath(
+        gain=(1.0,) * channels,
+        frequency=tuple(log_uniform(rng, frequency) for _ in range(count)),
+        damping_ratio=tuple(rng.uniform(0.015, 0.05, count).tolist()),
+        residue=tuple(map(tuple, rng.normal(0, share, (channels, count)).tolist())),
+    )
+
+
+def smooth_curves(
+    rng: np.random.Generator, deviation: float, shape: tuple[int, ...], frequency: Float[np.ndarray, " line"]
+) -> Float[np.ndarray, "... line"]:
+    """Random curves over the logarithm of the frequency, with six knots."""
+    knots = np.linspace(np.log(frequency[0]), np.log(frequency[-1]), 6)
+    at = np.searchsorted(knots, np.log(frequency)).clip(1, 5)
+    share = (np.log(frequency) - knots[at - 1]) / (knots[at] - knots[at - 1])
+    values = rng.normal(0, deviation, (*shape, 6))
+    return np.asarray(values[..., at - 1] * (1 - share) + values[..., at] * share)
+
+
 def operating_range(pump: Pump, prior: PumpPrior) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges of a drawing's speed [rad/s] and discharge pressure [Pa]; an `InputError` where it states no rated point."""
+    """Ranges of a drawing's speed [rad/s] and discharge pressure [Pa]; an `InputError` where none is rated."""
     if pump.rated is None:
         raise InputError(f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file.")
     low, high = prior.speed

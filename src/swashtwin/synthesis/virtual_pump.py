@@ -1,33 +1,18 @@
-"""One virtual pump: power spectra of its healthy recordings and of its faults, with what no twin knows drawn at random.
-
-A real pump differs from any twin in ways that have names: contacts push and cannot pull, so faults strike and what is
-struck rings; a fault raises the noise floor, or does not; slippers and pistons differ; the drive, the grid and a second
-machine are heard; sensors sit on something. `PumpPrior` says how wide each is drawn, and from which source.
-"""
+"""Virtual pumps: power spectra of recordings what no twin knows drawn at random, and what faults change."""
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float, Int, Shaped
+from joblib import delayed
 
-from swashtwin.physics import (
-    HarmonicBalance,
-    LoadCase,
-    SensorPath,
-    Structure,
-    assemble,
-    contact_lines,
-    displacement_lines,
-    excitation_lines,
-    fault_forces,
-    force_lines,
-    riding_lines,
-    turning_terms,
-    worn_values,
-)
+from swashtwin import physics
+from swashtwin.foundation import InputError, SwashTwinError, parallel, stream
 from swashtwin.pump import (
+    CLASSES,
     BoreDefect,
     Fault,
     OperatingCondition,
@@ -35,7 +20,20 @@ from swashtwin.pump import (
     Pump,
     SwashPlateDefect,
 )
-from swashtwin.synthesis.pump_prior import Impacts, PumpPrior, Trouble, Troubles, log_uniform, operating_range, spread
+from swashtwin.signals import OrderBands
+from swashtwin.synthesis.pump_prior import (
+    OTHER,
+    Impacts,
+    PumpPrior,
+    Trouble,
+    Troubles,
+    draw_drawing,
+    drawn_modes,
+    log_uniform,
+    operating_range,
+    smooth_curves,
+    spread,
+)
 
 CELLS = 8
 """Cells of a spectrum from order to order: segments are eight turns long."""
@@ -52,13 +50,10 @@ class VirtualPump:
     drawing: Pump
     highest: int
     """Highest shaft order."""
-    program: int = 0
-    """0: a twin's pump; 1: its faults strike; 2: they also raise the noise floor."""
-    pump: Pump = field(init=False)
 
     def __post_init__(self) -> None:
         prior, rng = self.prior, self.rng
-        self.program = int(rng.integers(3))
+        self.program = int(rng.integers(3))  # `Troubles.program`
         nominal, timing = self.drawing, rng.normal(0, prior.timing, 2)
         plate = nominal.valve_plate
         plate = replace(
@@ -79,12 +74,12 @@ class VirtualPump:
         self.exponent = rng.uniform(*prior.viscosity)
         self.following = log_uniform(rng, prior.following)
         self.orders = np.arange(self.highest + 1)
-        self.structure = assemble(self.pump)
+        self.structure = physics.assemble(self.pump)
         self.sensors = len(self.structure.sensor_rows)
         self.pulse = log_uniform(rng, prior.pulse)
         self.irregular, self.jitter = rng.uniform(*prior.irregular), math.radians(rng.uniform(0, 3))
         self.one_sided = rng.random()
-        self.ringing = _modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
+        self.ringing = drawn_modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
         self.rattle = self._joints() if self.program and rng.random() < 0.5 else ()
 
     def _joints(self) -> tuple[Impacts, ...]:
@@ -120,11 +115,11 @@ class VirtualPump:
         damping = self.structure.damping(torch.stack(worn))
         stiffness = self.structure.stiffness(torch.stack(worn), supports[:, 0], supports[:, 1], supports[:, 2:])
         along, force = torch.as_tensor(frequency), torch.stack(forces)
-        solver = HarmonicBalance()
+        solver = physics.HarmonicBalance()
         motion = solver.steady_state(self.structure.mass, damping, stiffness, along, force)
         for row, (trouble, values) in enumerate(zip(troubles, worn, strict=True)):
             for fault in trouble.faults:
-                for term in turning_terms(fault, pump, values):
+                for term in physics.turning_terms(fault, pump, values):
                     further = _turned(term.stiffness, motion[row])
                     one = slice(row, row + 1)
                     motion[row] += solver.steady_state(
@@ -161,29 +156,29 @@ class VirtualPump:
         pressing: Fault | None = None
         straining = torch.zeros(self.orders.size, 13, dtype=torch.complex128)
         for fault in trouble.faults:
-            values = worn_values(pump, fault, values)
+            values = physics.worn_values(pump, fault, values)
             if isinstance(fault, PistonWear):
                 clearances[fault.piston] += fault.clearance
                 continue
             if not isinstance(fault, BoreDefect):
                 pressing = fault
-            motion = excitation_lines(pump, condition, fault, self.highest)
+            motion = physics.excitation_lines(pump, condition, fault, self.highest)
             if isinstance(fault, SwashPlateDefect):
-                law = riding_lines if fault.contact == "lift_off" else displacement_lines
+                law = physics.riding_lines if fault.contact == "lift_off" else physics.displacement_lines
                 motion[1:] = law(pump, condition, fault, self.highest, scatter=self.slippers)
                 if fault.contact == "shared":
                     motion = motion / (1 + (frequency / (2 * math.pi * self.following)) ** 2)
-            force = fault_forces(pump, self.structure, "T1", fault, values, frequency, motion)
+            force = physics.fault_forces(pump, self.structure, "T1", fault, values, frequency, motion)
             if isinstance(fault, BoreDefect) and self.program:
                 force = force * self.one_sided
             straining += force
-            contact = contact_lines(fault, pump, condition, self.highest, "T1")
+            contact = physics.contact_lines(fault, pump, condition, self.highest, "T1")
             if contact is not None:
                 straining += torch.as_tensor(contact)
         eccentricity = pump.masses.rotor_eccentricity * trouble.unbalance
         unbalanced = replace(pump, masses=replace(pump.masses, rotor_eccentricity=eccentricity))
-        case = LoadCase(unbalanced, condition, pressing, tuple(clearances.tolist()))
-        return straining + torch.as_tensor(force_lines(case, self.highest)), values
+        case = physics.LoadCase(unbalanced, condition, pressing, tuple(clearances.tolist()))
+        return straining + torch.as_tensor(physics.force_lines(case, self.highest)), values
 
     def _impacts(
         self, trouble: Trouble, condition: OperatingCondition
@@ -215,8 +210,8 @@ class VirtualPump:
     def _path(self, hertz: Float[np.ndarray, "recording line"]) -> Complex[np.ndarray, "recording sensor line"]:
         """Housing, mounting and gain of each sensor."""
         prior, rng = self.prior, self.rng
-        along = torch.as_tensor(hertz)
-        housing = _modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share).response(along).numpy()
+        modes = drawn_modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share)
+        housing = modes.response(torch.as_tensor(hertz)).numpy()
         resonance = np.array([log_uniform(rng, prior.mounting) for _ in range(self.sensors)])
         resonance = resonance * spread(rng, 0.03 * self.care, (len(hertz), self.sensors))
         ratio = hertz[:, None] / resonance[..., None]
@@ -244,12 +239,12 @@ class VirtualPump:
         share = color / color[0].sum(axis=-1, keepdims=True)
         size = log_uniform(rng, prior.noise) ** 2 * spread(rng, 0.3, (self.sensors, 1)) * share
         deviation = log_uniform(rng, prior.noise_scatter)
-        level = rng.normal(0, deviation, (len(troubles), 1, 1)) + _smooth(
+        level = rng.normal(0, deviation, (len(troubles), 1, 1)) + smooth_curves(
             rng, deviation / 2, (len(troubles), self.sensors), middle
         )
         rise = np.array([trouble.noise for trouble in troubles])[:, None, None]
         corner, slope = log_uniform(rng, (50.0, 3000.0)), rng.uniform(0, 2)
-        shape = 1 / (1 + (corner / middle) ** slope) * np.exp(_smooth(rng, 0.3, (len(troubles), 1), middle))
+        shape = 1 / (1 + (corner / middle) ** slope) * np.exp(smooth_curves(rng, 0.3, (len(troubles), 1), middle))
         return np.asarray(size * np.exp(level + rise * shape))
 
     def _smear(self) -> Float[np.ndarray, "order cell"]:
@@ -296,7 +291,7 @@ class VirtualPump:
         return power
 
 
-def _directions(structure: Structure) -> tuple[torch.Tensor, ...]:
+def _directions(structure: physics.Structure) -> tuple[torch.Tensor, ...]:
     """Unit forces along which impacts act."""
     axial = torch.zeros(13, dtype=torch.float64)
     axial[7], axial[2] = 1.0, -1.0
@@ -312,24 +307,92 @@ def _turned(matrix: torch.Tensor, motion: torch.Tensor) -> torch.Tensor:
     return -force
 
 
-def _modes(
-    rng: np.random.Generator, count: int, channels: int, frequency: tuple[float, float], share: float
-) -> SensorPath:
-    """Modes with random frequencies and shares."""
-    return SensorPath(
-        gain=(1.0,) * channels,
-        frequency=tuple(log_uniform(rng, frequency) for _ in range(count)),
-        damping_ratio=tuple(rng.uniform(0.015, 0.05, count).tolist()),
-        residue=tuple(map(tuple, rng.normal(0, share, (channels, count)).tolist())),
+_REFERENCES = 4
+"""Healthy recordings of a virtual pump, of which one to all are its reference."""
+_TESTED = ("normal", "normal", *(label for label in CLASSES if label != "normal"), OTHER)
+"""Classes of the recordings of a virtual pump that are compared with its references."""
+
+
+@dataclass(frozen=True, eq=False)
+class OrderChanges:
+    """Changes of the levels of simulated recordings against the healthy ones of their pumps."""
+
+    bands: OrderBands
+    """Bands of the drawing's levels; a pump of another number of pistons has as many."""
+    change: Float[np.ndarray, "recording channel level"]
+    """Level (`OrderBands.levels`), less its mean over the pump's reference recordings."""
+    label: Shaped[np.ndarray, " recording"]
+    """Class of each recording."""
+    pump: Int[np.ndarray, " recording"]
+    """Row of its pump."""
+    scatter: Float[np.ndarray, "pump channel level"]
+    """Standard deviation of the levels between healthy recordings of each pump."""
+    drawn: Bool[np.ndarray, " pump"]
+    """Whether each pump has a drawing of its own."""
+
+
+def simulate_changes(
+    prior: PumpPrior,
+    count: int,
+    *,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> OrderChanges:
+    """Healthy recordings and one of each fault, of `count` virtual pumps, as changes against their references.
+
+    Every other pump has a drawing of its own (`draw_drawing`), for no machine is its drawing. Only spectra of the
+    steady state are computed, no samples: about 0.1 s of a core for a pump. A pump does not depend on how many are
+    drawn with it.
+
+    Parameters
+    ----------
+    jobs : processes side by side.
+    progress : called with the number of pumps that are done, and of all.
+
+    Raises
+    ------
+    InputError
+        Fewer than two pumps, or none whose chamber pressures converge.
+    """
+    if count < 2:
+        raise InputError(f"a pump prior needs two pumps at least, not {count}.")
+    work = parallel(jobs, return_as="generator")(
+        delayed(_changes_of_pump)(prior, seed, number) for number in range(count)
+    )
+    parts = []
+    for number, part in enumerate(work, 1):
+        parts.append(part)
+        if progress is not None:
+            progress(number, count)
+    drawn = np.array([number % 2 == 1 for number, part in enumerate(parts) if part is not None], dtype=bool)
+    if not drawn.size:
+        raise InputError(f"no chamber pressure of {count} virtual pumps of {prior.pump.name} converges.")
+    changes, scatter = zip(*(part for part in parts if part is not None), strict=True)
+    return OrderChanges(
+        OrderBands(prior.pump.rotating_group.piston_count),
+        np.concatenate(changes),
+        np.tile(np.array(_TESTED), drawn.size),
+        np.repeat(np.arange(drawn.size), len(_TESTED)),
+        np.stack(scatter),
+        drawn,
     )
 
 
-def _smooth(
-    rng: np.random.Generator, deviation: float, shape: tuple[int, ...], frequency: Float[np.ndarray, " line"]
-) -> Float[np.ndarray, "... line"]:
-    """Random curves over the logarithm of the frequency, with six knots."""
-    knots = np.linspace(np.log(frequency[0]), np.log(frequency[-1]), 6)
-    at = np.searchsorted(knots, np.log(frequency)).clip(1, 5)
-    share = (np.log(frequency) - knots[at - 1]) / (knots[at] - knots[at - 1])
-    values = rng.normal(0, deviation, (*shape, 6))
-    return np.asarray(values[..., at - 1] * (1 - share) + values[..., at] * share)
+def _changes_of_pump(
+    prior: PumpPrior, seed: int, number: int
+) -> tuple[Float[np.ndarray, "recording channel level"], Float[np.ndarray, "channel level"]] | None:
+    """(changes of one pump, its healthy scatter); None where the chamber pressures of a recording do not converge."""
+    torch.set_num_threads(1)
+    rng = stream(seed, "pump prior", number)
+    drawing = draw_drawing(rng) if number % 2 else prior.pump
+    bands = OrderBands(drawing.rotating_group.piston_count)
+    highest = int(bands.highest * bands.piston_count) + 1
+    try:
+        power = VirtualPump(prior, rng, drawing, highest).spectra(("normal",) * _REFERENCES + _TESTED)
+    except SwashTwinError:
+        return None
+    levels = bands.levels(power, 1 / CELLS)
+    references = levels[: int(rng.integers(1, _REFERENCES + 1))]
+    scatter = levels[:_REFERENCES].std(axis=0, ddof=1)
+    return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float16), scatter.astype(np.float16)

@@ -63,5 +63,5 @@ def cut_evenly(
     shortest = min(r.signal.shape[1] for r in recordings)
     stride = max(length, (shortest - length) // max(1, count - 1))
     if like is not None:
-        return cut_windows(list(recordings), like=like, stride=stride)
+        length, classes = like.length, like.classes
     return cut_windows(list(recordings), length=length, stride=stride, classes=tuple(classes))

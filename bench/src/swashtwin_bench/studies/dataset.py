@@ -282,7 +282,7 @@ def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: Wind
     """The measured windows of a scarce cell."""
     if not lenders:
         return like.subset(np.zeros(len(like), dtype=bool))
-    windows = cut_windows(lenders, like=like)
+    windows = cut_windows(lenders, length=like.length, classes=like.classes)
     return windows.subset(_evenly(len(windows), scenario.scarce_windows))
 
 

@@ -12,8 +12,7 @@ from swashtwin.learning.networks.level_network import LevelNetwork, mean_of_head
 from swashtwin.learning.networks.window_levels import gain_response, levels_along
 from swashtwin.learning.training.classifier import TOGETHER, Normalization
 from swashtwin.learning.training.confidence import likeliest_class
-from swashtwin.learning.training.settings import TrainingSettings
-from swashtwin.learning.training.train_transforms import at_other_speeds, transform_windows, with_gains
+from swashtwin.learning.training.settings import TrainingSettings, at_other_speeds, transform_windows, with_gains
 from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
@@ -159,27 +158,19 @@ def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]
 def _within_budget(
     candidates: list[Candidate], measured: WindowSet, windows: WindowSet, n_folds: int, budget: float
 ) -> tuple[list[Candidate], str]:
-    samples = (len(measured) + int(windows.synthetic.sum())) * windows.n_channels * windows.length
     rows = len(measured) + int(windows.synthetic.sum())
+    samples = rows * windows.n_channels * windows.length
     spent, paid, tried = 0.0, set[tuple[str, TrainingSettings | None]](), list[Candidate]()
     for candidate in candidates:
-        cost = 0.0
-        for key, passes in (
-            ((candidate.axis, None), 3),
-            ((candidate.axis, candidate.training), candidate.training.epochs),
-        ):
-            if key not in paid:
-                cost += passes * samples * _COST["representation"]
+        passes = {(candidate.axis, None): 3, (candidate.axis, candidate.training): candidate.training.epochs}
+        cost = sum(n * samples * _COST["representation"] for key, n in passes.items() if key not in paid)
         if len(candidate.heads) == 1:
             cost += n_folds * rows * (1 + candidate.training.epochs) * 350 * windows.n_channels * _COST["solution"]
         if tried and spent + cost > budget:
-            return (
-                tried,
-                f"the budget of {budget:g} s left out {len(candidates) - len(tried)} of {len(candidates)} candidates; "
-                "a longer one tries them",
-            )
+            left_out = f"{len(candidates) - len(tried)} of {len(candidates)} candidates"
+            return tried, f"the budget of {budget:g} s left out {left_out}; a longer one tries them"
         spent += cost
-        paid |= {(candidate.axis, None), (candidate.axis, candidate.training)}
+        paid.update(passes)
         tried.append(candidate)
     return tried, ""
 

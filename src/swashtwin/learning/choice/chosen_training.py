@@ -9,8 +9,7 @@ from swashtwin.foundation import InputError, one_thread
 from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose, usual_turns
 from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
 from swashtwin.learning.networks.level_network import LevelNetwork
-from swashtwin.learning.recordings.recording_fitting import RecordingTrial, fit_recordings
-from swashtwin.learning.recordings.recording_model import RecordingModel
+from swashtwin.learning.recordings.recording_fitting import fit_recordings
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, require_enough
 from swashtwin.learning.training.fitting import fit, require_trainable
@@ -60,36 +59,28 @@ def fit_chosen(
     settings = candidate.network_settings(usual_turns(windows))
     network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
     fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest)
-    reference = fitted.training_reference
-    whole = None
-    if answers is not None and choice.group == "specimen":
-        whole = _whole(windows, answers, seed, progress)
-    if whole is None or answers is None:
-        confidence, own = _confidence(reference, answers, error_rate, choice.group == "specimen"), None
-    else:
+    reference, leaves_out_machines = fitted.training_reference, choice.group == "specimen"
+    whole, own = None, None
+    if answers is not None and leaves_out_machines:
+        if progress is not None:
+            progress("listening to whole recordings", 0, 1)
+        with one_thread():
+            whole = fit_recordings(windows, answers, seed)
+    if whole is not None and answers is not None:
         model, trial = whole
         fitted = replace(fitted, recordings=model)
         with_own = model.on_changes is not None
-        alone, own_answers = (trial.answers(answers, own=own) for own in (False, True))
-        confidence = _confidence(reference, alone, error_rate, choice.group == "specimen")
-        own = _confidence(reference, own_answers, error_rate, choice.group == "specimen") if with_own else None
         choice = replace(choice, whole=trial.recalls(with_own))
+        if with_own:
+            own = _confidence(reference, trial.answers(answers, own=True), error_rate, leaves_out_machines)
+        answers = trial.answers(answers, own=False)
+    confidence = _confidence(reference, answers, error_rate, leaves_out_machines)
     if confidence is None and error_rate is not None:
         raise InputError(
             f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
             "leave error_rate out."
         )
     return replace(fitted, choice=choice, confidence=confidence, own_confidence=own)
-
-
-def _whole(
-    windows: WindowSet, answers: FoldAnswers, seed: int, progress: Callable[[str, int, int], None] | None
-) -> tuple[RecordingModel, RecordingTrial] | None:
-    """Heads on whole recordings, and what they said of the recordings that the folds left out."""
-    if progress is not None:
-        progress("listening to whole recordings", 0, 1)
-    with one_thread():
-        return fit_recordings(windows, answers, seed)
 
 
 def _confidence(

@@ -272,7 +272,8 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     predicted = likeliest_class(probability)
     finite = np.where(predicted[:, None] < 0, 0.0, probability)
     right = predicted == target
-    recording, group = np.unique(test.recording_id, return_inverse=True)
+    recording, first, group = np.unique(test.recording_id, return_index=True, return_inverse=True)
+    rows = [pooled_probabilities(probability[group == index]) for index in range(recording.size)]
     confusion = _confusion(target, predicted, len(classes))
     normal = [index for index, name in enumerate(classes) if is_healthy(name)]
     present = np.unique(target)
@@ -295,7 +296,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
         n_recordings=int(recording.size),
         accuracy=float(right.mean()),
         accuracy_interval=interval,
-        recording_accuracy=_recording_accuracy(target, probability, group),
+        recording_accuracy=float(np.mean(likeliest_class(np.stack(rows)) == target[first])),
         recall=dict(zip(classes, recall.tolist(), strict=True)),
         confusion=confusion,
         cells=_cells(test, right),
@@ -326,18 +327,6 @@ def _confusion(
     confusion: np.ndarray = confusion_matrix(target, predicted, labels=np.arange(n_classes))
     without = np.bincount(target[predicted < 0], minlength=n_classes)
     return np.column_stack([confusion, without]) if without.any() else confusion
-
-
-def _recording_accuracy(
-    target: Int[np.ndarray, " window"],
-    probability: Float[np.ndarray, "window class"],
-    group: Int[np.ndarray, " window"],
-) -> float:
-    hits = []
-    for index in range(int(group.max()) + 1):
-        members = group == index
-        hits.append(int(likeliest_class(pooled_probabilities(probability[members]))) == int(target[members][0]))
-    return float(np.mean(hits))
 
 
 def _cells(test: WindowSet, right: np.ndarray) -> tuple[CellScore, ...]:

@@ -203,7 +203,7 @@ class HealthyLevels:
         )
 
     def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
-        """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError` where there is none."""
+        """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError` without any."""
         return self.levels[self.point_index == self._point_of(recording)[0]]
 
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:

@@ -173,23 +173,14 @@ class BiTCN(Network):
             raise InputError(
                 f"BiTCN needs as many dilations ({len(dilations)}) as channels ({len(channels)}), and one."
             )
-        super().__init__(
-            n_channels=n_channels,
-            n_classes=n_classes,
-            kernel_size=kernel_size,
-            channels=channels,
-            dilations=dilations,
-            dropout=dropout,
-            reduction=reduction,
-            stride=stride,
-            causal=causal,
-            attention=attention,
-            bidirectional=bidirectional,
-        )
         unit = {
             "kernel_size": kernel_size, "dropout": dropout, "reduction": reduction, "causal": causal,
             "attention": attention,
         }  # fmt: skip
+        super().__init__(
+            n_channels=n_channels, n_classes=n_classes, channels=channels, dilations=dilations, stride=stride,
+            bidirectional=bidirectional, **unit,
+        )  # fmt: skip
         self.positive = Branch(n_channels, channels, dilations, stride=stride, **unit)
         self.inverse = Branch(n_channels, channels, dilations, stride=stride, **unit) if bidirectional else None
         self.skip = nn.Conv1d(n_channels, channels[-1], stride, stride=stride)

@@ -93,16 +93,9 @@ class LevelNetwork(SolvedNetwork):
         if axis == "order" and not turns:
             raise InputError(f"{self.name}: axis 'order' needs turns, those of the shaft per sample; state the speed.")
         super().__init__(
-            n_channels=n_channels,
-            n_classes=n_classes,
-            axis=axis,
-            shape=shape,
-            heads=heads,
-            turns=turns,
-            hidden=hidden,
-            dropout=dropout,
-            noise=noise,
-        )
+            n_channels=n_channels, n_classes=n_classes, axis=axis, shape=shape, heads=heads, turns=turns, hidden=hidden,
+            dropout=dropout, noise=noise,
+        )  # fmt: skip
         self.response = gain_response(self.uses_speed)
         """`gain_response` of a channel's levels."""
 
@@ -168,7 +161,7 @@ class LevelNetwork(SolvedNetwork):
     def mean_gradient(
         self, levels: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
     ) -> tuple[Float64[np.ndarray, "window level"], Float64[np.ndarray, " window"]]:
-        """(mean gradient on the straight way from 0 to `levels`, change on it) of a class's score less that of its rival.
+        """(mean gradient on the straight way from 0, change on it) of a class's score less that of its rival.
 
         `levels` are as `encode` gives them, `steps` the points of the midpoint rule.
         """
@@ -206,11 +199,12 @@ class LevelNetwork(SolvedNetwork):
         """This network with the weights of a saved one; a `ValueError` where they are of another shape."""
         n_levels, hidden = self.n_channels * len(self.response), self.settings["hidden"]
         needed: dict[str, tuple[int, ...]] = {"mean": (n_levels,), "deviation": (n_levels,)}
-        if "discriminant" in self.settings["heads"]:
-            needed |= {"discriminant": (self.n_classes, n_levels), "discriminant.bias": (self.n_classes,)}
-        if "hidden" in self.settings["heads"]:
-            needed |= {"hidden": (hidden, n_levels), "hidden.bias": (hidden,)}
-            needed |= {"output": (self.n_classes, hidden), "output.bias": (self.n_classes,)}
+        layers = {"discriminant": (self.n_classes, n_levels), "hidden": (hidden, n_levels)}
+        layers = {head: layers[head] for head in self.settings["heads"]}
+        if "hidden" in layers:
+            layers["output"] = (self.n_classes, hidden)
+        for name, shape in layers.items():
+            needed |= {name: shape, f"{name}.bias": shape[:1]}
         require_shapes(needed, weights)
         self.weights = dict(weights)
         return self

@@ -37,7 +37,6 @@ class Network(Configured, nn.Module):
     """
 
     has_gradients: ClassVar[bool] = True
-    """Whether its answer can be traced to bands (`explain`)."""
     head: nn.Module
     """Last layer, features to one score per class."""
 

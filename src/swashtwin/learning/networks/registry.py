@@ -187,7 +187,7 @@ def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The network has no setting of that name (the nearest is offered), or its value is of another kind than the default.
+        The network has no setting of that name (the nearest is offered), or the value is of another kind.
     """
     defaults = default_settings(kind)
     checked = {}

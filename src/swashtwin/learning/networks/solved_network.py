@@ -14,6 +14,8 @@ class Configured:
 
     name: ClassVar[str]
     """Key in the registry; saved models name their network by it."""
+    has_gradients: ClassVar[bool] = False
+    """Whether its answer can be traced to bands (`explain`)."""
     settings: dict[str, Any]
     """Arguments that build this network again: numbers, words, and tuples of these."""
 
@@ -65,9 +67,6 @@ class SolvedNetwork(Configured):
     InputError
         A whole number among the settings is below 1, or `dropout` is no share.
     """
-
-    has_gradients: ClassVar[bool] = False
-    """Whether its answer can be traced to bands (`explain`)."""
 
     def __init__(self, **settings: Any) -> None:
         require_sizes(self.name, settings)

@@ -23,9 +23,7 @@ class Forest:
     threshold: Float[np.ndarray, " node"]
     """A row goes left where its value is at most this."""
     left: Int[np.ndarray, " node"]
-    """Node on the left; a leaf names itself."""
-    right: Int[np.ndarray, " node"]
-    """Node on the right, likewise."""
+    """Node on the left; a leaf names itself. The node on the right follows it."""
     probability: Float[np.ndarray, "node class"]
     """Share of each class among the training rows that came to a node, classes weighted alike."""
 
@@ -35,7 +33,7 @@ class Forest:
         rows = np.arange(len(values))[:, None]
         while (inner := self.column[node] >= 0).any():
             goes_left = values[rows, np.maximum(self.column[node], 0)] <= self.threshold[node]
-            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
+            node = np.where(inner, self.left[node] + ~goes_left, node)
         return node
 
     def predict_proba(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row class"]:
@@ -68,7 +66,7 @@ class Forest:
             raise ValueError("a node of its trees leads out of them")
         probability = np.full((column.size, of_leaves.shape[1]), 1 / of_leaves.shape[1])
         probability[leaf] = of_leaves / of_leaves.sum(axis=1, keepdims=True)
-        return cls(root, column, threshold, left, np.where(leaf, nodes, left + 1), probability)
+        return cls(root, column, threshold, left, probability)
 
 
 def forest_of(fitted: Any, n_classes: int) -> Forest:
@@ -80,11 +78,10 @@ def forest_of(fitted: Any, n_classes: int) -> Forest:
         parts.append(_in_pairs(tree, first))
         roots.append(first)
         first += tree.node_count
-    column, threshold, left, right, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
-    column, left, right = (part.astype(np.int64) for part in (column, left, right))
+    column, threshold, left, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
     of_all = np.zeros((len(probability), n_classes))
     of_all[:, fitted.classes_] = probability
-    return Forest(np.array(roots), column, threshold, left, right, of_all)
+    return Forest(np.array(roots), column.astype(np.int64), threshold, left.astype(np.int64), of_all)
 
 
 def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
@@ -98,14 +95,11 @@ def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
     position = np.empty(len(order), dtype=np.int64)
     position[order] = np.arange(len(order))
     leaf = left[order] < 0
-    nodes = np.arange(len(order))
-    lefts = np.where(leaf, nodes, position[left[order]])
     probability = tree.value[order, 0]
     return (
         np.where(leaf, -1, tree.feature[order]),
         np.where(leaf, 0.0, _not_above(tree.threshold[order])),
-        first + lefts,
-        first + np.where(leaf, nodes, lefts + 1),
+        first + np.where(leaf, np.arange(len(order)), position[left[order]]),
         probability / probability.sum(axis=1, keepdims=True),
     )
 

@@ -17,7 +17,7 @@ from swashtwin.learning.recordings.recording_levels import (
 )
 from swashtwin.learning.recordings.recording_model import HEAD_NAMES, Heads, RecordingModel, fit_heads, joint
 from swashtwin.learning.training.confidence import fit_pooling
-from swashtwin.learning.training.train_transforms import with_noise
+from swashtwin.learning.training.settings import with_noise
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import is_healthy
 from swashtwin.signals import NoiseKind

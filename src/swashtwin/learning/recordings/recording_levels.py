@@ -76,7 +76,7 @@ class RecordingLevels:
         return list(pairwise(edges.tolist()))
 
     def measure(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float32[np.ndarray, "channel level"]:
-        """Levels of a recording [dB of the squared unit; of envelopes dB] at a shaft frequency [Hz]; NaN without orders."""
+        """Levels of a recording [dB of the squared unit; of envelopes dB] at a shaft frequency [Hz or NaN]."""
         length = min(self.length, signal.shape[1])
         starts = range(0, signal.shape[1] - length + 1, max(1, length - length // 2))
         power = np.mean([self._powers(signal[:, start : start + length], shaft) for start in starts], axis=0)

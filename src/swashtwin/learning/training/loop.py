@@ -27,8 +27,7 @@ from swashtwin.foundation import (
 )
 from swashtwin.learning.networks.network import Network, batches
 from swashtwin.learning.training.classifier import TOGETHER, Normalization
-from swashtwin.learning.training.settings import Epoch, TrainingSettings
-from swashtwin.learning.training.train_transforms import transform_windows
+from swashtwin.learning.training.settings import Epoch, TrainingSettings, transform_windows
 from swashtwin.learning.windows.window_set import WindowSet
 
 _KIND, _VERSION = "training checkpoint", 4

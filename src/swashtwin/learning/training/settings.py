@@ -1,12 +1,18 @@
-"""How a network is trained, and the loss of each epoch."""
+"""How a network is trained: settings, transforms of windows drawn anew in each epoch, and its losses."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from typing import Any, get_args
 
-from swashtwin.foundation import InputError
-from swashtwin.signals import NoiseKind
+import numpy as np
+from jaxtyping import Float32, Int
+from scipy.ndimage import map_coordinates
+
+from swashtwin.foundation import InputError, stream
+from swashtwin.learning.windows.window_set import WindowSet
+from swashtwin.signals import NoiseKind, unit_noise
 
 NORMALIZATIONS = ("window", "set", "none")
 """Over what the mean and the deviation are taken that windows are scaled by; see `Normalization`."""
@@ -17,14 +23,8 @@ DECAYS = ("none", "cosine")
 PRECISIONS = ("float32", "bfloat16")
 """Number formats of the network in training."""
 
-_TRANSFORMS: Mapping[str, Any] = {
-    "noise_snr": None,
-    "noise_kinds": ("white",),
-    "noise_share": 0.5,
-    "gain": 0.0,
-    "stretch": 0.0,
-}
-"""Settings that transform windows within an epoch, each with the value that leaves them as they are."""
+_OFTEN_USUAL = ("noise_snr", "noise_kinds", "noise_share", "gain", "stretch", "precision")
+"""Settings that are written only where they differ from their defaults."""
 
 _WIDEST, _LOUDEST = 0.2, 40.0
 """Largest change of speed [1], and of gain [dB], that are still the same machine and sensor."""
@@ -54,7 +54,7 @@ class TrainingSettings:
     differ between machines, and between twin and machine; it hides what a fault does to the overall level."""
     noise_snr: float | None = None
     """Least signal-to-noise ratio [dB] of the noise that windows of each epoch get, drawn anew
-    (`train_transforms.with_noise`); None adds none."""
+    (`with_noise`); None adds none."""
     noise_kinds: Sequence[NoiseKind] = ("white",)
     """Kinds of that noise (`signals.add_noise`); each window gets one of them, all alike likely."""
     noise_share: float = field(default=0.5, repr=False)
@@ -63,7 +63,7 @@ class TrainingSettings:
     """Largest gain and loss [dB] of each channel of half the windows of each epoch, drawn anew; 0 for none."""
     stretch: float = 0.0
     """Largest change of speed, relative, of half the windows of each epoch, drawn anew, as if the shaft turned a little
-    faster or slower (`train_transforms.at_other_speeds`); 0 for none."""
+    faster or slower (`at_other_speeds`); 0 for none."""
     precision: str = field(default="float32", repr=False)  # finished runs of earlier versions are found by the repr
     """``"bfloat16"`` lets convolutions and dense layers compute in 16 bits while they are trained (torch's autocast):
     faster where the processor has such instructions. Weights, losses and predictions stay in 32 bits."""
@@ -107,8 +107,8 @@ class TrainingSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Settings as JSON can hold them, without the transforms that change nothing and the usual precision."""
-        values, usual = asdict(self), {**_TRANSFORMS, "precision": PRECISIONS[0]}
-        return {name: value for name, value in values.items() if name not in usual or value != usual[name]}
+        usual = {item.name: item.default for item in fields(self) if item.name in _OFTEN_USUAL}
+        return {name: value for name, value in asdict(self).items() if name not in usual or value != usual[name]}
 
     def learning_rate_in(self, epoch: int) -> float:
         """Learning rate in `epoch`, the first being 1."""
@@ -138,3 +138,97 @@ class Epoch:
     """Mean cross-entropy over the training windows, while the weights move."""
     accuracy: float
     """Share of the training windows classified right, while the weights move."""
+
+
+RANGE = 25.0
+"""Width of the range of signal-to-noise ratios [dB], above the least one."""
+
+_NOISE = "disturbance"  # name of the random stream of the noise
+
+Samples = Float32[np.ndarray, "window channel time"]
+Change = Callable[[Samples, float, np.random.Generator], Samples]
+
+
+def transform_windows(
+    windows: WindowSet, settings: TrainingSettings, seed: int, epoch: int
+) -> tuple[Int[np.ndarray, " changed"], WindowSet]:
+    """(indices of the windows that an epoch changes, these windows as it uses them).
+
+    Each transform of `settings` acts on a random half of the windows, noise on `noise_share` of them: `stretch` first,
+    then `gain`, then `noise_snr`, in the order in which machine, sensor and cable act.
+    """
+    signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
+    for purpose, width, change in _active_transforms(settings, windows.sample_rate):
+        rng = stream(seed, purpose, epoch)
+        share = settings.noise_share if purpose == _NOISE else 0.5
+        which = np.flatnonzero(rng.random(len(windows)) < share)
+        if not len(which):
+            continue
+        signal = signal.copy() if signal is windows.signal else signal
+        signal[which] = change(signal[which], width, rng)
+        changed[which] = True
+    indices = np.flatnonzero(changed)
+    return indices, replace(windows.subset(indices), signal=signal[indices])
+
+
+def with_noise(
+    signal: Samples,
+    least_snr: float,
+    rng: np.random.Generator,
+    kinds: Sequence[NoiseKind] = ("white",),
+    sample_rate: float = 0.0,
+) -> Samples:
+    """The windows with noise, each at a ratio of its own, uniform in dB from the least to 25 dB above.
+
+    The signal's power is the variance of the window per channel, not of the recording as in tests
+    (docs/explanation/method.md, "Noise"): a synthetic window has no recording. Of several `kinds` each window gets one,
+    drawn; hum needs the sample rate [Hz].
+    """
+    ratio = least_snr + RANGE * rng.random((len(signal), 1, 1), dtype=np.float32)
+    scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
+    if tuple(kinds) == ("white",):
+        return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(np.float32)
+    noisy, kind_index = signal.copy(), rng.integers(len(kinds), size=len(signal))
+    for index, kind in enumerate(kinds):
+        which = np.flatnonzero(kind_index == index)
+        noise = unit_noise(signal[which].shape, rng, kind, sample_rate).astype(np.float32)
+        noisy[which] += scale[which] * noise
+    return noisy
+
+
+def with_gains(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
+    """The windows with each channel louder or quieter, uniform in dB up to the largest ("scaling", DOI
+    10.1145/3136755.3136817).
+    """
+    gain = largest * rng.uniform(-1, 1, (*signal.shape[:2], 1))
+    return (signal * 10 ** (gain / 20)).astype(np.float32)
+
+
+def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -> Samples:
+    """The windows as a shaft a little faster or slower would give them, by a share uniform within the largest.
+
+    Time is stretched about the window's middle; what a window lacks at its ends is mirrored. Frequencies of the
+    structure move with those of the shaft, which on a machine they do not.
+    """
+    middle = (signal.shape[-1] - 1) / 2
+    time = np.arange(signal.shape[-1]) - middle
+    positions = middle + (1 + largest * rng.uniform(-1, 1, (len(signal), 1))) * time
+    return np.stack(
+        [
+            [map_coordinates(channel, position[None], order=3, mode="mirror") for channel in window]
+            for window, position in zip(signal, positions, strict=True)
+        ]
+    )
+
+
+def _active_transforms(settings: TrainingSettings, sample_rate: float) -> list[tuple[str, float, Change]]:
+    """(name of its random stream, largest change, function) of each transform in the settings, in order."""
+    active: list[tuple[str, float, Change]] = []
+    if settings.stretch:
+        active.append(("stretch", settings.stretch, at_other_speeds))
+    if settings.gain:
+        active.append(("gain", settings.gain, with_gains))
+    if settings.noise_snr is not None:
+        noisy = partial(with_noise, kinds=settings.noise_kinds, sample_rate=sample_rate)
+        active.append((_NOISE, settings.noise_snr, noisy))
+    return active

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
+from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import (
     BLOCK,
     Manifest,
@@ -29,23 +29,20 @@ _WHOLE = 1 << 21
 def cut_windows(
     recordings: Iterable[Recording],
     *,
-    length: int | None = None,
+    length: int,
     stride: int | None = None,
-    like: WindowSet | None = None,
     classes: Sequence[str] | None = None,
     allow_partial_revolution: bool = False,
 ) -> WindowSet:
     """Windows of equal length, in the recordings' order; samples left over at a recording's end are dropped.
 
-    Give either `length` or `like`. Cut first and split afterwards: the split keeps each recording
-    on one side, however the windows overlap.
+    Cut first and split afterwards: the split keeps each recording on one side, however the windows overlap.
 
     Parameters
     ----------
     recordings : in memory or in their files: these are read in blocks, and only windows are kept.
     length : samples per window.
     stride : samples from one window's start to the next one's; the default, `length`, lets none overlap.
-    like : windows whose length and classes are taken over, and whose sample rate, channels and unit must be met.
     classes : class names in the order wanted, such as ``faults.CLASSES``; by default the labels found, sorted.
     allow_partial_revolution : accept windows shorter than one turn of the shaft. Not advised: such a window sees
         some pistons only, and its label may rest on a part of the turn where the fault is silent.
@@ -68,12 +65,14 @@ def cut_windows(
     if not recordings:
         raise DataError("no recording to cut windows from; check the folder or the selection.")
     require_distinct((recording.recording_id for recording in recordings), "a training and its test")
-    length = _window_length(length, like)
+    if length < 2:
+        raise InputError(f"a window of {length} sample(s) is too short to learn from; length counts samples.")
     stride = length if stride is None else stride
     if stride < 1:
         raise InputError(f"stride ({stride} samples) must be at least 1; {length} lets no window overlap.")
-    _require_one_layout(recordings, length, like)
-    classes = _class_order(recordings, like.classes if classes is None and like is not None else classes)
+    for finding in layout_findings(recordings):
+        raise DataError(finding.message)
+    classes = _class_order(recordings, classes)
     _require_long_enough(recordings, length, allow_partial_revolution)
     parts: list[Float32[np.ndarray, "_window channel time"]] = []
     content: dict[str, tuple[str, ...]] = {}
@@ -119,27 +118,6 @@ def _read_once(recording: Recording) -> Recording:
     if recording.n_samples * recording.n_channels <= _WHOLE:
         recording.signal  # noqa: B018 - stays in memory
     return recording
-
-
-def _window_length(length: int | None, like: WindowSet | None) -> int:
-    if (length is None) is (like is None):
-        raise InputError("give either length (samples) or like (a window set).")
-    wanted = like.length if like is not None else length or 0
-    if wanted < 2:
-        raise InputError(f"a window of {wanted} sample(s) is too short to learn from; length counts samples.")
-    return wanted
-
-
-def _require_one_layout(recordings: Sequence[Recording], length: int, like: WindowSet | None) -> None:
-    for finding in layout_findings(recordings):
-        raise DataError(finding.message)
-    first = recordings[0]
-    layout = WindowLayout(float(first.sample_rate), first.channels, first.unit, length)
-    if like is not None and (difference := like.layout.difference(layout)):
-        raise DataError(
-            f"the example windows and {first.recording_id} do not fit together: {difference}; "
-            "resample, or pick the channels."
-        )
 
 
 def _class_order(recordings: Sequence[Recording], classes: Sequence[str] | None) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def test_noise_is_added_to_the_whole_recording_before_windows_are_cut(
     name = str(clean.recording_id[0])
     recording = next(recording for recording in recordings if recording.recording_id == name)
     expected = replace(recording, signal=add_noise(recording.signal, 5.0, 3, name))
-    cut = cut_windows([expected], like=clean, stride=1)
+    cut = cut_windows([expected], length=clean.length, classes=clean.classes, stride=1)
     for index in np.flatnonzero(clean.recording_id == name):
         np.testing.assert_array_equal(noisy.signal[index], cut.signal[clean.start[index]])
     power = recording.signal.var(axis=1) / (expected.signal - recording.signal).var(axis=1)

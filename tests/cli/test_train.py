@@ -94,7 +94,7 @@ def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason
     ("words", "reason"),
     [
         (("bitcn", "--set", "epochs=0"), "epochs (0) must be at least 1"),
-        (("bitcn", "--set", "normalization=guess"), "normalization 'guess' is none of"),
+        (("bitcn", "--set", "normalization=guess"), "normalization (guess) must be one of"),
         (("bi_tcn",), "Did you mean 'bitcn'"),
     ],
 )

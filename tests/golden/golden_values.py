@@ -119,7 +119,7 @@ def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     others = [recording for recording in plant if recording.specimen == "C" and recording.label in windows.classes]
     network = build_network("extra_trees", windows.n_channels, len(windows.classes), trees=20)
     trees = fit(network, windows, settings=TrainingSettings(epochs=1, normalization="none"), seed=0)
-    return trees.predict_proba(every_tenth(cut_windows(others, like=windows))).tolist()
+    return trees.predict_proba(every_tenth(cut_windows(others, length=2048, classes=windows.classes))).tolist()
 
 
 def facts_of(windows: WindowSet) -> dict[str, Any]:

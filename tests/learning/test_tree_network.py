@@ -10,7 +10,7 @@ from tree_models import fit_trees
 
 from swashtwin.diagnosis import FaultClassifier, export_onnx, load_classifier, save_classifier
 from swashtwin.foundation import derive_seed
-from swashtwin.learning import WindowSet, build_network, cut_windows, extract_features
+from swashtwin.learning import WindowSet, build_network, cut_windows, feature_values
 from swashtwin.recordings import Recording
 
 KINDS = ("extra_trees", "random_forest")
@@ -29,9 +29,9 @@ def windows(seed: int = 0, length: int = 96) -> WindowSet:
 def test_the_trees_answer_as_those_of_scikit_learn() -> None:
     train, test = windows(), windows(1)
     peer = ExtraTreesClassifier(20, random_state=derive_seed(3, "extra trees") % 2**32)
-    peer.fit(extract_features(train).values, train.target)
+    peer.fit(feature_values(train.signal), train.target)
     answer = fit_trees(train, 20, seed=3).predict_proba(test)
-    np.testing.assert_allclose(answer, peer.predict_proba(extract_features(test).values), atol=1e-7)
+    np.testing.assert_allclose(answer, peer.predict_proba(feature_values(test.signal)), atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", KINDS)

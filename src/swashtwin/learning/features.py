@@ -1,7 +1,6 @@
 """Vibration features and levels of windows: what an analyst would compute before any network."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -79,35 +78,14 @@ OF_ENVELOPE = [TIME_STATISTICS.index(name) for name in ENVELOPE_STATISTICS]
 """Their places among the `TIME_STATISTICS`."""
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureTable:
-    """Features of each window, and what each column is."""
-
-    values: Float[np.ndarray, "window feature"]
-    """One row per window."""
-    names: tuple[str, ...]
-    """Name of each column: channel, part, feature."""
-
-
-def extract_features(windows: WindowSet) -> FeatureTable:
-    """The features of each window, channel after channel.
-
-    Examples
-    --------
-    >>> from swashtwin.recordings.recording import Recording
-    >>> from swashtwin.learning import cut_windows
-    >>> noise = np.random.default_rng(0).normal(size=(1, 1024))
-    >>> table = extract_features(cut_windows([Recording(noise, 1e4, "a")], length=512))
-    >>> table.values.shape, table.names[2]
-    ((2, 82), 'acceleration time rms')
-    """
-    return FeatureTable(feature_values(windows.signal), feature_names(windows.channels))
-
-
 def feature_values(
     signal: Float[np.ndarray, "window channel time"],
 ) -> Float64[np.ndarray, "window feature"]:
-    """`extract_features` of the samples of windows."""
+    """Vibration features of each window, channel after channel: 82 each, named by `feature_names`.
+
+    12 statistics of the time signal, the energies of 32 logarithmic frequency bands, 6 statistics of the envelope, and
+    the energies of 32 logarithmic bands of the envelope's spectrum.
+    """
     parts = []
     for samples in signal.transpose(1, 0, 2).astype(np.float64):
         envelope = signal_envelope(samples - samples.mean(axis=1, keepdims=True))

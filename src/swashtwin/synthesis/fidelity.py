@@ -16,7 +16,7 @@ from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
 from swashtwin.foundation import DataError, InputError, derive_seed
-from swashtwin.learning import WindowSet, extract_features
+from swashtwin.learning import WindowSet, feature_names, feature_values
 from swashtwin.signals import power_density
 
 _FOLDS = 5
@@ -30,7 +30,7 @@ class TellingFeature:
     """A vibration feature by which synthetic windows differ from measured ones."""
 
     name: str
-    """Channel, part, feature, as `extract_features` names it."""
+    """Channel, part, feature, as `feature_names` names it."""
     auroc: float
     """AUROC of this feature alone, above 0.5 in either direction."""
     shift: float
@@ -136,12 +136,11 @@ def _levels(windows: WindowSet, pistons: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[TellingFeature, ...]:
     """The features with the highest AUROC, each alone."""
-    tables = [extract_features(windows) for windows in (measured, synthetic)]
-    real, synthesized = (table.values for table in tables)
+    real, synthesized = (feature_values(windows.signal) for windows in (measured, synthetic))
     ranks = rankdata(np.concatenate([real, synthesized]), axis=0)[len(real) :].sum(axis=0)
     auroc = (ranks - len(synthesized) * (len(synthesized) + 1) / 2) / (len(synthesized) * len(real))
     shift = (synthesized.mean(axis=0) - real.mean(axis=0)) / np.maximum(real.std(axis=0), 1e-12)
-    columns = zip(tables[0].names, np.maximum(auroc, 1 - auroc).tolist(), shift.tolist(), strict=True)
+    columns = zip(feature_names(measured.channels), np.maximum(auroc, 1 - auroc).tolist(), shift.tolist(), strict=True)
     features = [TellingFeature(*column) for column in columns]
     return tuple(sorted(features, key=lambda feature: -feature.auroc)[:_TELLING])
 
@@ -178,7 +177,7 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
             "at least."
         )
     is_synthetic = np.repeat([0, 1], [len(measured), len(synthetic)])
-    values = np.concatenate([extract_features(windows).values for windows in (measured, synthetic)])
+    values = np.concatenate([feature_values(windows.signal) for windows in (measured, synthetic)])
     tree_seed = derive_seed(seed, "discriminator") % 2**32
     trees = ExtraTreesClassifier(100, class_weight="balanced", random_state=tree_seed, n_jobs=1)
     split = StratifiedGroupKFold(folds, shuffle=True, random_state=tree_seed)

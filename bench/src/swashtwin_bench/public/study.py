@@ -17,7 +17,7 @@ from swashtwin.learning import (
     NETWORKS,
     RECOMMENDED_TRAINING,
     cut_windows,
-    extract_features,
+    feature_values,
     unseen_recordings,
 )
 from swashtwin.recordings import Recording, usual_window
@@ -191,7 +191,7 @@ def trial_at_random(split: Split, seed: int) -> Trial:
     windows = cut_windows(recordings, length=usual_window(recordings), allow_partial_revolution=True)
     trees = ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
     folds = StratifiedKFold(5, shuffle=True, random_state=seed)
-    predicted = cross_val_predict(trees, extract_features(windows).values, windows.label, cv=folds)
+    predicted = cross_val_predict(trees, feature_values(windows.signal), windows.label, cv=folds)
     values = dict.fromkeys(METRICS, np.nan) | {
         "balanced_accuracy": float(balanced_accuracy_score(windows.label, predicted)),
         "floor": split.floor,

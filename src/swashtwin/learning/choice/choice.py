@@ -46,11 +46,7 @@ class Candidate:
         'shapes at orders, disturbed training, average'
         """
         kind = f"{'shapes' if self.shape else 'levels'} {'at orders' if self.axis == 'order' else 'in hertz'}"
-        head = (
-            "average"
-            if len(self.heads) > 1
-            else {"discriminant": "discriminant", "hidden": "hidden layer"}[self.heads[0]]
-        )
+        head = "average" if len(self.heads) > 1 else self.heads[0].replace("hidden", "hidden layer")
         return f"{kind}, {'disturbed' if self.training != CLEAN_TRAINING else 'clean'} training, {head}"
 
     @property
@@ -61,11 +57,6 @@ class Candidate:
         had 0.98 and 0.80, the first of the declared order 0.96 and 0.73.
         """
         return len(self.heads) == 1, self.shape, self.training == CLEAN_TRAINING, self.axis != "order"
-
-    @property
-    def representation(self) -> tuple[str, bool, TrainingSettings]:
-        """What candidates of the same invariance share: all but the heads."""
-        return self.axis, self.shape, self.training
 
     def network_settings(self, turns: float) -> Mapping[str, Any]:
         """Settings of its `LevelNetwork`, for a shaft that turns so far per sample."""

@@ -1,7 +1,6 @@
 """`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence, `score_confidence` tests it."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -246,9 +245,6 @@ class ConfidenceScores:
     unknown_auroc: float
     """Area under the curve of the out-of-distribution score, recordings of untrained classes against the rest; NaN
     where there are none."""
-    class_coverage: Mapping[str, float]
-    """Coverage of each class that was tested: the error rate is meant for each class with validation recordings enough
-    of its own, and for the others together (`Confidence.class_groups`)."""
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers that JSON can hold; NaN becomes None."""
@@ -307,10 +303,6 @@ def score_confidence(
         set_size=float(in_set.sum(axis=1).mean()),
         called_unknown=float(np.mean(confidence.ood_p_value(answers.ood_score) <= rate)),
         unknown_auroc=math.nan if foreign is None else _auroc(answers, recording_answers(classifier, foreign)),
-        class_coverage={
-            classifier.classes[index]: float(covered[answers.target == index].mean())
-            for index in np.unique(answers.target)
-        },
     )
 
 

@@ -1,4 +1,4 @@
-"""Levels of a machine's healthy recordings by operating point: what a new recording is compared with."""
+"""Levels of a machine's healthy recordings by operating point: what new ones are compared with, and the odd ones."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.learning.healthy.levels import MOST_ORDERS, LevelLayout
+from swashtwin.learning.healthy.levels import Deviation, LevelLayout, level_layout
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values, values_match
 from swashtwin.recordings import (
     Manifest,
@@ -20,6 +20,8 @@ from swashtwin.recordings import (
     stated_pressure,
     stated_speed,
 )
+
+Point = tuple[str | float | None, ...]
 
 LEAST_SPREAD = 1.0
 """Standard deviation [dB] that every level has at least: mounting and temperature move it so much, whatever was
@@ -86,30 +88,8 @@ LEAST_HEALTHY = 5
 """Healthy recordings that levels are compared with at least: of fewer, no spread can be told."""
 USUAL_ERROR_RATE = 0.05
 """False-alarm rate of a detector where none is asked for and the recordings allow it."""
-_TURNS = 8
-"""Revolutions in each segment where the speed is known, so that eight spectral lines lie from order to order."""
-_SEGMENT = 8192
-"""Samples of each segment otherwise, at most."""
 _SHORTEST = 0.5
 """Length of a recording over that of the shortest healthy one, at least: levels of a shorter one scatter more."""
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """How far a recording is from the healthy ones of its machine at its operating point."""
-
-    score: float
-    """Nonconformity score: squared Mahalanobis distance, up to a factor."""
-    p_value: float
-    """Conformal p-value: chance that a healthy recording is as far, 1 / (n + 1) at least."""
-    change: Float64[np.ndarray, " level"]
-    """Change [dB] of each level from the mean of the healthy ones."""
-    spreads: Float64[np.ndarray, " level"]
-    """The same over the standard deviation of such a difference between healthy recordings."""
-    point: str
-    """Machine and operating point whose healthy recordings it was compared with, in words; empty for the only one."""
-    notes: tuple[str, ...]
-    """What was assumed, since the recording does not state it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +128,17 @@ class HealthyLevels:
         return len(self.levels)
 
     @cached_property
-    def points(self) -> tuple[tuple[str | float, ...], ...]:
-        """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point."""
-        return tuple(dict.fromkeys(map(_point_key, self.specimen, self.speed.tolist(), self.pressure.tolist())))
+    def points(self) -> tuple[Point, ...]:
+        """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point; None where not stated."""
+        return tuple(dict.fromkeys(self._keys()))
 
     @cached_property
     def point_index(self) -> Int64[np.ndarray, " recording"]:
         """Index of each recording's point."""
-        index = {key: number for number, key in enumerate(self.points)}
-        keys = map(_point_key, self.specimen, self.speed.tolist(), self.pressure.tolist())
-        return np.array([index[key] for key in keys], dtype=np.int64)
+        return np.array([self.points.index(key) for key in self._keys()], dtype=np.int64)
+
+    def _keys(self) -> list[Point]:
+        return list(map(_point_key, self.specimen, self.speed.tolist(), self.pressure.tolist()))
 
     def deviation(self, recording: Recording) -> Deviation:
         """How far a recording is from the healthy ones.
@@ -185,7 +166,7 @@ class HealthyLevels:
         members = self.levels[self.point_index == index]
         change = levels - members.mean(axis=0)
         scatter = robust_spread(self.levels, self.point_index) * math.sqrt(1 + 1 / len(members))
-        words = self._words(index) if len(self.points) > 1 else ""
+        words = _words(self.points[index]) if len(self.points) > 1 else ""
         p_value = conformal_p_value(scores)
         return Deviation(float(scores[-1]), p_value, change, change / scatter, words, notes)
 
@@ -208,35 +189,33 @@ class HealthyLevels:
 
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
         """Index of a recording's point, and notes on what it does not state."""
-        stated = (recording.specimen or "", *_stated_point(recording))
+        point = _point_key(recording.specimen or "", *_stated_point(recording))
         left, missing = list(range(len(self.points))), []
         for part, (noun, tolerance) in enumerate(_FACTS):
-            matching = [index for index in left if _may_match(self.points[index][part], stated[part], tolerance)]
-            if not matching:
-                others = dict.fromkeys(_fact_words(part, self.points[index][part]) for index in left)
-                where = f"{'of' if part == 0 else 'at the'} {noun} {_fact_words(part, stated[part])}"
+            stated, known = point[part], [self.points[index][part] for index in left]
+            exact = [index for index, fact in zip(left, known, strict=True) if _agree(fact, stated, tolerance)]
+            if not exact:
+                exact = [index for index, fact in zip(left, known, strict=True) if fact is None or stated is None]
+            if not exact:
+                others = dict.fromkeys(_fact_words(part, fact) for fact in known)
+                where = f"{'of' if part == 0 else 'at the'} {noun} {_fact_words(part, stated)}"
                 raise DataError(
                     f"no healthy recording is {where} ({', '.join(others)} {'were' if len(others) > 1 else 'was'} "
                     "recorded), so nothing can be said about this one."
                 )
-            exact = [index for index in matching if _is_missing(self.points[index][part]) == _is_missing(stated[part])]
-            left = exact or matching
-            if _is_missing(stated[part]) and not all(_is_missing(self.points[index][part]) for index in left):
+            left = exact
+            if stated is None and any(self.points[index][part] is not None for index in left):
                 missing.append(noun)
         if len(left) > 1:
             raise DataError(
                 f"healthy recordings are of {len(left)} machines and operating points ("
-                f"{'; '.join(self._words(index) for index in left[:6])}), and {recording.recording_id} does not state "
-                f"its {' and '.join(missing)}; state {'them' if len(missing) > 1 else 'it'} in an index, or the speed "
-                "and the pressure with --speed and --pressure."
+                f"{'; '.join(_words(self.points[index]) for index in left[:6])}), and {recording.recording_id} does "
+                f"not state its {' and '.join(missing)}; state {'them' if len(missing) > 1 else 'it'} in an index, or "
+                "the speed and the pressure with --speed and --pressure."
             )
         if not missing:
             return left[0], ()
-        return left[0], (f"It does not state its {' and '.join(missing)}; {self._words(left[0])} was assumed.",)
-
-    def _words(self, index: int) -> str:
-        facts = [_fact_words(part, value) for part, value in enumerate(self.points[index]) if not _is_missing(value)]
-        return ", ".join(facts) or "no operating point stated"
+        return left[0], (f"It does not state its {' and '.join(missing)}; {_words(self.points[left[0]])} was assumed.",)
 
 
 _FACTS = (("specimen", 0.0), ("speed", SPEED_TOLERANCE), ("pressure", PRESSURE_TOLERANCE))
@@ -273,13 +252,10 @@ def measure_healthy(
     facts = np.array([_stated_point(recording) for recording in distinct]).reshape(-1, 2)
     speed = merge_close_values(facts[:, 0], SPEED_TOLERANCE)
     pressure = merge_close_values(facts[:, 1], PRESSURE_TOLERANCE)
-    keys = [
-        _point_key(recording.specimen or "", *pair)
-        for recording, *pair in zip(distinct, speed.tolist(), pressure.tolist(), strict=True)
-    ]
+    specimens = [recording.specimen or "" for recording in distinct]
+    keys = list(map(_point_key, specimens, speed.tolist(), pressure.tolist()))
     for key in dict.fromkeys(key for key in keys if keys.count(key) == 1):
-        words = ", ".join(_fact_words(part, value) for part, value in enumerate(key) if not _is_missing(value))
-        notes.append(f"{distinct[keys.index(key)].recording_id} is the only one at {words} and is left out.")
+        notes.append(f"{distinct[keys.index(key)].recording_id} is the only one at {_words(key)} and is left out.")
     used = [index for index, key in enumerate(keys) if keys.count(key) > 1]
     if len(used) < LEAST_HEALTHY:
         raise DataError(
@@ -287,39 +263,23 @@ def measure_healthy(
             f"machine and operating point; {LEAST_HEALTHY} are needed at least, and 20 for a false-alarm rate of "
             f"0.05. {' '.join(notes)}".rstrip()
         )
-    layout, reason = level_layout([distinct[index] for index in used])
+    kept = [distinct[index] for index in used]
+    layout, reason = level_layout(kept)
     rows = []
-    for number, index in enumerate(used):
+    for number, recording in enumerate(kept):
         if progress is not None:
-            progress(number, len(used))
-        rows.append(layout.measure(distinct[index]))
+            progress(number, len(kept))
+        rows.append(layout.measure(recording))
     healthy = HealthyLevels(
         layout=layout,
         levels=np.stack(rows),
-        specimen=tuple(distinct[index].specimen or "" for index in used),
+        specimen=tuple(recording.specimen or "" for recording in kept),
         speed=speed[used],
         pressure=pressure[used],
-        shortest=min(distinct[index].n_samples for index in used),
-        manifest={distinct[index].recording_id: manifest[distinct[index].recording_id] for index in used},
+        shortest=min(recording.n_samples for recording in kept),
+        manifest={recording.recording_id: manifest[recording.recording_id] for recording in kept},
     )
     return healthy, (*notes, *reason)
-
-
-def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
-    """(levels that all of one or more recordings of one layout allow, why orders are not among them)."""
-    first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
-    shafts = [stated_speed(recording) for recording in recordings]
-    stated = [shaft for shaft in shafts if shaft]
-    segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
-    if len(stated) < len(shafts):
-        reason = f"{recordings[shafts.index(None)].recording_id} states no speed"
-    elif shortest / first.sample_rate * min(stated) < _TURNS:
-        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {_TURNS} turns"
-    else:
-        segment = min(round(_TURNS * first.sample_rate / min(stated)), shortest)
-        n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
-    notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
-    return LevelLayout(float(first.sample_rate), first.channels, first.unit, segment, n_orders), notes
 
 
 def _stated_point(recording: Recording) -> tuple[float, float]:
@@ -327,25 +287,111 @@ def _stated_point(recording: Recording) -> tuple[float, float]:
     return 2 * math.pi * (stated_speed(recording) or math.nan), stated_pressure(recording)
 
 
-def _point_key(specimen: str, speed: float, pressure: float) -> tuple[str | float, ...]:
-    """Key of a point; all NaN are one object, so that they are equal."""
-    return specimen, math.nan if math.isnan(speed) else speed, math.nan if math.isnan(pressure) else pressure
+def _agree(first: str | float | None, second: str | float | None, tolerance: float) -> bool:
+    if isinstance(first, float) and isinstance(second, float):
+        return bool(values_match(first, second, tolerance))
+    return first == second
 
 
-def _is_missing(value: str | float) -> bool:
-    return not value if isinstance(value, str) else math.isnan(value)
+def _point_key(specimen: str, speed: float, pressure: float) -> Point:
+    return specimen or None, *(None if math.isnan(value) else value for value in (speed, pressure))
 
 
-def _may_match(first: str | float, second: str | float, tolerance: float) -> bool:
-    """Whether two facts agree, or one is not stated."""
-    if _is_missing(first) or _is_missing(second):
-        return True
-    if isinstance(first, str) or isinstance(second, str):
-        return first == second
-    return bool(values_match(first, second, tolerance))
+def _words(point: Point) -> str:
+    facts = [_fact_words(part, value) for part, value in enumerate(point) if value is not None]
+    return ", ".join(facts) or "no operating point stated"
 
 
-def _fact_words(part: int, value: str | float) -> str:
-    if isinstance(value, str):
-        return value
+def _fact_words(part: int, value: str | float | None) -> str:
+    if value is None or isinstance(value, str):
+        return value or ""
     return f"{value * 30 / math.pi:.4g} rev/min" if part == 1 else f"{value / 1e6:.3g} MPa"
+
+
+MOST_ODD = 0.2
+"""Share of the recordings that is left out at most: more of them are no exception but another state of the machine."""
+_SPREADS, _LEAST_SPREAD = 6.0, 0.1
+"""A recording is odd where the cube root of its score is so many standard deviations above the median of the usual
+ones; the deviation is at least so much of the median. Cube roots of chi-squares are nearly normal (Wilson and Hilferty
+1931)."""
+
+
+def usual_recordings(
+    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+) -> Bool[np.ndarray, " recording"]:
+    """Which recordings, two or more of each point, are alike; the others are odd.
+
+    From the half of each point that is nearest to the point's median the usual ones grow and shrink (as in Rousseeuw
+    and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until each has a score below the limit against the
+    other usual ones, and no other recording has. So odd recordings cannot hide one another. A point of which one
+    recording would be left is odd as a whole.
+    """
+    usual = _central_half(levels, point)
+    for _ in range(len(levels)):
+        scores = scores_against(levels, point, usual)
+        root = np.cbrt(scores)
+        middle = np.median(root[usual])
+        deviation = max(1.4826 * np.median(np.abs(root[usual] - middle)), _LEAST_SPREAD * middle)
+        near = root <= middle + _SPREADS * deviation
+        near &= np.bincount(point[near], minlength=point.max() + 1)[point] > 1
+        if np.array_equal(near, usual) or not near.any():
+            break
+        usual = near
+    return usual
+
+
+def scores_against(
+    levels: Float[np.ndarray, "recording level"],
+    point: Int[np.ndarray, " recording"],
+    usual: Bool[np.ndarray, " recording"],
+) -> Float64[np.ndarray, " recording"]:
+    """Nonconformity score of each recording against the usual ones without it; infinite where its point has none."""
+    scores = np.full(len(levels), np.inf)
+    scores[usual] = nonconformity_scores(levels[usual], point[usual])
+    count = np.bincount(point[usual], minlength=point.max() + 1)[point]
+    other = ~usual & (count > 0)
+    means = np.stack([levels[usual & (point == own)].mean(axis=0) for own in point[other]] or [levels[0]])
+    change = (levels[other] - means[: other.sum()]) * np.sqrt(count / (count + 1))[other, None]
+    scores[other] = _distance(levels[usual], point[usual], change)
+    return scores
+
+
+def least_rise(
+    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"], error_rate: float
+) -> float:
+    """Rise of a single level [dB] that lifts a usual recording to an alarm, in the median of the levels.
+
+    The score is quadratic in the change: x² w = s - m, with w the score of a rise by 1 dB, s the score that an alarm
+    takes at the false-alarm rate, and m the median score of the recordings.
+    """
+    scores = np.sort(nonconformity_scores(levels, point))
+    needed = scores[-max(1, int(error_rate * (len(levels) + 1) + 1e-9))]
+    rise = _distance(levels, point, np.eye(levels.shape[1]))
+    return float(np.median(np.sqrt((needed - np.median(scores)) / rise)))
+
+
+def _distance(
+    levels: Float[np.ndarray, "recording level"],
+    point: Int[np.ndarray, " recording"],
+    change: Float[np.ndarray, "other level"],
+) -> Float64[np.ndarray, " other"]:
+    """Squared Mahalanobis distance of changes [dB], each of the variance of one recording: `nonconformity_scores`."""
+    spread, ridge = robust_spread(levels, point), (len(levels) + 1) * RIDGE
+    residual, scaled = point_residuals(levels, point)[0] / spread, change / spread
+    along = residual @ scaled.T
+    inner = np.linalg.solve(residual @ residual.T + ridge * np.eye(len(residual)), along)
+    return np.asarray(((scaled**2).sum(axis=1) - (along * inner).sum(axis=0)) / ridge)
+
+
+def _central_half(
+    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+) -> Bool[np.ndarray, " recording"]:
+    """The recordings of each point that are nearest to its median in all levels together: more than half."""
+    change = levels - np.stack([np.median(levels[point == own], axis=0) for own in point])
+    spread = np.sqrt(np.median(np.abs(change), axis=0) ** 2 + 1)
+    distance = ((change / spread) ** 2).sum(axis=1)
+    central = np.zeros(len(levels), dtype=bool)
+    for own in np.unique(point):
+        members = np.flatnonzero(point == own)
+        central[members[np.argsort(distance[members])][: len(members) // 2 + 1]] = True
+    return central

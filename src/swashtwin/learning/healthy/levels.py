@@ -1,7 +1,7 @@
 """Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its envelope."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -27,6 +27,10 @@ _STRETCH = 1 << 18
 """Samples of a channel that are transformed together; a longer recording is read in such stretches."""
 _FAINTEST = 1e-12
 """Power of a level over that of its channel, at least: the converter's steps are far above it."""
+_TURNS = 8
+"""Revolutions in each segment where the speed is known, so that eight spectral lines lie from order to order."""
+_SEGMENT = 8192
+"""Samples of each segment otherwise, at most."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,24 @@ class LevelLayout(WindowLayout):
             yield stop - start, power_density(pair, self.sample_rate, self.length)[1]
 
 
+@dataclass(frozen=True)
+class Deviation:
+    """How far a recording is from the healthy ones of its machine at its operating point."""
+
+    score: float
+    """Nonconformity score: squared Mahalanobis distance, up to a factor."""
+    p_value: float
+    """Conformal p-value: chance that a healthy recording is as far, 1 / (n + 1) at least."""
+    change: Float64[np.ndarray, " level"]
+    """Change [dB] of each level from the mean of the healthy ones."""
+    spreads: Float64[np.ndarray, " level"]
+    """The same over the standard deviation of such a difference between healthy recordings."""
+    point: str
+    """Machine and operating point whose healthy recordings it was compared with, in words; empty for the only one."""
+    notes: tuple[str, ...]
+    """What was assumed, since the recording does not state it."""
+
+
 def _hertz(value: float) -> str:
     return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
@@ -165,3 +187,20 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
         del edges[-1]
     edges[-1] = n_lines + 0.5
     return np.array(edges)
+
+
+def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
+    """(levels that all of one or more recordings of one layout allow, why orders are not among them)."""
+    first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
+    shafts = [stated_speed(recording) for recording in recordings]
+    stated = [shaft for shaft in shafts if shaft]
+    segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
+    if len(stated) < len(shafts):
+        reason = f"{recordings[shafts.index(None)].recording_id} states no speed"
+    elif shortest / first.sample_rate * min(stated) < _TURNS:
+        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {_TURNS} turns"
+    else:
+        segment = min(round(_TURNS * first.sample_rate / min(stated)), shortest)
+        n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
+    notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
+    return LevelLayout(float(first.sample_rate), first.channels, first.unit, segment, n_orders), notes

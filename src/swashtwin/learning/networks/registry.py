@@ -44,7 +44,10 @@ def network_class(name: str) -> Any:
     MissingExtraError
         The network needs torch, which is not installed.
     """
-    if not has_network(name):
+    if name not in NETWORKS:
+        for entry in entry_points(group=_ENTRY_POINTS, name=name):
+            register_network(name, entry.load())
+    if name not in NETWORKS:
         near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
         hint = f" Did you mean {near[0]!r}?" if near else ""
         raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
@@ -107,14 +110,6 @@ def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Mo
                 "give further arguments defaults."
             ) from None
         NETWORKS[name] = type(name, (OwnModule,), {"name": name, "build": staticmethod(network)})
-
-
-def has_network(name: str) -> bool:
-    """Whether a network has this name, be it registered or offered by the entry point of a package."""
-    if name not in NETWORKS:
-        for entry in entry_points(group=_ENTRY_POINTS, name=name):
-            register_network(name, entry.load())
-    return name in NETWORKS
 
 
 def build_network(

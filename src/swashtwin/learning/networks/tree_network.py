@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import derive_seed
-from swashtwin.learning.features import feature_values
+from swashtwin.learning.features import feature_names, feature_values
 from swashtwin.learning.networks.solved_network import SolvedNetwork
 
 
@@ -44,11 +44,7 @@ class Forest:
         """Its arrays by name, as narrow as they may be; the shares of classes in a leaf as numbers of type `share`."""
         narrow = {"root": np.int32, "column": np.int16, "threshold": np.float32, "left": np.int32}
         arrays = {name: getattr(self, name).astype(kind) for name, kind in narrow.items()}
-        leaf = self.column < 0
-        return {
-            **arrays,
-            "leaf_probability": self.probability[leaf].astype(share),
-        }
+        return {**arrays, "leaf_probability": self.probability[self.column < 0].astype(share)}
 
     @classmethod
     def of_tensors(cls, tensors: dict[str, np.ndarray]) -> "Forest":
@@ -158,11 +154,8 @@ class ExtraTrees(SolvedNetwork):
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "ExtraTrees":
         """These trees with the nodes of saved ones; a `ValueError` where those contradict each other."""
         forest = Forest.of_tensors(dict(weights))
-        columns, n_columns = (
-            int(forest.column.max(initial=-1)),
-            self.represent_at(np.zeros((1, self.n_channels, 16), dtype=np.float32), np.zeros(1)).shape[1],
-        )
-        if forest.probability.shape[1] != self.n_classes or columns >= n_columns:
+        n_columns = len(feature_names([""] * self.n_channels))
+        if forest.probability.shape[1] != self.n_classes or forest.column.max(initial=-1) >= n_columns:
             raise ValueError("its trees do not fit the classes and channels")
         self.weights, self.forest = dict(weights), forest
         return self

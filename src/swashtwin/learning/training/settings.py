@@ -69,36 +69,25 @@ class TrainingSettings:
     faster where the processor has such instructions. Weights, losses and predictions stay in 32 bits."""
 
     def __post_init__(self) -> None:
-        if self.epochs < 1:
-            raise InputError(f"epochs ({self.epochs}) must be at least 1.")
-        if self.batch_size < 2:
-            raise InputError(
-                f"batch_size ({self.batch_size}) must be at least 2: networks scale by the deviation within a batch."
-            )
-        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
-            raise InputError(f"learning_rate ({self.learning_rate:g}) must be a positive number, such as 1e-3.")
-        choices = {"decay": DECAYS, "normalization": NORMALIZATIONS, "precision": PRECISIONS}
-        for name, options in choices.items():
-            if getattr(self, name) not in options:
-                raise InputError(f"{name} {getattr(self, name)!r} is none of {', '.join(options)}.")
-        self._require_transforms()
-
-    def _require_transforms(self) -> None:
-        if not 0 <= self.stretch <= _WIDEST:
-            raise InputError(f"stretch ({self.stretch:g}) must be between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed.")
-        if not 0 <= self.gain <= _LOUDEST:
-            raise InputError(f"gain ({self.gain:g}) must be between 0 and {_LOUDEST:g} dB; 3 is usual.")
         object.__setattr__(self, "noise_kinds", tuple(self.noise_kinds))
-        unknown = [kind for kind in self.noise_kinds if kind not in get_args(NoiseKind)]
-        if unknown or not self.noise_kinds:
-            raise InputError(
-                f"noise_kinds ({', '.join(map(str, self.noise_kinds)) or 'none'}) are some of "
-                f"{', '.join(get_args(NoiseKind))}."
-            )
-        if not 0 < self.noise_share <= 1:
-            raise InputError(f"noise_share ({self.noise_share:g}) must be above 0 and at most 1; 0.5 is half.")
-        if self.noise_snr is not None and not math.isfinite(self.noise_snr):
-            raise InputError(f"noise_snr ({self.noise_snr:g}) must be a finite ratio in dB, such as 0.")
+        kinds, snr = get_args(NoiseKind), self.noise_snr
+        for name, fits, right in (
+            ("epochs", self.epochs >= 1, "at least 1"),
+            ("batch_size", self.batch_size >= 2, "at least 2: networks scale by the deviation within a batch"),
+            ("learning_rate", 0 < self.learning_rate < math.inf, "a positive number, such as 1e-3"),
+            ("decay", self.decay in DECAYS, f"one of {', '.join(DECAYS)}"),
+            ("normalization", self.normalization in NORMALIZATIONS, f"one of {', '.join(NORMALIZATIONS)}"),
+            ("precision", self.precision in PRECISIONS, f"one of {', '.join(PRECISIONS)}"),
+            ("stretch", 0 <= self.stretch <= _WIDEST, f"between 0 and {_WIDEST:g}; 0.02 is 2 % of the speed"),
+            ("gain", 0 <= self.gain <= _LOUDEST, f"between 0 and {_LOUDEST:g} dB; 3 is usual"),
+            ("noise_kinds", self.noise_kinds and set(self.noise_kinds) <= {*kinds}, f"some of {', '.join(kinds)}"),
+            ("noise_share", 0 < self.noise_share <= 1, "above 0 and at most 1; 0.5 is half"),
+            ("noise_snr", snr is None or math.isfinite(snr), "a finite ratio in dB, such as 0"),
+        ):
+            if not fits:
+                value = getattr(self, name)
+                shown = f"{value:g}" if isinstance(value, float) else value
+                raise InputError(f"{name} ({shown}) must be {right}.")
         if self.gain and self.normalization == "window":
             raise InputError(
                 "gain would change nothing, since normalization 'window' takes each window's own level away; take "
@@ -143,8 +132,6 @@ class Epoch:
 RANGE = 25.0
 """Width of the range of signal-to-noise ratios [dB], above the least one."""
 
-_NOISE = "disturbance"  # name of the random stream of the noise
-
 Samples = Float32[np.ndarray, "window channel time"]
 Change = Callable[[Samples, float, np.random.Generator], Samples]
 
@@ -158,9 +145,16 @@ def transform_windows(
     then `gain`, then `noise_snr`, in the order in which machine, sensor and cable act.
     """
     signal, changed = windows.signal, np.zeros(len(windows), dtype=bool)
-    for purpose, width, change in _active_transforms(settings, windows.sample_rate):
+    noisy = partial(with_noise, kinds=settings.noise_kinds, sample_rate=windows.sample_rate)
+    transforms: dict[str, tuple[float | None, float, Change]] = {
+        "stretch": (settings.stretch or None, 0.5, at_other_speeds),
+        "gain": (settings.gain or None, 0.5, with_gains),
+        "disturbance": (settings.noise_snr, settings.noise_share, noisy),
+    }
+    for purpose, (width, share, change) in transforms.items():
+        if width is None:
+            continue
         rng = stream(seed, purpose, epoch)
-        share = settings.noise_share if purpose == _NOISE else 0.5
         which = np.flatnonzero(rng.random(len(windows)) < share)
         if not len(which):
             continue
@@ -219,16 +213,3 @@ def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -
             for window, position in zip(signal, positions, strict=True)
         ]
     )
-
-
-def _active_transforms(settings: TrainingSettings, sample_rate: float) -> list[tuple[str, float, Change]]:
-    """(name of its random stream, largest change, function) of each transform in the settings, in order."""
-    active: list[tuple[str, float, Change]] = []
-    if settings.stretch:
-        active.append(("stretch", settings.stretch, at_other_speeds))
-    if settings.gain:
-        active.append(("gain", settings.gain, with_gains))
-    if settings.noise_snr is not None:
-        noisy = partial(with_noise, kinds=settings.noise_kinds, sample_rate=sample_rate)
-        active.append((_NOISE, settings.noise_snr, noisy))
-    return active

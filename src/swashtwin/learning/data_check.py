@@ -44,7 +44,6 @@ class ClassCount:
     condition: str
     """Operating condition in words, or ``"-"`` where none is stated."""
     recordings: int
-    """How many recordings."""
     specimens: tuple[str, ...]
     """On which specimens; empty where none is stated."""
     seconds: float
@@ -56,7 +55,6 @@ class Use:
     """One thing that the recordings may serve."""
 
     name: str
-    """What it is."""
     state: State
     """Whether they suffice."""
     is_required: bool

@@ -75,7 +75,6 @@ _N_SHAPE, _N_LINES, _LINE_SHARE, _N_LEVEL_BANDS = 5, 72, 0.08, 48
 ENVELOPE_STATISTICS = ("mean", "deviation", "rms", "skewness", "kurtosis", "crest_factor")
 """Those of the envelope |x - m + i H(x - m)|, H being the Hilbert transform over the window."""
 OF_ENVELOPE = [TIME_STATISTICS.index(name) for name in ENVELOPE_STATISTICS]
-"""Their places among the `TIME_STATISTICS`."""
 
 
 def feature_values(

@@ -23,7 +23,6 @@ class Graph:
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
         self.dtype = dtype
-        """Type of the numbers."""
 
     def constant(self, value: Any, dtype: Any = None) -> str:
         """Name of an array that the file holds."""
@@ -44,7 +43,11 @@ class Graph:
 
     def mean(self, x: str) -> str:
         """Mean over the last axis, which stays as one entry."""
-        return self("ReduceMean", x, self.constant([-1], np.int64), keepdims=1)
+        return self.reduced("Mean", x)
+
+    def reduced(self, kind: str, x: str, keep: int = 1) -> str:
+        """Mean, sum or greatest entry over the last axis, which stays as one entry where it is to be kept."""
+        return self(f"Reduce{kind}", x, self.constant([-1], np.int64), keepdims=keep)
 
     def part(self, x: str, first: int, last: int | None = None, axis: int = -1) -> str:
         """Entries `first` to `last` of an axis."""
@@ -54,14 +57,6 @@ class Graph:
     def log10(self, x: str) -> str:
         """Decadic logarithm."""
         return self("Mul", self("Log", x), 1 / math.log(10))
-
-    def sum(self, x: str) -> str:
-        """Sum over the last axis, which goes."""
-        return self("ReduceSum", x, self.constant([-1], np.int64), keepdims=0)
-
-    def largest(self, x: str) -> str:
-        """Largest entry of the last axis, which stays as one entry."""
-        return self("ReduceMax", x, self.constant([-1], np.int64), keepdims=1)
 
     def analytic(self, spectrum: str, length: int, first: int, last: int) -> str:
         """Analytic signal of the lines `first` to `last` of a transform; its two parts are a further axis."""
@@ -181,7 +176,7 @@ def _levels(graph: Graph, network: LevelNetwork, x: str, length: int, turns: str
     spectrum = graph.transform(x)
     for above in levels_of.ENVELOPE_FROM:
         analytic = graph.analytic(spectrum, length, math.floor(above * (length // 2)) + 1, length // 2)
-        square = graph.sum(graph("Mul", analytic, analytic))
+        square = graph.reduced("Sum", graph("Mul", analytic, analytic), keep=0)
         envelope = graph("Sqrt", graph("Add", square, 1e-12))
         mean = graph.mean(envelope)
         moving = graph("Sub", envelope, mean)
@@ -201,7 +196,7 @@ def _spectrum_levels(
 ) -> list[str]:
     """Shape of the waveform, levels of narrow lines, levels of logarithmic bands."""
     lines = graph.part(graph.transform(graph("Mul", x, hann_taper(length))), 1, axis=2)
-    power = graph("Div", graph.sum(graph("Mul", lines, lines)), float(length))
+    power = graph("Div", graph.reduced("Sum", graph("Mul", lines, lines), keep=0), float(length))
     n_lines = length // 2
     if turns is None:
         first, last = levels_of.narrow_edges(n_lines, n_narrow, share)
@@ -220,7 +215,7 @@ def _spectrum_levels(
         graph.log10(deviation),
         graph.mean(graph("Mul", square, z)),
         graph("Log", graph("Add", graph.mean(graph("Mul", square, square)), 1e-3)),
-        graph("Log", graph("Add", graph.largest(magnitude), 1e-3)),
+        graph("Log", graph("Add", graph.reduced("Max", magnitude), 1e-3)),
         graph.mean(magnitude),
         *levels,
     ]
@@ -260,7 +255,8 @@ def _time_statistics(graph: Graph, x: str) -> dict[str, str]:
     mean, magnitude = graph.mean(x), graph("Abs", x)
     moving = graph("Sub", x, mean)
     deviation = graph("Sqrt", graph.mean(graph("Mul", moving, moving)))
-    rms, peak, absolute = graph("Sqrt", graph.mean(graph("Mul", x, x))), graph.largest(magnitude), graph.mean(magnitude)
+    rms, peak = graph("Sqrt", graph.mean(graph("Mul", x, x))), graph.reduced("Max", magnitude)
+    absolute = graph.mean(magnitude)
     standard = graph("Div", moving, graph("Where", graph("Equal", deviation, 0.0), 1.0, deviation))
     square = graph("Mul", standard, standard)
     root = graph.mean(graph("Sqrt", magnitude))
@@ -270,7 +266,8 @@ def _time_statistics(graph: Graph, x: str) -> dict[str, str]:
         return graph("Where", is_zero, 0.0, graph("Div", above, graph("Where", is_zero, 1.0, below)))
 
     columns = (
-        mean, deviation, rms, peak, graph("Add", graph.largest(x), graph.largest(graph("Neg", x))), absolute,
+        mean, deviation, rms, peak, graph("Add", graph.reduced("Max", x), graph.reduced("Max", graph("Neg", x))),
+        absolute,
         graph.mean(graph("Mul", square, standard)), graph.mean(graph("Mul", square, square)), ratio(peak, rms),
         ratio(rms, absolute), ratio(peak, absolute), ratio(peak, graph("Mul", root, root)),
     )  # fmt: skip
@@ -282,6 +279,6 @@ def _band_levels(graph: Graph, x: str, length: int) -> str:
     taper = hann_taper(length)
     moving = graph("Mul", graph("Sub", x, graph.mean(x)), taper)
     lines = graph.part(graph.transform(moving), 1, axis=2)
-    power = graph("Mul", graph.sum(graph("Mul", lines, lines)), 2 / (length * np.sum(taper**2)))
+    power = graph("Mul", graph.reduced("Sum", graph("Mul", lines, lines), keep=0), 2 / (length * np.sum(taper**2)))
     banded = graph("MatMul", power, band_shares(length // 2, features_of.N_BANDS))
     return graph.log10(graph("Max", banded, 1e-30))

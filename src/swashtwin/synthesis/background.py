@@ -78,7 +78,6 @@ class BackgroundNoise:
     """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
 
     like: WindowSet
-    """Measured windows."""
     windows: Int[np.ndarray, " window"]
     """Indices of the windows that one is drawn from."""
     clear: Bool[np.ndarray, " frequency"]

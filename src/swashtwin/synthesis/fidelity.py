@@ -44,15 +44,11 @@ class Fidelity:
     auroc: float | None
     """`discriminative_score`; None where the measured or the synthetic windows are of one recording."""
     spectral_distance_db: Mapping[str, float]
-    """`spectral_distance` of each channel [dB]."""
     features: tuple[TellingFeature, ...]
     """The features that tell most, the first most."""
     n_measured: int
-    """Measured windows compared."""
     n_recordings: int
-    """Recordings that these are of."""
     n_synthetic: int
-    """Synthetic windows."""
     pressures: tuple[float, ...]
     """Discharge pressures of the measured windows [Pa], as far as stated."""
     causes_db: Mapping[str, float]

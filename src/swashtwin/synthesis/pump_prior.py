@@ -187,9 +187,7 @@ class Trouble:
     """What is wrong with a pump in one recording."""
 
     faults: tuple[Fault, ...] = ()
-    """Faults of the twin; two are a compound."""
     impacts: tuple[Impacts, ...] = ()
-    """Impacts that it adds."""
     noise: float = 0.0
     """Logarithm by which it raises the power of the noise floor."""
     unbalance: float = 1.0
@@ -227,13 +225,10 @@ class Troubles:
     """Draws what is wrong in recordings of one pump."""
 
     prior: PumpPrior
-    """Widths."""
     rng: np.random.Generator
-    """Of the pump."""
     program: int
     """0: a twin's pump; 1: its faults strike; 2: they also raise the noise floor."""
     pump: Pump
-    """The pump."""
 
     def of(self, label: str) -> Trouble:
         """What is wrong in a recording of a class."""

@@ -45,9 +45,7 @@ class SyntheticWindows(WindowSet):
     simulate_healthy: Callable[[], WindowSet] | None = None
     """Makes healthy windows with the same twins."""
     pistons: int = 0
-    """Number of pistons of the twins."""
     seed: int = 0
-    """Seed that made them."""
     notes: tuple[str, ...] = ()
     """What cannot be known about whether the twin is of the pump that was measured, in sentences."""
 

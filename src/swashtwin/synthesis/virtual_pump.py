@@ -49,7 +49,6 @@ class VirtualPump:
     rng: np.random.Generator
     drawing: Pump
     highest: int
-    """Highest shaft order."""
 
     def __post_init__(self) -> None:
         prior, rng = self.prior, self.rng
@@ -322,7 +321,6 @@ class OrderChanges:
     change: Float[np.ndarray, "recording channel level"]
     """Level (`OrderBands.levels`), less its mean over the pump's reference recordings."""
     label: Shaped[np.ndarray, " recording"]
-    """Class of each recording."""
     pump: Int[np.ndarray, " recording"]
     """Row of its pump."""
     scatter: Float[np.ndarray, "pump channel level"]

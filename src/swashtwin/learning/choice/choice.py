@@ -4,8 +4,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from swashtwin.foundation import plural
+from swashtwin.learning.networks.level_network import LevelNetwork
 from swashtwin.learning.training.settings import TrainingSettings
+from swashtwin.learning.windows.window_set import WindowSet
 
 CLEAN_TRAINING = TrainingSettings(epochs=1, normalization="set")
 """Training on the windows as they are."""
@@ -58,9 +62,12 @@ class Candidate:
         """
         return len(self.heads) == 1, self.shape, self.training == CLEAN_TRAINING, self.axis != "order"
 
-    def network_settings(self, turns: float) -> Mapping[str, Any]:
-        """Settings of its `LevelNetwork`, for a shaft that turns so far per sample."""
-        return {"axis": self.axis, "shape": self.shape, "heads": self.heads, "turns": turns}
+    def network(self, windows: WindowSet) -> LevelNetwork:
+        """Its untrained network for windows, whose median speed stands where one is not stated."""
+        turns = windows.turns_per_sample
+        usual = float(np.nanmedian(turns)) if np.isfinite(turns).any() else 0.0
+        settings: dict[str, Any] = {"axis": self.axis, "shape": self.shape, "heads": self.heads, "turns": usual}
+        return LevelNetwork(windows.n_channels, len(windows.classes), **settings)
 
 
 CANDIDATES: tuple[Candidate, ...] = tuple(
@@ -78,7 +85,6 @@ class Trial:
     """How one candidate fared on recordings that its training did not see."""
 
     candidate: str
-    """Its name."""
     score: float
     """Mean over the groups of the mean of `clean` and `disturbed`."""
     standard_error: float
@@ -102,7 +108,6 @@ class Choice:
     group: str
     """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty without a trial."""
     n_folds: int
-    """Inner folds."""
     n_windows: int
     """Measured windows that were tested on."""
     reason: str

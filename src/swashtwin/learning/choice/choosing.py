@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
 from swashtwin.learning.choice.choice import CANDIDATES, Candidate, Choice, Trial
-from swashtwin.learning.networks.level_network import LevelNetwork, mean_of_heads
+from swashtwin.learning.networks.level_network import mean_of_heads
 from swashtwin.learning.networks.window_levels import gain_response, levels_along
 from swashtwin.learning.training.classifier import TOGETHER, Normalization
 from swashtwin.learning.training.confidence import likeliest_class
@@ -37,9 +37,7 @@ class FoldAnswers:
     """What the chosen candidate says of measured windows that its fold's training did not see."""
 
     probability: Float64[np.ndarray, "window class"]
-    """Of each class."""
     target: Int64[np.ndarray, " window"]
-    """Index of the class."""
     recording_id: Shaped[np.ndarray, " window"]
     """Recording of each window, in order of time."""
     fold: Int64[np.ndarray, " window"]
@@ -118,12 +116,6 @@ def _possible(candidates: Sequence[Candidate], windows: WindowSet) -> list[Candi
     return [candidate for candidate in candidates if has_orders or candidate.axis != "order"]
 
 
-def usual_turns(windows: WindowSet) -> float:
-    """Median of the turns of the shaft per sample, or 0 where no speed is stated."""
-    turns = windows.turns_per_sample
-    return float(np.nanmedian(turns)) if np.isfinite(turns).any() else 0.0
-
-
 def _sample(windows: WindowSet) -> WindowSet:
     """Measured windows without overlap; of too many the first ones of each recording, in a row, so that the dependence
     between them is that of a recording."""
@@ -175,6 +167,7 @@ def _within_budget(
     return tried, ""
 
 
+_VIEWS = ("clean", "noise", "gain and speed")
 _Levels = Float32[np.ndarray, "window channel level"]
 
 
@@ -184,26 +177,17 @@ class _Views:
 
     def __init__(self, measured: WindowSet, synthetic: WindowSet, axes: Sequence[str], seed: int) -> None:
         self._axes = tuple(dict.fromkeys(axes))
-        self.windows = measured + synthetic
-        self.n_measured = len(measured)
-        self.measured = measured
-        self.synthetic_specimen = synthetic.specimen
+        self.windows, self.measured, self.synthetic = measured + synthetic, measured, synthetic
         self._seed = seed
         self._normalization = Normalization.fit("set", self.windows)
-        self._levels: dict[str, dict[str, _Levels]] = {}
+        views = {"clean": measured, "synthetic": synthetic}
+        noise, moved = (stream(seed, "trial", view) for view in _VIEWS[1:])
+        views["noise"] = replace(measured, signal=_noisy(measured, noise))
+        faster = at_other_speeds(measured.signal, STRETCH, moved)
+        views["gain and speed"] = replace(measured, signal=with_gains(faster, GAIN, moved))
+        self.levels = {name: self._computed(view) for name, view in views.items()}
+        """Levels by view, of the measured windows or those ``"synthetic"``, then by axis."""
         self._changed: dict[TrainingSettings, tuple[list[dict[str, _Levels]], list[np.ndarray]]] = {}
-        self._turns = usual_turns(self.windows)
-
-    def network(self, candidate: Candidate) -> LevelNetwork:
-        """Untrained network of a candidate."""
-        settings = candidate.network_settings(self._turns)
-        return LevelNetwork(self.windows.n_channels, len(self.windows.classes), **settings)
-
-    def levels(self, axis: str, view: str) -> _Levels:
-        """Levels of the measured windows under one of `_VIEWS`, or of those ``"synthetic"``."""
-        if view not in self._levels:
-            self._levels[view] = self._computed(self._viewed(view))
-        return self._levels[view][axis]
 
     def training(self, axis: str, training: TrainingSettings) -> tuple[_Levels, np.ndarray]:
         """(levels of every training pass, index of the window behind each row)."""
@@ -212,21 +196,11 @@ class _Views:
             levels = [self._computed(changed) for which, changed in passes if len(which)]
             self._changed[training] = levels, [which for which, _ in passes if len(which)]
         levels, rows = self._changed[training]
-        clean = self.levels(axis, "clean"), self.levels(axis, "synthetic")
+        clean = self.levels["clean"][axis], self.levels["synthetic"][axis]
         return (
             np.concatenate([*clean, *(part[axis] for part in levels)]),
             np.concatenate([np.arange(len(self.windows)), *rows]),
         )
-
-    def _viewed(self, view: str) -> WindowSet:
-        if view == "synthetic":
-            return self.windows.subset(np.arange(self.n_measured, len(self.windows)))
-        windows, rng = self.measured, stream(self._seed, "trial", view)
-        if view == "noise":
-            return replace(windows, signal=_noisy(windows, rng))
-        if view == "gain and speed":
-            return replace(windows, signal=with_gains(at_other_speeds(windows.signal, STRETCH, rng), GAIN, rng))
-        return windows
 
     def _computed(self, windows: WindowSet) -> dict[str, _Levels]:
         if not len(windows):
@@ -251,9 +225,6 @@ def _noisy(windows: WindowSet, rng: np.random.Generator) -> np.ndarray:
     return signal
 
 
-_VIEWS = ("clean", "noise", "gain and speed")
-
-
 def _answers(
     candidates: list[Candidate],
     views: _Views,
@@ -264,17 +235,17 @@ def _answers(
     """Log-probabilities of the measured windows under each view, by candidate, from the fold that tested them."""
     n_classes = len(views.windows.classes)
     answers = {
-        candidate.name: [np.full((views.n_measured, n_classes), np.nan) for _ in _VIEWS] for candidate in candidates
+        candidate.name: [np.full((len(views.measured), n_classes), np.nan) for _ in _VIEWS] for candidate in candidates
     }
     paths = list(dict.fromkeys((candidate.axis, candidate.training) for candidate in candidates))
     for number, (axis, training) in enumerate(paths):
         tell("trying candidates", number, len(paths))
         levels, rows = views.training(axis, training)
-        tests = [views.levels(axis, view) for view in _VIEWS]
+        tests = [views.levels[view][axis] for view in _VIEWS]
         for shape in dict.fromkeys(c.shape for c in candidates if (c.axis, c.training) == (axis, training)):
             members = [c for c in candidates if (c.axis, c.training, c.shape) == (axis, training, shape)]
             heads = tuple(dict.fromkeys(head for candidate in members for head in candidate.heads))
-            network = views.network(replace(members[0], heads=heads))
+            network = replace(members[0], heads=heads).network(views.windows)
             shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
             for fold, (trained, tested) in enumerate(folds):
                 chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
@@ -291,10 +262,10 @@ def _answers(
 def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
     """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
     all of these where a class would be missing."""
-    others = made_without(views.synthetic_specimen, views.measured.specimen[tested])
-    rows = np.concatenate([trained, views.n_measured + np.flatnonzero(others)])
+    others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
+    rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
     if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
-        rows = np.concatenate([trained, np.arange(views.n_measured, len(views.windows))])
+        rows = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
     return rows
 
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from swashtwin.foundation import InputError, one_thread
-from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose, usual_turns
+from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose
 from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
-from swashtwin.learning.networks.level_network import LevelNetwork
 from swashtwin.learning.recordings.recording_fitting import fit_recordings
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import Confidence, require_enough
@@ -56,9 +55,7 @@ def fit_chosen(
         require_enough(n_recordings, error_rate)
     require_trainable(windows)
     candidate, choice, answers = choose(windows, budget=budget, seed=seed, progress=progress)
-    settings = candidate.network_settings(usual_turns(windows))
-    network = LevelNetwork(windows.n_channels, len(windows.classes), **settings)
-    fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest)
+    fitted = fit(candidate.network(windows), windows, settings=candidate.training, seed=seed, manifest=manifest)
     reference, leaves_out_machines = fitted.training_reference, choice.group == "specimen"
     whole, own = None, None
     if answers is not None and leaves_out_machines:

@@ -37,7 +37,6 @@ class RecordingAnswers:
     probability: Float64[np.ndarray, "recording class"]
     """Probability of each class, from the mean log-probability of the windows."""
     n_windows: Int64[np.ndarray, " recording"]
-    """Windows of each."""
     ood_score: Float64[np.ndarray, " recording"]
     """Out-of-distribution score of each; NaN where the classifier has no training reference."""
 
@@ -225,7 +224,6 @@ class ConfidenceScores:
     """How well a classifier's confidence holds on test recordings; every figure counts recordings."""
 
     n_recordings: int
-    """Test recordings."""
     accuracy: float
     """Share told right."""
     ece_before: float

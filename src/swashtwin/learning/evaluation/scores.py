@@ -177,7 +177,6 @@ class CellScore:
     """Recall in one cell of the test set: one class at one discharge pressure."""
 
     label: str
-    """Class."""
     discharge_pressure: float | None
     """Discharge pressure [Pa], of the operating point; None where none is stated."""
     n_windows: int
@@ -195,11 +194,9 @@ class Scores:
     classes: tuple[str, ...]
     """Declared classes; `recall` and `confusion` follow their order."""
     n_windows: int
-    """Test windows."""
     n_recordings: int
     """Test recordings; the number of independent trials."""
     accuracy: float
-    """Share of the windows classified right."""
     accuracy_interval: tuple[float, float]
     """95 % interval of the accuracy, by bootstrap over the recordings, and no narrower than Wilson's interval for as
     many independent trials as there are recordings: few recordings without an error do not prove that there is none."""
@@ -227,7 +224,6 @@ class Scores:
     """Windows of each class (row) that were given each class (column); where some have no verdict, a last column
     counts these."""
     cells: tuple[CellScore, ...]
-    """Recall by class and discharge pressure."""
     reasons: Mapping[str, str]
     """Why a number is NaN or rests on fewer classes than declared, by its name."""
 
@@ -344,17 +340,13 @@ def _reasons(
     values: dict[str, float],
 ) -> dict[str, str]:
     absent = [name for name, count in zip(classes, confusion.sum(axis=1), strict=True) if not count]
-    reasons = {}
-    if absent:
-        missing = f"no test window of {', '.join(absent)}"
-        names = ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace")
-        reasons = dict.fromkeys(names, missing)
-    for name in ("false_alarm_rate", "missed_fault_rate"):
+    names = ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace") if absent else ()
+    reasons = dict.fromkeys(names, f"no test window of {', '.join(absent)}")
+    has_normal = any(map(is_healthy, classes))
+    rates = {"false_alarm_rate": ("normal", "false-alarm"), "missed_fault_rate": ("faulty", "missed-fault")}
+    for name, (kind, rate) in rates.items():
         if math.isnan(values[name]):
-            kind = "normal" if name == "false_alarm_rate" else "faulty"
-            has_normal = any(is_healthy(label) for label in classes)
-            rate = name.replace("_", "-").removesuffix("-rate") + " rate"
-            reasons[name] = f"no {kind} test window" if has_normal else f"no healthy class, so no {rate}"
+            reasons[name] = f"no {kind} test window" if has_normal else f"no healthy class, so no {rate} rate"
     if math.isnan(values["macro_auroc"]):
         reasons["macro_auroc"] = "every test window is of one class"
     without = int(confusion[:, len(classes) :].sum())

@@ -97,7 +97,6 @@ class HealthyLevels:
     """Levels of healthy recordings, with the machine and the operating point of each; it holds no samples."""
 
     layout: LevelLayout
-    """Which levels."""
     levels: Float64[np.ndarray, "recording level"]
     """Levels of each recording [dB]."""
     specimen: tuple[str, ...]
@@ -109,7 +108,6 @@ class HealthyLevels:
     shortest: int
     """Samples of the shortest recording."""
     manifest: Manifest
-    """The recordings, by id and content."""
 
     def __post_init__(self) -> None:
         count = len(self.specimen)

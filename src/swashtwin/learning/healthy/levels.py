@@ -38,11 +38,9 @@ class Level:
     """What one level is the power of."""
 
     channel: str
-    """Channel."""
     is_envelope: bool
     """Whether it is of the envelope rather than of the signal."""
     order: int | None
-    """Shaft order, or None for a band."""
     low: float
     """Lower edge: in Hz, or in shaft orders for an order."""
     high: float

@@ -97,7 +97,6 @@ class LevelNetwork(SolvedNetwork):
             dropout=dropout, noise=noise,
         )  # fmt: skip
         self.response = gain_response(self.uses_speed)
-        """`gain_response` of a channel's levels."""
 
     @property
     def uses_speed(self) -> bool:

@@ -132,7 +132,6 @@ class ExtraTrees(SolvedNetwork):
     def __init__(self, n_channels: int, n_classes: int, *, trees: int = 300) -> None:
         super().__init__(n_channels=n_channels, n_classes=n_classes, trees=trees)
         self.forest: Forest | None = None
-        """The trees; None before they are grown."""
 
     def represent_at(
         self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]

@@ -1,7 +1,6 @@
 """`fit_recordings`: heads on whole recordings, and how far each is to be believed of a machine not heard."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64
@@ -71,8 +70,10 @@ class _Tables:
         self.table = RecordingTable.measured(layout, windows)
         self.target, self.synthetic = windows.target[first], windows.synthetic[first]
         rng = stream(seed, "noise on recordings")
-        change = partial(_noisy, rng=rng, rate=windows.sample_rate)
-        noisy = levels_of(layout, windows, rows, change)
+        rate = windows.sample_rate
+        noisy = levels_of(
+            layout, windows, rows, lambda stretch: with_noise(stretch[None], _LEAST_SNR, rng, _KINDS, rate)[0]
+        )
         is_normal = np.array([is_healthy(name) for name in windows.classes])
         self.healthy = self.table.only(is_normal[self.target] & ~self.synthetic)
         machines = set(self.healthy.machines())
@@ -96,10 +97,6 @@ class _Tables:
         """Heads found from some recordings and their noisy copies."""
         used = used[np.isfinite(values[:, used]).all(axis=(0, 2))]
         return fit_heads(values[:, used], self.target[used], n_classes, seed)
-
-
-def _noisy(stretch: np.ndarray, rng: np.random.Generator, rate: float) -> np.ndarray:
-    return with_noise(stretch[None], _LEAST_SNR, rng, _KINDS, rate)[0]
 
 
 def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple[RecordingModel, RecordingTrial] | None:

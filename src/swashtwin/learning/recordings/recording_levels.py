@@ -204,13 +204,10 @@ class RecordingTable:
     """Levels of whole recordings, with what is known of each; it holds no samples."""
 
     levels: Float32[np.ndarray, "reference channel level"]
-    """Of each recording."""
     specimen: tuple[str, ...]
-    """Machine of each."""
     condition: Float64[np.ndarray, "reference quantity"]
     """Speed [rad/s] and discharge pressure [Pa] of each, NaN where not stated."""
     recording_id: tuple[str, ...]
-    """The recordings."""
 
     def __post_init__(self) -> None:
         count = len(self.levels)

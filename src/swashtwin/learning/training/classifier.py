@@ -83,11 +83,8 @@ class FittedClassifier:
     normalization: Normalization
     """Scaling before the network, fitted on the training windows."""
     settings: TrainingSettings
-    """How it was trained."""
     seed: int
-    """Seed it was trained with."""
     history: tuple[Epoch, ...]
-    """Loss and accuracy of each epoch."""
     manifest: Manifest
     """Every recording that had a part in it (training, validation, calibration), by id with the hashes of its content;
     none may be tested on."""

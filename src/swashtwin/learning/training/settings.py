@@ -43,7 +43,6 @@ class TrainingSettings:
     batch_size: int = 30
     """Windows per step; a last one of a single window joins the step before."""
     learning_rate: float = 1e-3
-    """Step size of Adam."""
     decay: str = "none"
     """``"none"`` keeps the learning rate, as the paper does; ``"cosine"`` lets it fall to nothing over the epochs (our
     addition), so that the last epoch does not depend on where its last steps jumped."""

@@ -43,9 +43,7 @@ class OutsideFact:
     """A fact of one channel outside the range of the training."""
 
     channel: int
-    """Index of the channel."""
     fact: str
-    """One of `FACTS`."""
     value: float
     """What the recording has [dB]."""
     low: float
@@ -185,7 +183,6 @@ class TrainingReference:
     recording_id: tuple[str, ...]
     """The recordings, in the order of their ids."""
     label: tuple[str, ...]
-    """Class of each."""
     specimen: tuple[str, ...]
     """Machine of each; empty where not stated."""
     condition: Float64[np.ndarray, "reference quantity"]
@@ -266,9 +263,9 @@ def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feat
     names = np.unique(windows.recording_id[~windows.synthetic])
     if not names.size:
         return None
-    names = names[np.unique(np.linspace(0, names.size - 1, min(MOST_RECORDINGS, names.size)).round().astype(np.int64))]
+    names = _spaced(names, MOST_RECORDINGS)
     masks = [(windows.recording_id == name) & ~windows.synthetic for name in names]
-    parts = [windows.subset(_spaced(np.flatnonzero(mask))) for mask in masks]
+    parts = [windows.subset(_spaced(np.flatnonzero(mask), _MOST_WINDOWS)) for mask in masks]
     means = np.stack([features[mask].mean(axis=0) for mask in masks]).astype(np.float32)
     facts = np.stack([signal_facts(part).mean(axis=0) for part in parts])
     usable = np.isfinite(means).all(axis=1) & np.isfinite(facts).all(axis=(1, 2))
@@ -287,9 +284,9 @@ def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feat
     return scaled_reference(reference)
 
 
-def _spaced(rows: Int[np.ndarray, " window"]) -> Int[np.ndarray, " chosen"]:
-    """As many of them as facts are taken from, evenly spaced."""
-    return rows[np.unique(np.linspace(0, rows.size - 1, min(_MOST_WINDOWS, rows.size)).round().astype(np.int64))]
+def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
+    """As many of them at most, evenly spaced."""
+    return rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]
 
 
 def scaled_reference(reference: TrainingReference) -> TrainingReference:

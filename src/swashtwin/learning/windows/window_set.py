@@ -22,9 +22,7 @@ class WindowLayout:
     sample_rate: float
     """Samples per second and channel [Hz]."""
     channels: tuple[str, ...]
-    """Name of each channel, in order."""
     unit: str
-    """Unit of every channel."""
     length: int
     """Samples per window and channel."""
 
@@ -56,7 +54,6 @@ class WindowSet:
     target: Int64[np.ndarray, " window"]
     """Index into `classes`; -1 where the class is not known."""
     classes: tuple[str, ...]
-    """Class names, in the order of the indices."""
     recording_id: Shaped[np.ndarray, " window"]
     """Recording that each window was cut from (strings)."""
     specimen: Shaped[np.ndarray, " window"]
@@ -68,13 +65,11 @@ class WindowSet:
     start: Int64[np.ndarray, " window"]
     """Index in the recording of each window's first sample."""
     synthetic: Bool[np.ndarray, " window"]
-    """Whether a model made it."""
     sample_rate: float
     """Samples per second and channel [Hz]."""
     channels: tuple[str, ...]
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
-    """Unit of every channel."""
     manifest: Manifest = field(default_factory=dict)
     """Recordings that had a part in the windows without standing in them (`swashtwin.recordings.Manifest`):
     those that a twin was calibrated on, and those that lent a synthetic window its noise. Training on the windows is

@@ -13,7 +13,7 @@ from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
 from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, level_between, pooled_probabilities
-from swashtwin.learning.evaluation.scores import accuracy_interval, expected_calibration_error, g_mean_laplace
+from swashtwin.learning.evaluation.scores import accuracy_interval, g_mean_laplace
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
@@ -174,12 +174,6 @@ def test_the_interval_rests_on_recordings_and_not_on_windows():
     assert (round(low, 3), high) == (0.839, 1.0), "20 recordings without an error may come from a share of 84 %"
     assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
     assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
-
-
-def test_the_calibration_error_of_honest_confidence_is_zero():
-    right = np.array([True] * 8 + [False] * 2)
-    assert expected_calibration_error(right, np.full(10, 0.8)) == pytest.approx(0)
-    assert expected_calibration_error(right, np.full(10, 1.0)) == pytest.approx(0.2)
 
 
 def test_synthetic_and_seen_recordings_are_refused_and_named():

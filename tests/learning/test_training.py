@@ -1,9 +1,10 @@
-"""Training: learns, repeats itself bit for bit, and continues bit for bit after an interrupt."""
+"""Training: learns, repeats itself bit for bit, also after an interrupt, and changes windows as it is told."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ from global_state import global_state
 
 from swashtwin.foundation import ArtifactError, DataError, InputError
 from swashtwin.learning import (
+    RANGE,
     BiTCN,
     FittedClassifier,
-    Network,
     Normalization,
     TrainingSettings,
     WindowSet,
@@ -23,6 +24,8 @@ from swashtwin.learning import (
     fit,
 )
 from swashtwin.learning.networks.registry import BUILT_IN
+from swashtwin.learning.training import loop
+from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains
 from swashtwin.recordings import Recording
 
 CLASSES = ("normal", "piston")
@@ -208,44 +211,21 @@ def test_a_loss_that_runs_away_is_an_error_that_names_the_epoch():
         fit(small(), tones(), settings=replace(SHORT, learning_rate=1e30))
 
 
-class Majority(Network):
-    """Scores that do not look at the window, so that the loss alone decides them."""
-
-    name = "majority"
-
-    def __init__(self, n_channels: int, n_classes: int) -> None:
-        super().__init__(n_channels=n_channels, n_classes=n_classes)
-        self.head = torch.nn.Linear(1, n_classes)
-
-    def encode(self, windows: torch.Tensor) -> torch.Tensor:
-        return windows.new_ones(len(windows), 1)
-
-
-@pytest.mark.parametrize(("class_weights", "share"), [(False, 0.8), (True, 0.5)])
-def test_class_weights_let_each_class_count_the_same(class_weights, share):
+def test_class_weights_let_each_class_count_the_same():
     windows = tones(windows=10)
-    remaining = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
-    settings = TrainingSettings(epochs=300, batch_size=25, learning_rate=0.05, class_weights=class_weights)
-    assert fit(Majority(1, 2), remaining, settings=settings).predict_proba(remaining)[0, 0] == pytest.approx(
-        share, abs=0.01
-    )
-
-
-@pytest.mark.parametrize("kind", ["window", "set"])
-def test_normalized_windows_have_mean_0_and_deviation_1_over_what_the_kind_says(kind):
-    windows = tones(gain=7.0)
-    windows = replace(windows, signal=windows.signal * windows.target[:, None, None].astype(np.float32) + 3)
-    noisy = windows.subset(windows.target == 1)
-    scaled = Normalization.fit(kind, noisy).apply(noisy)
-    groups = {"window": np.arange(len(noisy)), "set": np.zeros(len(noisy))}[kind]
-    for name in np.unique(groups):
-        part = scaled[groups == name].astype(float)
-        assert part.mean() == pytest.approx(0, abs=1e-5)
-        assert part.std() == pytest.approx(1, abs=1e-5)
+    few = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
+    network = build_network("bitcn", 1, 2, channels=(2,), dropout=0.0)
+    losses = {fit(network, few, settings=replace(SHORT, class_weights=on)).history[0].loss for on in (True, False)}
+    assert len(losses) == 2
+    assert (torch.bincount(torch.as_tensor(few.target)) * loop._class_weights(few, "cpu")).tolist() == [12.5, 12.5]
 
 
 def test_normalization_per_window_ignores_gain_and_others_keep_it():
     quiet, loud = tones(), tones(gain=1000.0)
+    for kind, axes in (("window", (1, 2)), ("set", None)):
+        scaled = Normalization.fit(kind, loud).apply(loud).astype(float)
+        np.testing.assert_allclose(scaled.mean(axis=axes), 0, atol=1e-5)
+        np.testing.assert_allclose(scaled.std(axis=axes), 1, atol=1e-5)
     per_window = [Normalization.fit("window", w).apply(w) for w in (quiet, loud)]
     np.testing.assert_allclose(*per_window, atol=1e-4)
     np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
@@ -286,6 +266,102 @@ def test_a_training_changes_nothing_that_the_process_shares():
     classifier = fit(build_network("levels", 1, 2), tones(), settings=SHORT)
     classifier.predict_proba(tones())
     assert global_state() == before
+
+
+NOISY = replace(SHORT, noise_snr=0.0, normalization="set")
+
+
+def loud_tones(n_windows: int = 10) -> WindowSet:
+    """Two channels, the second a hundred times as loud and off zero."""
+    time = np.arange(64 * n_windows)
+    recordings = [
+        Recording(
+            np.stack([np.sin(step * time), 100 * np.sin(step * time + 1) + 1e3]),
+            1000.0,
+            f"{label}-{number}",
+            label=label,
+            channels=("x", "y"),
+        )
+        for label, step in (("normal", 0.3), ("piston", 0.9))
+        for number in range(2)
+    ]
+    return cut_windows(recordings, length=64)
+
+
+def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
+    clean = loud_tones(500)
+    before = clean.signal.copy()
+    which, noisy = transform_windows(clean, replace(NOISY, noise_snr=5.0), 0, 1)
+    assert 0.45 < len(which) / len(clean) < 0.55
+    assert np.array_equal(noisy.start, clean.start[which])
+    added = noisy.signal - clean.signal[which]
+    ratio = 10 * np.log10(clean.signal[which].var(axis=-1) / added.var(axis=-1))
+    assert 5.0 - 2 < ratio.min() < 7  # 64 samples tell a variance to a decibel or so
+    assert 3 + RANGE < ratio.max() < 7 + RANGE
+    assert np.abs(np.median(ratio, axis=0) - (5 + RANGE / 2)).max() < 1
+    assert np.abs(ratio[:, 0] - ratio[:, 1]).max() < 6  # one ratio for both channels of a window
+    assert np.array_equal(clean.signal, before)
+
+
+def test_each_channel_has_a_gain_of_its_own_within_the_largest():
+    clean = loud_tones(100).signal
+    gained = with_gains(clean, 3.0, np.random.default_rng(0))
+    gain = 20 * np.log10(gained.std(axis=-1) / clean.std(axis=-1))
+    assert np.abs(gain).max() <= 3.0
+    assert gain.min() < -2.8
+    assert gain.max() > 2.8
+    assert np.abs(np.corrcoef(gain.T)[0, 1]) < 0.2
+
+
+def test_a_faster_shaft_moves_every_line_by_as_much():
+    length, line = 4096, 200
+    tone = np.sin(2 * np.pi * line / length * np.arange(length)).astype(np.float32)
+    taper = np.hanning(length)
+    moved = at_other_speeds(np.tile(tone, (200, 2, 1)), 0.05, np.random.default_rng(0))
+    assert moved.dtype == np.float32
+    shift = np.abs(np.fft.rfft(taper * moved)).argmax(axis=-1) / line - 1
+    assert np.array_equal(shift[:, 0], shift[:, 1])  # sensors of one shaft
+    assert np.abs(shift).max() < 0.05 + 0.005
+    assert shift.min() < -0.04
+    assert shift.max() > 0.04
+    assert np.abs(moved).max() < 1.01
+    still = at_other_speeds(np.tile(tone, (1, 1, 1)), 0.0, np.random.default_rng(0))
+    assert np.allclose(still, tone, atol=1e-5)
+
+
+def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
+    clean = loud_tones(500)
+    before = clean.signal.copy()
+    every = replace(NOISY, noise_snr=40.0, gain=1.0, stretch=0.01)
+    which, changed = transform_windows(clean, every, 0, 1)
+    assert 0.83 < len(which) / len(clean) < 0.92  # 7 of 8
+    assert (changed.signal != clean.signal[which]).any(axis=(1, 2)).all()
+    assert np.array_equal(clean.signal, before)
+    assert len(transform_windows(clean, replace(NOISY, noise_snr=None), 0, 1)[0]) == 0
+    alone = transform_windows(clean, NOISY, 0, 1)[0]
+    assert set(alone.tolist()) <= set(which.tolist())  # what noise falls on does not hang on the others
+    assert not np.array_equal(alone, transform_windows(clean, NOISY, 0, 2)[0])
+    few = clean.subset(np.arange(2))
+    assert {len(transform_windows(few, every, 0, epoch)[0]) for epoch in range(100)} == {0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"noise_snr": float("nan")}, r"noise_snr \(nan\) must be a finite ratio in dB"),
+        ({"epochs": 0}, "epochs"),
+        ({"batch_size": 1}, "batch_size"),
+        ({"learning_rate": 0.0}, "learning_rate"),
+        ({"gain": -1.0}, r"gain \(-1\) must be between 0 and 40 dB"),
+        ({"gain": float("nan")}, r"gain \(nan\) must be between"),
+        ({"stretch": 0.5}, r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed"),
+        ({"stretch": float("nan")}, r"stretch \(nan\)"),
+        ({"gain": 1.0, "normalization": "window"}, "gain would change nothing"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(change: dict[str, Any], message: str):
+    with pytest.raises(InputError, match=message):
+        TrainingSettings(**change)
 
 
 ON_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

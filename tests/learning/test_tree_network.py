@@ -8,7 +8,7 @@ import pytest
 from sklearn.ensemble import ExtraTreesClassifier
 from tree_models import fit_trees
 
-from swashtwin.diagnosis import FaultClassifier, export_onnx, load_classifier, save_classifier
+from swashtwin.diagnosis import export_onnx, load_classifier, save_classifier
 from swashtwin.foundation import derive_seed
 from swashtwin.learning import WindowSet, build_network, cut_windows, feature_values
 from swashtwin.recordings import Recording
@@ -48,14 +48,6 @@ def test_a_saved_file_and_an_onnx_file_answer_as_the_trees(kind: str, length: in
         ["probability"], {"windows": test.signal}
     )[0]
     np.testing.assert_allclose(answer, expected, atol=1e-6)
-
-
-def test_trees_are_named_as_networks_are(tmp_path: Path) -> None:
-    train, test = windows(), windows(1)
-    classifier = FaultClassifier("extra_trees", network_settings={"trees": 7}).fit(train)
-    loaded = FaultClassifier.load(classifier.save(tmp_path / "trees.safetensors"))
-    assert (loaded.network, loaded.network_settings) == ("extra_trees", {"trees": 7})
-    np.testing.assert_array_equal(loaded.predict_proba(test), classifier.predict_proba(test))
 
 
 def test_nodes_that_lead_nowhere_or_back_or_compare_what_is_not_there_are_refused() -> None:

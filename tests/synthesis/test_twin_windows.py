@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tree_models import fit_trees
 from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
 from swashtwin.calibration.unknowns import Unknowns, search_space
-from swashtwin.foundation import InputError, LeakError, MPa, derive_seed, mm, rpm, stream, um
-from swashtwin.learning import WindowSet, cut_windows, evaluate
+from swashtwin.foundation import InputError, MPa, derive_seed, mm, rpm, stream, um
+from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
 from swashtwin.synthesis import (
@@ -66,13 +65,6 @@ def test_a_window_does_not_depend_on_those_made_beside_it(
     np.testing.assert_array_equal(many.signal, chunked.signal)
     np.testing.assert_array_equal(many.recording_id, chunked.recording_id)
     np.testing.assert_array_equal(many.speed[1::2], 60.0)
-
-
-def test_no_score_is_given_on_synthetic_windows(twin: Twin, measured: WindowSet) -> None:
-    trees = fit_trees(measured)
-    synthetic = simulate_windows(twin, count=2, like=measured, seed=0)
-    with pytest.raises(LeakError, match="synthetic"):
-        evaluate(trees, synthetic)
 
 
 def test_without_variation_and_noise_a_window_is_the_twin_s_simulation(twin: Twin, measured: WindowSet) -> None:

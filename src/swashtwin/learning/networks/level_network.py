@@ -150,7 +150,7 @@ class LevelNetwork(SolvedNetwork):
                 levels_seen, layer = np.maximum(self._affine("hidden", levels), 0), "output"
             else:
                 levels_seen, layer = levels, head
-            logarithms[head] = _log_softmax(self._affine(layer, levels_seen).astype(np.float64))
+            logarithms[head] = scipy.special.log_softmax(self._affine(layer, levels_seen).astype(np.float64), axis=1)
         return logarithms
 
     def scores(self, values: Float32[np.ndarray, "window level"]) -> Float64[np.ndarray, "window class"]:
@@ -170,7 +170,9 @@ class LevelNetwork(SolvedNetwork):
         for step in range(steps):
             ways = {head: self._along(head, part, (step + 0.5) / steps) for head, part in inner.items()}
             for chosen, sign in ((label, 1.0), (rival, -1.0)):
-                shares = _log_softmax(np.stack([way[0][:, chosen] for way in ways.values()], axis=1))
+                shares = scipy.special.log_softmax(
+                    np.stack([way[0][:, chosen] for way in ways.values()], axis=1), axis=1
+                )
                 for head, share in zip(names, np.exp(shares).T, strict=True):
                     logarithm, active = ways[head]
                     change = -np.exp(logarithm)
@@ -190,9 +192,10 @@ class LevelNetwork(SolvedNetwork):
         """(log-probabilities of a head at a share of the way from 0, which hidden units are active)."""
         sums = position * inner + self.weights[f"{head}.bias"]
         if head == "discriminant":
-            return _log_softmax(sums), None
+            return scipy.special.log_softmax(sums, axis=1), None
         active = sums > 0
-        return _log_softmax((sums * active) @ self.weights["output"].T + self.weights["output.bias"]), active
+        scores = (sums * active) @ self.weights["output"].T + self.weights["output.bias"]
+        return scipy.special.log_softmax(scores, axis=1), active
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "LevelNetwork":
         """This network with the weights of a saved one; a `ValueError` where they are of another shape."""
@@ -215,11 +218,6 @@ class LevelNetwork(SolvedNetwork):
 def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> Float64[np.ndarray, "window class"]:
     """Logarithm of the mean of probabilities whose logarithms these are."""
     return np.asarray(np.logaddexp.reduce(np.stack(logarithms), axis=0) - np.log(len(logarithms)))
-
-
-def _log_softmax(scores: Float64[np.ndarray, "window class"]) -> Float64[np.ndarray, "window class"]:
-    shifted = scores - scores.max(axis=1, keepdims=True)
-    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
 def discriminant(
@@ -295,9 +293,7 @@ def fit_hidden(
             passing = ((before > 0) & kept) / keep
             active = before * passing
             scores = active @ weights["second"].T + weights["bias"]
-            scores -= scores.max(axis=1, keepdims=True)
-            slope = np.exp(scores)
-            slope /= slope.sum(axis=1, keepdims=True)
+            slope = scipy.special.softmax(scores, axis=1)
             slope[np.arange(len(rows)), target[rows]] -= 1
             share = class_weight[target[rows]]
             slope *= (share / share.sum())[:, None]

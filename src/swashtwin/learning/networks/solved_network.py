@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import InputError
@@ -104,10 +105,7 @@ class SolvedNetwork(Configured):
         values = self.represent_at(windows, turns)
         finite = np.isfinite(values).all(axis=1)
         scores = self.scores(np.where(finite[:, None], values, np.float32(0)))
-        probability = np.exp(scores - scores.max(axis=1, keepdims=True))
-        probability /= probability.sum(axis=1, keepdims=True)
-        probability[~finite] = np.nan
-        return probability
+        return np.where(finite[:, None], scipy.special.softmax(scores, axis=1), np.nan)
 
     def embedding(
         self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, stream
@@ -142,6 +143,4 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
 
 def _temperature(logarithm: np.ndarray, target: np.ndarray) -> float:
     """Temperature of the least cross-entropy of a head's answers."""
-    scaled = np.exp(logarithm - logarithm.max(axis=1, keepdims=True))
-    share = scaled / scaled.sum(axis=1, keepdims=True)
-    return fit_pooling([share[index : index + 1] for index in range(len(share))], target)[0]
+    return fit_pooling(list(scipy.special.softmax(logarithm, axis=1)[:, None]), target)[0]

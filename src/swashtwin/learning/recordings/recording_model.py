@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Float64, Int
 
 from swashtwin.foundation import derive_seed
@@ -49,9 +50,8 @@ class Head:
     ) -> tuple[Float64[np.ndarray, "recording class"], Float64[np.ndarray, "recording class"]]:
         """(logarithms of the discriminant's probabilities, of those of the trees)."""
         scores = ((values - self.mean) / self.deviation) @ self.weight.T + self.bias
-        scores -= scores.max(axis=1, keepdims=True)
-        scores -= np.log(np.exp(scores).sum(axis=1, keepdims=True))
-        return scores, np.log(np.maximum(self._forest.predict_proba(values.astype(np.float32)), _SOFT))
+        of_trees = self._forest.predict_proba(values.astype(np.float32))
+        return scipy.special.log_softmax(scores, axis=1), np.log(np.maximum(of_trees, _SOFT))
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +197,7 @@ def joint(
     for index, (part, temperature) in enumerate(zip(logarithms, temperatures, strict=False)):
         if part is None:
             continue
-        scaled = part / temperature
-        scaled = np.exp(scaled - scaled.max(axis=1, keepdims=True))
-        share = scaled / scaled.sum(axis=1, keepdims=True)
+        share = scipy.special.softmax(part / temperature, axis=1)
         has_say = np.isfinite(share).all(axis=1, keepdims=True) | (index == 0)
         counts = np.where(has_say, _WEIGHTS[index], 0.0)
         total = total + np.where(has_say, share, 0.0) * counts

@@ -198,8 +198,7 @@ def temperature_scaled(
 ) -> Float64[np.ndarray, "*recording class"]:
     """p_c^(1/T) / Σ p^(1/T) along the last axis."""
     logarithm = -nonconformity_scores(probability) / np.asarray(temperature)[..., None]
-    share = np.exp(logarithm - logarithm.max(axis=-1, keepdims=True))
-    return np.asarray(share / share.sum(axis=-1, keepdims=True))
+    return np.asarray(scipy.special.softmax(logarithm, axis=-1))
 
 
 def nonconformity_scores(probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
@@ -222,9 +221,7 @@ def pooled_probabilities(
     without, the recording counts as a single window. The likeliest class is the same. NaN for each class where a window
     has no finite answer.
     """
-    logarithm = np.log(np.maximum(probability, 1e-12)).mean(axis=0)
-    share = np.exp(logarithm - logarithm.max())
-    pooled = share / share.sum()
+    pooled = scipy.special.softmax(np.log(np.maximum(probability, 1e-12)).mean(axis=0))
     return pooled if confidence is None else confidence.temperature_scaled(pooled, len(probability))
 
 

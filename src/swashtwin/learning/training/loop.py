@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from swashtwin.foundation import (
@@ -193,11 +193,7 @@ def _train_epoch(
 
 
 def save_checkpoint(
-    path: Path,
-    run: dict[str, Any],
-    network: nn.Module,
-    optimizer: torch.optim.Optimizer,
-    history: tuple[Epoch, ...],
+    path: Path, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer, history: tuple[Epoch, ...]
 ) -> None:
     """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
     moments = {
@@ -205,12 +201,11 @@ def save_checkpoint(
         for index, state in optimizer.state_dict()["state"].items()
         for name, value in state.items()
     }
-    weights = {name: value.cpu().numpy() for name, value in network.state_dict().items()}
-    save_artifact(path, _KIND, _VERSION, _Checkpoint(run, weights, moments, history), may_be_nan=None)
+    save_artifact(path, _KIND, _VERSION, _Checkpoint(run, network.weights, moments, history), may_be_nan=None)
 
 
 def load_checkpoint(
-    path: Path, run: dict[str, Any], network: nn.Module, optimizer: torch.optim.Optimizer
+    path: Path, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer
 ) -> tuple[Epoch, ...]:
     """History up to the checkpoint, after network and optimizer were set to its state.
 

@@ -1,14 +1,13 @@
 """`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence, `score_confidence` tests it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64, Shaped
-from sklearn.metrics import roc_auc_score
 
-from swashtwin.foundation import DataError, InputError, LeakError, finite_values, to_table
+from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.evaluation.scores import expected_calibration_error, refuse_seen
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.learning.training.confidence import (
@@ -240,31 +239,16 @@ class ConfidenceScores:
     """Mean number of classes in a prediction set."""
     called_unknown: float
     """Share called unknown although their class was trained."""
-    unknown_auroc: float
-    """Area under the curve of the out-of-distribution score, recordings of untrained classes against the rest; NaN
-    where there are none."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers that JSON can hold; NaN becomes None."""
-        table: dict[str, Any] = finite_values(to_table(self))
-        return table
+        """Numbers that JSON can hold."""
+        return asdict(self)
 
 
-def score_confidence(
-    classifier: FittedClassifier,
-    test: WindowSet,
-    *,
-    foreign: WindowSet | None = None,
-    error_rate: float | None = None,
-) -> ConfidenceScores:
+def score_confidence(classifier: FittedClassifier, test: WindowSet) -> ConfidenceScores:
     """How well the classifier's confidence holds on recordings that had no part in it.
 
     Recordings without a verdict are left out; `evaluate` counts them as errors.
-
-    Parameters
-    ----------
-    foreign : windows of classes that it was never trained on, for the area under the curve.
-    error_rate : of the prediction sets; the classifier's own by default.
 
     Raises
     ------
@@ -279,16 +263,13 @@ def score_confidence(
     if test.classes != classifier.classes:
         raise InputError("the test windows have other classes; cut them for those of the classifier.")
     test.require_labels("a test of confidence")
-    for windows in (test, foreign):
-        if windows is not None:
-            refuse_seen(classifier, windows.recordings)
-    rate = confidence.error_rate if error_rate is None else error_rate
+    refuse_seen(classifier, test.recordings)
     answers = recording_answers(classifier, test).with_verdict()
     if not answers.recording_id:
         raise DataError("no test recording has a verdict; is the model damaged, or every recording?")
     rows, scaled = np.arange(answers.target.size), confidence.temperature_scaled(answers.probability, answers.n_windows)
     right = answers.probability.argmax(axis=1) == answers.target
-    in_set = confidence.prediction_set(answers.probability, answers.n_windows, rate)
+    in_set = confidence.prediction_set(answers.probability, answers.n_windows)
     covered = in_set[rows, answers.target]
     return ConfidenceScores(
         n_recordings=rows.size,
@@ -299,12 +280,5 @@ def score_confidence(
         log_loss_after=float(nonconformity_scores(scaled)[rows, answers.target].mean()),
         coverage=float(covered.mean()),
         set_size=float(in_set.sum(axis=1).mean()),
-        called_unknown=float(np.mean(confidence.ood_p_value(answers.ood_score) <= rate)),
-        unknown_auroc=math.nan if foreign is None else _auroc(answers, recording_answers(classifier, foreign)),
+        called_unknown=float(np.mean(confidence.ood_p_value(answers.ood_score) <= confidence.error_rate)),
     )
-
-
-def _auroc(trained: RecordingAnswers, foreign: RecordingAnswers) -> float:
-    foreign = foreign.with_verdict()
-    is_foreign = np.repeat([False, True], [trained.ood_score.size, foreign.ood_score.size])
-    return float(roc_auc_score(is_foreign, np.concatenate([trained.ood_score, foreign.ood_score])))

@@ -87,8 +87,8 @@ def choose(
     tried, reason = _within_budget(possible, measured, windows, len(folds), budget)
     if len(tried) < 2:
         return tried[0], Choice(tried[0].name, (), "", 0, 0, reason), None
-    views = _Views(measured, windows.subset(windows.synthetic), [candidate.axis for candidate in tried], seed)
     with one_thread():
+        views = _Views(measured, windows.subset(windows.synthetic), [candidate.axis for candidate in tried], seed)
         log_probability = _answers(tried, views, folds, seed, tell)
     groups = window_groups(measured, group)
     trials = _trials(tried, log_probability, measured, groups)

@@ -221,10 +221,10 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
 
 
 def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
-    loaded = load_classifier(save_classifier(taught, tmp_path / "a.safetensors"))
     piston = recording("new piston", "piston")
-    assert diagnose(loaded, piston).to_dict() == diagnose(taught, piston).to_dict()
-    assert loaded.training_reference.recording_id == taught.training_reference.recording_id
+    for classifier in (taught, bare):
+        loaded = load_classifier(save_classifier(classifier, tmp_path / "a.safetensors"))
+        assert diagnose(loaded, piston).to_dict() == diagnose(classifier, piston).to_dict()
     loaded = load_classifier(save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors"))
     assert loaded.training_reference is None
     assert diagnose(loaded, piston).error_rate is None

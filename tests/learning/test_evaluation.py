@@ -1,6 +1,5 @@
 """Scores: as defined, on honest test sets only, and the same under whatever order the classes have."""
 
-import json
 import math
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ from imblearn.metrics import geometric_mean_score
 from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
-from swashtwin.learning import LEVELS, Classifier, WindowSet, evaluate, g_mean, level_between, pooled_probabilities
+from swashtwin.learning import WindowSet, evaluate, g_mean, level_between, pooled_probabilities
 from swashtwin.learning.evaluation.scores import accuracy_interval, g_mean_laplace
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.pump import OperatingCondition
@@ -192,16 +191,6 @@ def test_what_cannot_be_scored_is_refused():
         evaluate(Oracle(sure([0])), measured([0], classes=("normal", "loose")))
     with pytest.raises(InputError, match="level 'L9' is none of L0, L1"):
         evaluate(Oracle(sure([0])), measured([0]), level="L9")
-
-
-def test_scores_are_json_and_say_what_their_level_means():
-    text = json.dumps(evaluate(Oracle(sure([0, 1])), measured([0, 1]), level="L4").to_dict(), allow_nan=False)
-    loaded = json.loads(text)
-    assert loaded["g_mean"] is None
-    assert loaded["reasons"]["g_mean"] == "no test window of piston"
-    assert loaded["level_meaning"] == LEVELS["L4"]
-    assert isinstance(Oracle(sure([0])), Classifier)
-    assert not isinstance(object(), Classifier)
 
 
 def test_the_level_follows_from_machines_and_operating_points() -> None:

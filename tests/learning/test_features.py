@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 from scipy import stats
+from sklearn.ensemble import ExtraTreesClassifier
+from tree_models import fit_trees
 
-from swashtwin.learning import band_energies, feature_names, feature_values
+from swashtwin.foundation import derive_seed
+from swashtwin.learning import WindowSet, band_energies, build_network, cut_windows, feature_names, feature_values
+from swashtwin.recordings import Recording
 from swashtwin.signals import TIME_STATISTICS, time_statistics
 
 RATE = 1000.0
@@ -63,3 +67,33 @@ def test_every_channel_has_its_features_under_its_name_and_silence_has_finite_on
     assert sum(name.startswith("sensor 1 ") for name in names) == 82
     assert np.isfinite(time_statistics(np.zeros((2, 64)))).all()
     assert np.isfinite(band_energies(np.zeros((2, 64)))).all()
+
+
+def tree_windows(seed: int = 0) -> WindowSet:
+    draw = np.random.default_rng(seed)
+    signals = [draw.normal(3, 1 + 0.2 * (number % 3), size=(2, 768)) for number in range(9)]
+    return cut_windows(
+        [
+            Recording(x, 1e3, f"{seed} {number}", label="abc"[number % 3], channels=("x", "y"))
+            for number, x in enumerate(signals)
+        ],
+        length=96,
+    )
+
+
+def test_the_trees_answer_as_those_of_scikit_learn() -> None:
+    train, test = tree_windows(), tree_windows(1)
+    peer = ExtraTreesClassifier(20, random_state=derive_seed(3, "extra trees") % 2**32)
+    peer.fit(feature_values(train.signal), train.target)
+    answer = fit_trees(train, 20, seed=3).predict_proba(test)
+    np.testing.assert_allclose(answer, peer.predict_proba(feature_values(test.signal)), atol=1e-7)
+
+
+def test_nodes_that_lead_nowhere_or_back_or_compare_what_is_not_there_are_refused() -> None:
+    weights = fit_trees(tree_windows(), 2).network.weights
+    inner = int(np.flatnonzero(weights["column"] >= 0)[0])
+    for name, value in (("left", 10**6), ("left", inner), ("column", 164)):
+        changed = {**weights, name: weights[name].copy()}
+        changed[name][inner] = value
+        with pytest.raises(ValueError, match="its trees"):
+            build_network("extra_trees", 2, 3, trees=2).loaded(changed)

@@ -14,7 +14,7 @@ from recording_files import noise
 
 import swashtwin
 from swashtwin.diagnosis import diagnose
-from swashtwin.foundation import ArtifactError, DataError, InputError, MissingFileError, MPa, rpm
+from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, rpm
 from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit, window_batches
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
@@ -82,13 +82,6 @@ def test_a_foreign_hdf5_file_is_read_in_its_own_number_type(layout: str, tmp_pat
     np.testing.assert_array_equal(recording.slice(7, 11).signal, recording.signal[:, 7:11])
 
 
-def test_a_file_that_shrinks_while_it_is_open_is_noticed(tmp_path: Path) -> None:
-    recording = load_recording(write_recording(make("a"), tmp_path / "a.wav"), unit="m/s^2")
-    os.truncate(tmp_path / "a.wav", 2000)
-    with pytest.raises(DataError, match="has changed since it was loaded"):
-        recording.slice(4000, 5000)
-
-
 # ---- stores
 
 
@@ -128,16 +121,6 @@ def test_a_store_is_not_taken_for_one_recording(tmp_path: Path) -> None:
         load_recording(store)
     with pytest.raises(MissingFileError, match="does not exist"):
         load_recordings(tmp_path / "none.h5")
-
-
-@pytest.mark.parametrize("number", [1, 3])
-def test_a_store_of_another_version_is_refused_by_both_names(tmp_path: Path, number: int) -> None:
-    path = write_store([make("a", 300)], tmp_path / "a.h5")
-    with h5py.File(path, "r+") as file:
-        file.attrs["format"] = np.bytes_(f"swashtwin store {number}".encode())
-    assert is_store(path)
-    with pytest.raises(ArtifactError, match=f"format 'swashtwin store {number}', .* reads 'swashtwin store 2'"):
-        load_recordings(path)
 
 
 def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from .options import Jobs as Jobs
 from .options import Json as Json
 from .options import Seed as Seed
 from .options import Window as Window
+from .options import read_list as read_list
 from .options import read_pairs as read_pairs
-from .options import read_seeds as read_seeds
 from .options import read_words as read_words
 from .watching import require_extra as require_extra
 from .watching import stop_signals as stop_signals

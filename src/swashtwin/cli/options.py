@@ -173,11 +173,6 @@ def read_list(text: str | None, kind: Callable[[str], T], option: str) -> list[T
         raise typer.BadParameter(f"{text!r} must be {number} with commas between them.", param_hint=option) from None
 
 
-def read_seeds(text: str) -> list[int]:
-    """Seeds of ``--seeds``."""
-    return read_list(text, int, "--seeds") or []
-
-
 def read_words(text: str | None) -> list[str]:
     """Comma-separated words; none where there is no text."""
     return [word.strip() for word in (text or "").split(",") if word.strip()]

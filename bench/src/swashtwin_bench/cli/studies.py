@@ -15,8 +15,8 @@ from swashtwin.cli import (
     as_folder,
     note,
     progress,
+    read_list,
     read_pairs,
-    read_seeds,
     read_words,
     say,
     table,
@@ -109,7 +109,7 @@ def study(
     from swashtwin.foundation import has_bfloat16_arithmetic
     from swashtwin_bench import Work, run_study, write_study_report
 
-    numbers, pairs = read_seeds(seeds), read_pairs(settings, "--set")
+    numbers, pairs = read_list(seeds, int, "--seeds") or [], read_pairs(settings, "--set")
     if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
         note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
     with progress(name) as bar:

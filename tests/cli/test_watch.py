@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import one_line, run
+from commandline import run
 from typer.testing import CliRunner
 
 from swashtwin.cli import app
@@ -57,9 +57,3 @@ def test_people_and_programs_are_let_in_and_out(tmp_path: Path, monkeypatch: pyt
     assert token not in saved
     run("watch", "user", "watch.toml", "kim", "--remove")
     assert "kim" not in Path("users.json").read_text(encoding="utf-8")
-
-
-def test_a_missing_package_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    result = run("watch", "run", tmp_path / "watch.toml", code=3)
-    assert "pip install 'swashtwin[monitor]'" in one_line(result)

@@ -130,12 +130,9 @@ _EXTRA = ("argon2", "fastapi", "prometheus_client", "python_multipart", "sqlalch
 
 def require_extra(what: str = "a watch") -> None:
     """Refuse a watch, or another page, whose packages are not installed."""
-    from importlib.util import find_spec
+    from swashtwin.foundation import require_modules
 
-    from swashtwin.foundation import MissingExtraError
-
-    if missing := [name for name in _EXTRA if find_spec(name) is None]:
-        raise MissingExtraError(f"{what} needs {missing[0]}, which is not installed: pip install 'swashtwin[monitor]'.")
+    require_modules(*_EXTRA, extra="monitor", need=what)
 
 
 def _config(path: Path) -> "WatchConfig":

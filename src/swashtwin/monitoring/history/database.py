@@ -16,7 +16,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, inspe
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from swashtwin.foundation import DataError, InputError, MissingExtraError, MissingFileError, SwashTwinError, file_name
+from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, file_name, require_modules
 from swashtwin.monitoring.history.tables import Judgment, Machine, Row, Version
 from swashtwin.recordings import Recording, load_recordings, write_store
 
@@ -110,25 +110,21 @@ def _open_engine(url: str, folder: Path, *, is_new: bool) -> Engine:
         raise InputError(
             f"history begins with {address.drivername}://; the history is kept in postgresql:// or sqlite://."
         )
-    try:
-        return create_engine(
-            address.set(drivername="postgresql+psycopg"),
-            json_serializer=json_text,
-            pool_size=8,
-            pool_timeout=_WAIT,
-            pool_pre_ping=True,
-            connect_args={
-                "connect_timeout": 5,
-                "keepalives_idle": _WAIT,
-                "tcp_user_timeout": 1000 * _WAIT,
-                "application_name": "swashtwin",
-                "options": f"-c timezone=UTC -c lock_timeout={_WAIT}s -c idle_in_transaction_session_timeout=300s",
-            },
-        )
-    except ImportError as cause:
-        raise MissingExtraError(
-            'PostgreSQL needs psycopg, which is not installed: pip install "swashtwin[postgresql]".'
-        ) from cause
+    require_modules("psycopg", extra="postgresql", need="PostgreSQL")
+    return create_engine(
+        address.set(drivername="postgresql+psycopg"),
+        json_serializer=json_text,
+        pool_size=8,
+        pool_timeout=_WAIT,
+        pool_pre_ping=True,
+        connect_args={
+            "connect_timeout": 5,
+            "keepalives_idle": _WAIT,
+            "tcp_user_timeout": 1000 * _WAIT,
+            "application_name": "swashtwin",
+            "options": f"-c timezone=UTC -c lock_timeout={_WAIT}s -c idle_in_transaction_session_timeout=300s",
+        },
+    )
 
 
 def _sqlite_engine(address: URL, is_new: bool) -> Engine:

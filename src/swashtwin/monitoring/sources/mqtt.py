@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, MissingExtraError, file_name, parse, plural
+from swashtwin.foundation import DataError, InputError, file_name, parse, plural, require_modules
 from swashtwin.monitoring.config.settings import Broker, MqttSource
 from swashtwin.monitoring.sources.delivery import (
     LARGEST,
@@ -216,13 +216,10 @@ def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -
     MissingExtraError
         paho-mqtt is not installed.
     """
-    try:
-        from paho.mqtt.client import Client
-        from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
-    except ImportError as cause:
-        raise MissingExtraError(
-            "mqtt needs paho-mqtt, which is not installed: pip install 'swashtwin[mqtt]'."
-        ) from cause
+    require_modules("paho", extra="mqtt", need="MQTT")
+    from paho.mqtt.client import Client
+    from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
+
     client = Client(
         CallbackAPIVersion.VERSION2,
         name,

@@ -20,6 +20,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
+from swashtwin.calibration.severity.profile_likelihood import ProfileProblem, interval_of, profile_likelihood
 from swashtwin.calibration.severity.severity import DimensionEstimate, either_law
 from swashtwin.calibration.severity.severity_search import _severity
 from swashtwin.foundation import DataError, InputError, deg, mm, um
@@ -284,3 +285,23 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     only = write_index(recordings[:-1], files[:-1], tmp_path / "sound.toml")
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal
+
+
+def test_a_search_stays_where_pumps_run() -> None:
+    # Found by a recess whose lift-off leaked all that the pump displaced: the search ended with that error.
+    class Runs(ProfileProblem):
+        lower, upper = np.zeros(2), np.full(2, 9.0)
+
+        def at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            if point[0] > 3:
+                raise InputError("leaks all it displaces")
+            return np.array([point[0] - 2.5, 0.1 * (point[0] ** 2 - 6), point[1] - 1]), np.array(
+                [[1.0, 0.0], [0.2 * point[0], 0.0], [0.0, 1.0]]
+            )
+
+    problem = Runs()
+    best, height = problem.descend(np.array([0.1, 0.0]), fixed=None)
+    assert best == pytest.approx([2.5, 1.0], abs=0.05)
+    coordinate, rise = profile_likelihood(problem, best, height, 0)
+    assert coordinate.max() <= 3
+    assert interval_of(coordinate, rise)[1] is None

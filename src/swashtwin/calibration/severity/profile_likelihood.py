@@ -11,6 +11,7 @@ import scipy.stats
 from jaxtyping import Float
 
 from swashtwin.calibration.posterior import COVERAGE
+from swashtwin.foundation import SwashTwinError
 
 THRESHOLD = float(scipy.stats.chi2.ppf(COVERAGE, 1))
 """Rise of the sum of squares at which an interval ends (Wilks)."""
@@ -40,7 +41,11 @@ class ProfileProblem(ABC):
             if 2 * -(residual @ slope @ step) - np.square(slope @ step).sum() < 0.01:
                 break
             trial = point + step
-            ahead, ahead_slope = self.at(trial)
+            try:
+                ahead, ahead_slope = self.at(trial)
+            except SwashTwinError:  # no pump runs like that, such as one that leaks all it displaces
+                damping = max(10 * damping, 1e-3)
+                continue
             if ahead @ ahead < residual @ residual:
                 point, residual, slope, damping = trial, ahead, ahead_slope, max(damping / 10, 1e-6)
             else:
@@ -109,7 +114,10 @@ def _side(
         advance = side * min(stride, abs(end - point[fixed]))
         ahead = np.clip(point + advance * direction, problem.lower, problem.upper)
         last, behind = height, point
-        point, height = problem.descend(ahead, fixed)
+        try:
+            point, height = problem.descend(ahead, fixed)
+        except SwashTwinError:  # no pump runs beyond
+            break
         direction = (point - behind) / advance
         points.append((float(point[fixed]), height))
         if height - last < 0.3:

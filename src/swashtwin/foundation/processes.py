@@ -7,18 +7,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from joblib import Parallel
 from threadpoolctl import threadpool_limits
 
 from swashtwin.foundation.errors import DataError, InputError
+
+if TYPE_CHECKING:
+    from joblib import Parallel
 
 _SECONDS = 1.0
 """Between two looks at the parent."""
 
 
-def parallel(jobs: int, **options: Any) -> Parallel:
+def parallel(jobs: int, **options: Any) -> "Parallel":
     """`joblib.Parallel` whose processes end when this process does, however it ends.
 
     Parameters
@@ -26,6 +28,8 @@ def parallel(jobs: int, **options: Any) -> Parallel:
     jobs : processes; 1 works in this process.
     options : of `joblib.Parallel`.
     """
+    from joblib import Parallel  # which loads numpy, and the shell's help needs none
+
     return Parallel(n_jobs=jobs, backend="loky", initializer=end_with, initargs=(os.getpid(),), **options)
 
 

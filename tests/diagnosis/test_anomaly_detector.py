@@ -61,6 +61,14 @@ def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(dete
     assert "alarm at a false-alarm rate of 5 %" in verdict.sentence()
 
 
+def test_a_pressure_in_whole_pascals_or_single_precision_is_compared_like_any_other(
+    detector: st.AnomalyDetector, healthy: list[Recording]
+) -> None:
+    for pressure in (10_100_000, np.float32(10.1e6)):
+        condition = OperatingCondition(np.float32(2 * math.pi * SHAFT), pressure)
+        assert detector.diagnose(replace(healthy[1], recording_id="again", condition=condition)).alarm is not None
+
+
 def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> None:
     """Over draws of both the healthy recordings and the new ones, as conformal p-values promise."""
     alarms = []

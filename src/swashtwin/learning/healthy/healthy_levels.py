@@ -282,7 +282,7 @@ def measure_healthy(
 
 def _stated_point(recording: Recording) -> tuple[float, float]:
     """Speed [rad/s] and discharge pressure [Pa] that a recording states, NaN where it states none."""
-    return 2 * math.pi * (stated_speed(recording) or math.nan), stated_pressure(recording)
+    return float(2 * math.pi * (stated_speed(recording) or math.nan)), float(stated_pressure(recording))
 
 
 def _agree(first: str | float | None, second: str | float | None, tolerance: float) -> bool:

@@ -11,6 +11,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import BiTCN, build_network
 from swashtwin.learning.networks import bitcn
 from swashtwin.learning.networks.fused_branch import _Activation
+from swashtwin.learning.networks.registry import checked_settings
 
 
 @pytest.fixture(autouse=True)
@@ -94,6 +95,15 @@ def test_a_stride_cuts_the_steps_and_keeps_every_reading():
     assert network.positive(torch.zeros(1, 1, 104)).shape[-1] == 13
     network(windows).sum().backward()
     assert windows.grad.ne(0).all()
+
+
+def test_a_default_of_another_kind_than_a_plain_number_takes_what_it_is_or_is_refused():
+    def own(n_channels, n_classes, length, share=np.float64(0.5), table={}): ...  # noqa: B006, B008
+
+    kind = type("Own", (), {"name": "own", "build": staticmethod(own)})
+    assert checked_settings(kind, {"share": 1}) == {"share": 1.0}
+    with pytest.raises(InputError, match=r"own: table \({'a': 1}\) must be a word"):
+        checked_settings(kind, {"table": {"a": 1}})
 
 
 def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():

@@ -207,7 +207,7 @@ def _checked(what: str, value: Any, default: Any) -> Any:
             return None
         entries = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
         return tuple(_checked(what, entry, default[0] if default else 1) for entry in entries)
-    kind, expected = _KINDS[type(default)]
+    kind, expected = next((known for usual, known in _KINDS.items() if isinstance(default, usual)), _KINDS[str])
     is_bool_for_number = isinstance(value, bool) and kind is not bool
     if not isinstance(value, kind) or is_bool_for_number or (kind is Real and not math.isfinite(value)):
         raise InputError(f"{what} ({value}) must be {expected}; {default} is usual.")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from stub_runs import ORIGIN, run, scored
 
-from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate
+from swashtwin.calibration import Calibration, FaultLaw, GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import InputError, MPa, mm, rpm
 from swashtwin.learning import LEVELS
@@ -267,6 +267,8 @@ def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path
 def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
     with pytest.raises(InputError, match=r"no report can be made of a str; give"):
         part_of("report", key="report")
+    with pytest.raises(InputError, match=r"no report can be made of a FaultLaw; give"):
+        part_of(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")
     with pytest.raises(InputError, match="at least one"):
         write_report(folder=tmp_path)
     (tmp_path / "taken").write_text("mine")

@@ -87,13 +87,13 @@ def write_report(
 def part_of(item: Any, key: str) -> Part:
     """Part of the page about an item; `key` is the start of the name of each figure. An `InputError` where none is
     registered for its type."""
-    if type(item).__module__ == "swashtwin.calibration.result":  # whose room needs torch, which other pages do without
+    kind = type(item)
+    if f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration":  # which needs torch
         from swashtwin.report.calibration_part import calibration_part
 
         return calibration_part(item, key)
     raise InputError(
-        f"no report can be made of a {type(item).__name__}; give a study's result, a calibration, scores or a "
-        "diagnosis."
+        f"no report can be made of a {kind.__name__}; give a study's result, a calibration, scores or a diagnosis."
     )
 
 

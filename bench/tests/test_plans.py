@@ -157,6 +157,11 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
     assert {*FILLERS, *TWIN_TRAINING_SETS} == filled
 
 
+def test_a_training_set_that_nothing_fills_is_refused_by_name() -> None:
+    with pytest.raises(InputError, match=r"nothing fills by 'smoote'; there are nominal, calibrated, "):
+        TrainingSet("smoote")
+
+
 @pytest.mark.parametrize("by", ["duplicate", "nominal"])
 def test_a_filler_fills_the_scarce_cell_or_every_class(dataset: StudyDataset, by: str) -> None:
     synthetic, values = fill_cells(dataset, TrainingSet(by))

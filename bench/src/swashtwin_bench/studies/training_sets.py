@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import FaultLaw, Posterior
-from swashtwin.foundation import derive_seed
+from swashtwin.foundation import InputError, derive_seed
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import Fault
@@ -39,6 +39,11 @@ class TrainingSet:
     """Let every class count the same in a network's loss, in place of windows."""
     stated_prior: bool = False
     """Spread severities and places as `synthesize` does, and not by `RIG_VARIATION`."""
+
+    def __post_init__(self) -> None:
+        filling = ("nominal", *CALIBRATED_TWINS, *FILLERS)
+        if self.by is not None and self.by not in filling:
+            raise InputError(f"nothing fills by {self.by!r}; there are {', '.join(filling)}.")
 
     @property
     def variation(self) -> Variation:

@@ -2,7 +2,7 @@
 
 The paper drops the phase on purpose, for nobody knows the shaft's position at the first reading. But one unknown
 position turns all lines of all channels together, order k by k times the angle; what is left of the phases says as much
-as the amplitudes do. The shaft's angle comes from the lines themselves (`order_domain.piston_pass_angle`), and the
+as the amplitudes do. The shaft's angle comes from the lines themselves (`signals.piston_pass_angle`), and the
 position that suits best is found anew for every point, so that it costs no coordinate (variable projection, Golub and
 Pereyra 2003, doi:10.1088/0266-5611/19/2/201).
 """

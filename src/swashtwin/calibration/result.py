@@ -137,7 +137,7 @@ class Calibration:
     @property
     def is_in_doubt(self) -> bool:
         """Whether nothing that rests on it, such as a severity, may be called identified: where the misfit is above 1,
-        or the fit strains a bound or a prior (`uncertainty.posterior.is_in_doubt`)."""
+        or the fit strains a bound or a prior (`posterior.is_in_doubt`)."""
         return self.misfit > LARGE or is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
 
     @property

@@ -47,7 +47,7 @@ class Perturbation:
         return recording.replace(signal=changed)
 
     def of_test(self, dataset: StudyDataset, level: str, repeat: int) -> WindowSet:
-        """The test windows of a level, cut from recordings so changed (docs/explanation/protocol.md, "Noise")."""
+        """The test windows of a level, cut from recordings so changed (docs/explanation/method.md, "Noise")."""
         changed = [self.of_recording(recording, repeat) for recording in dataset.test_recordings[level]]
         return cut_again(changed, dataset.tests[level])
 

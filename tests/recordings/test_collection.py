@@ -107,7 +107,7 @@ def test_a_loop_keeps_no_signal_in_memory(folder: Path) -> None:
     gc.collect()
     assert recordings[0] is not recordings[0]
     alive = [item for item in gc.get_objects() if type(item) is Samples and item.name.startswith(("A_", "B_"))]
-    assert all(samples._arrays is None for samples in alive if samples._open_columns is not None)
+    assert all(samples._arrays is None for samples in alive if samples.open_columns is not None)
 
 
 def test_facts_are_for_single_files_only(folder: Path, tmp_path: Path) -> None:

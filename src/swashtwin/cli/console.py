@@ -47,7 +47,6 @@ class _Printable(logging.Formatter):
     """Log lines without control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line of a record."""
         return escape_controls(super().format(record), keep="\n")
 
 

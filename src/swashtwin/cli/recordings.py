@@ -196,7 +196,6 @@ _STATES = {"yes": "enough", "partly": "in part", "no": "not enough"}
 
 
 def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) -> None:
-    """Print the recordings of an inspection, and what is wrong with them in the `words` of their source."""
     rows = [
         (item.recording_id, class_words(item.label),
          int(item.sample_rate) if item.sample_rate.is_integer() else item.sample_rate, round(item.duration, 3),
@@ -214,7 +213,6 @@ def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) ->
 
 
 def _show_check(check: "DataCheck") -> None:
-    """Print whether recordings are sound and enough, and why."""
     say(check.answer)
     labels = list(dict.fromkeys(count.label for count in check.counts))
     conditions = list(dict.fromkeys(count.condition for count in check.counts))

@@ -15,7 +15,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.recordings import Recording
-    from swashtwin.signals import IndicatorTable, LineSpectrum, ShaftAngle, Trend
+    from swashtwin.signals import IndicatorTable, ShaftAngle, Trend
 
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
@@ -192,22 +192,18 @@ def spectrum(
     }  # fmt: skip
 
     def show() -> None:
-        _show_lines(lines, drawing.title)
+        for name, (low, high) in zip(lines.channels, lines.bands, strict=False):
+            say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
+        axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
+        header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
+        rows = [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks]
+        if rows:
+            table(f"{drawing.title}, at the expected lines", header, rows)
+        else:
+            note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
         say(f"{target}\n{data}")
 
     tell(result, as_json, show)
-
-
-def _show_lines(lines: "LineSpectrum", title: str) -> None:
-    for name, (low, high) in zip(lines.channels, lines.bands, strict=False):
-        say(f"{name}: envelope of {low:.0f} to {high:.0f} Hz")
-    axis = f"{lines.axis}{f' [{lines.axis_unit}]' if lines.axis_unit else ''}"
-    header = ("line", axis, *(f"{name} [{lines.unit or '1'}]" for name in lines.channels))
-    rows = [(mark.name, mark.at, *lines.at(mark).tolist()) for mark in lines.marks]
-    if rows:
-        table(f"{title}, at the expected lines", header, rows)
-    else:
-        note('The speed is not stated, so no line is marked; give --speed "860 rpm".')
 
 
 def trend(

@@ -24,7 +24,6 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.physics import Twin
-    from swashtwin.pump import Fault
     from swashtwin.recordings import Recording
     from swashtwin.synthesis import Fidelity
 
@@ -58,7 +57,7 @@ def simulate(
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
     from swashtwin.physics import Twin
-    from swashtwin.pump import load_pump, read_condition
+    from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
     from swashtwin.recordings import WRITABLE
 
     if count == 1:
@@ -74,7 +73,10 @@ def simulate(
     else:
         twin = load_calibration(calibration).twin.at(condition)
         twin = twin if fault is None else twin.with_fault(defect)
-    notes = [*_contact_notes(twin.fault, fault), *twin.notes()]
+    notes = twin.notes()
+    if isinstance(twin.fault, SwashPlateDefect) and fault is not None and "contact" not in fault:
+        depth = f"its depth of {twin.fault.depth * 1e3:.3g} mm"
+        notes = (f"the slippers ride through the recess by contact={twin.fault.contact}, which suits {depth}.", *notes)
     for text in notes:
         note(f"note: {text}")
     plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), seed, notes)
@@ -82,14 +84,6 @@ def simulate(
         _write_one(plan, out, as_json)
     else:
         _write_many(plan, out, count, as_json)
-
-
-def _contact_notes(fault: "Fault | None", text: str | None) -> "Iterator[str]":
-    from swashtwin.pump import SwashPlateDefect
-
-    if isinstance(fault, SwashPlateDefect) and text is not None and "contact" not in text:
-        depth = f"its depth of {fault.depth * 1e3:.3g} mm"
-        yield f"the slippers ride through the recess by contact={fault.contact}, which suits {depth}."
 
 
 @dataclass(frozen=True)
@@ -100,16 +94,12 @@ class _Plan:
     duration: float
     sample_rate: float
     seed: int
-    notes: list[str]
+    notes: tuple[str, ...]
 
     @property
     def size(self) -> int:
         """Bytes of one recording in a file."""
         return (round(self.duration * self.sample_rate) + _SPARE) * len(self.twin.pump.channels) * 8
-
-    def blocks(self, twin: "Twin", phase: float, name: str) -> "Iterator[Recording]":
-        """One recording of `twin`, a variation of the plan's twin."""
-        return twin.blocks(self.duration, self.sample_rate, phase=phase, recording_id=name)
 
 
 def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
@@ -120,7 +110,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     counts: list[int] = []
 
     def blocks(bar: Any) -> "Iterator[Recording]":
-        for block in plan.blocks(plan.twin, 0.0, out.stem):
+        for block in plan.twin.blocks(plan.duration, plan.sample_rate, phase=0.0, recording_id=out.stem):
             squares.append((block.signal**2).sum(axis=1))
             counts.append(block.signal.shape[1])
             bar(sum(counts), round(plan.duration * plan.sample_rate))
@@ -158,7 +148,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = draw_twin(plan.twin, variation, plan.seed, number)
         phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
-        return plan.blocks(twin, phase, folder.name)
+        return twin.blocks(plan.duration, plan.sample_rate, phase=phase, recording_id=folder.name)
 
     with progress("simulating") as bar:
         index, new = write_series(folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar)

@@ -24,7 +24,7 @@ from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
-    from swashtwin.learning import Choice, FittedClassifier
+    from swashtwin.learning import FittedClassifier
 
 _MODELS = artifact_marks("classifier", "anomaly detector")
 _TEST_FRACTION = 0.2
@@ -231,8 +231,15 @@ def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: in
 
     def show() -> None:
         say(f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}")
-        if fitted.choice is not None:
-            _show_choice(fitted.choice)
+        if (choice := fitted.choice) is not None:
+            rows = [
+                (trial.candidate, trial.clean, trial.disturbed, "chosen" if trial.candidate == choice.chosen else "")
+                for trial in choice.trials
+            ] + [(f"whole recordings: {name}", recall, None, "") for name, recall in choice.whole.items()]
+            if rows:
+                folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
+                table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)
+            say(choice.sentence())
         if confidence is None:
             note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
         else:
@@ -244,17 +251,6 @@ def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: in
             note("note: nothing was held out; evaluate it on an index of other recordings.")
 
     tell(result, as_json, show)
-
-
-def _show_choice(choice: "Choice") -> None:
-    rows = [
-        (trial.candidate, trial.clean, trial.disturbed, "chosen" if trial.candidate == choice.chosen else "")
-        for trial in choice.trials
-    ] + [(f"whole recordings: {name}", recall, None, "") for name, recall in choice.whole.items()]
-    if rows:
-        folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
-        table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)
-    say(choice.sentence())
 
 
 def confidence_advice(fitted: "FittedClassifier") -> str:

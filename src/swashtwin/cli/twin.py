@@ -22,8 +22,6 @@ from swashtwin.cli.options import (
 from swashtwin.foundation import parse, plural
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-
     from swashtwin.calibration import RecordingPlan, SeverityTrend
     from swashtwin.pump import Pump
     from swashtwin.recordings import Recording
@@ -249,7 +247,11 @@ def severity(
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
-    sound, worn = _by_health(recordings, calibrated)
+    sound: list[Recording] = []
+    worn: list[Recording] = []
+    for recording in recordings:  # healthy is what is labeled so or was calibrated on
+        is_sound = is_healthy(recording.label) or recording.recording_id in calibrated
+        (sound if is_sound else worn).append(recording)
     if not worn:
         raise DataError(
             f"{source} holds healthy recordings only ({len(sound)} labeled normal, or calibrated); give some that may "
@@ -264,18 +266,6 @@ def severity(
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
     result = {**trend.to_dict(), "healthy": [recording.recording_id for recording in sound]}
     tell(result, as_json, lambda: _show_severity(trend, len(sound)))
-
-
-def _by_health(
-    recordings: "Iterable[Recording]", calibrated: "Collection[str]"
-) -> "tuple[list[Recording], list[Recording]]":
-    """(healthy recordings, those that may be worn): healthy is what is labeled so or was calibrated on."""
-    from swashtwin.pump import is_healthy
-
-    sides: tuple[list[Recording], list[Recording]] = ([], [])
-    for recording in recordings:
-        sides[not is_healthy(recording.label) and recording.recording_id not in calibrated].append(recording)
-    return sides
 
 
 def _show_severity(trend: "SeverityTrend", healthy: int) -> None:

@@ -15,7 +15,7 @@ from swashtwin.cli.files import Force, as_folder, require_output
 from swashtwin.cli.options import Json
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring import Outcome, WatchConfig, WatchStatus
+    from swashtwin.monitoring import Outcome
 
 _CONFIG = typer.Argument(metavar="CONFIG", help="Configuration that watch init wrote.")
 ConfigFile = Annotated[Path, _CONFIG]
@@ -38,17 +38,25 @@ def run(
 ) -> None:
     """Watch the machines of a configuration until Ctrl-C: judge what arrives, raise alarms, show the page."""
     require_extra()
-    from swashtwin.monitoring import run_watch
+    from swashtwin.monitoring import load_watch_config, run_watch
 
-    def show(outcome: "Outcome") -> None:
+    def tell_outcome(outcome: "Outcome") -> None:
         machine = f"{outcome.machine}: " if outcome.machine else ""
         (note if as_json else say)(f"{machine}{outcome.file}: {outcome.sentence}")
 
-    watch = _config(config)
+    watch = load_watch_config(config)
     begin = f"watching {watch.path}; the page is at {watch.page.address}. Ctrl-C ends it."
     with stop_signals() as stop:
-        status = run_watch(watch, once=once, stop=stop, started=lambda _: note(begin), progress=show)
-    _tell_end(status, as_json)
+        status = run_watch(watch, once=once, stop=stop, started=lambda _: note(begin), progress=tell_outcome)
+    counters = {name: round(value, 3) for name, value in status.counters.items()}
+
+    def show() -> None:
+        judged, rejected = int(counters["judged"]), int(counters["rejected"])
+        say(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
+        for problem in status.problems:
+            note(f"note: {problem}")
+
+    tell({**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show)
 
 
 def init(
@@ -78,9 +86,9 @@ def event(
 ) -> None:
     """Keep in the history what was done to a machine; after maintenance its baseline is learned anew."""
     require_extra()
-    from swashtwin.monitoring import History, record_event
+    from swashtwin.monitoring import History, load_watch_config, record_event
 
-    watch = _config(config)
+    watch = load_watch_config(config)
     history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
         number = record_event(watch, history, machine, who=_user(), note=text, found=found, maintenance=maintenance)
@@ -104,11 +112,11 @@ def user(
     """Let a person see and acknowledge on the page, or a program read and upload; needed beyond this computer."""
     require_extra()
     from swashtwin.foundation import InputError
-    from swashtwin.monitoring import add_token, add_user, remove_entry
+    from swashtwin.monitoring import add_token, add_user, load_watch_config, remove_entry
 
     if control and not token:
         raise InputError("--control is of a program's token; give --token too.")
-    path = _config(config).page.users
+    path = load_watch_config(config).page.users
     if path is None:
         raise InputError(f'{config} names no file for this; add users = "users.json" under [page].')
     secret = ""
@@ -135,12 +143,6 @@ def require_extra(what: str = "a watch") -> None:
     require_modules(*_EXTRA, extra="monitor", need=what)
 
 
-def _config(path: Path) -> "WatchConfig":
-    from swashtwin.monitoring import load_watch_config
-
-    return load_watch_config(path)
-
-
 def _user() -> str:
     import getpass
 
@@ -161,18 +163,6 @@ def stop_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-
-
-def _tell_end(status: "WatchStatus", as_json: bool) -> None:
-    counters = {name: round(value, 3) for name, value in status.counters.items()}
-
-    def show() -> None:
-        judged, rejected = int(counters["judged"]), int(counters["rejected"])
-        say(f"judged {judged}, filed with a reason {rejected}, waiting {status.waiting}.")
-        for problem in status.problems:
-            note(f"note: {problem}")
-
-    tell({**counters, "waiting": status.waiting, "problems": list(status.problems)}, as_json, show)
 
 
 def export(

@@ -26,7 +26,7 @@ from swashtwin.pump import (
     new_pump,
     read_nameplate,
 )
-from swashtwin.recordings import INDEX_NAME, Recording, Recordings
+from swashtwin.recordings import INDEX_NAME, Recordings
 from swashtwin.report import cutaway_html
 from swashtwin.signals import spectral_correlation, spectrum_value_error
 
@@ -127,7 +127,7 @@ class TwinRoom:
     def _twin(self, setting: Setting) -> "tuple[Twin, Calibration | None]":
         """The twin that a setting describes; of one that differs from the last in values only, the rest is kept."""
         twin, calibration = self._start(setting.start)
-        recording = self._recording(setting)
+        recording = self._workspace.recording(setting.recording) if setting.recording else None
         condition = (recording and recording.condition) or twin.condition
         changes = {
             "speed": setting.rpm and setting.rpm * math.pi / 30,
@@ -145,9 +145,6 @@ class TwinRoom:
         }
         moved = self._last[1].with_interfaces(Interfaces.from_values(values), replace(twin.scales, **factors))
         return moved, calibration
-
-    def _recording(self, setting: Setting) -> Recording | None:
-        return self._workspace.recording(setting.recording) if setting.recording else None
 
     def lines(self, setting: Setting) -> dict[str, Any]:
         """Line amplitudes of a twin, those measured, and how far they are apart."""

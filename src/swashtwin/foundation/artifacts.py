@@ -127,11 +127,7 @@ def _names(form: Any) -> set[str]:
 
 def parse_json(text: str) -> Any:
     """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a number can be."""
-    return json.loads(text, parse_constant=_refuse_constant, parse_int=_parse_int, parse_float=_parse_float)
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text} is no finite number")
+    return json.loads(text, parse_constant=_parse_float, parse_int=_parse_int, parse_float=_parse_float)
 
 
 def _parse_int(text: str) -> int:

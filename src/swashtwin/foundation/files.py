@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any, Final, TypedDict
+from typing import IO, Any, Final
 
 from swashtwin.foundation.errors import ArtifactError, DataError, InputError
 from swashtwin.foundation.packages import VERSION
@@ -27,13 +27,7 @@ except ImportError:  # Windows, where nobody can remove a file that another proc
     fcntl = None  # type: ignore[assignment]
 
 
-class _Text(TypedDict):
-    encoding: str
-    errors: str
-    newline: str
-
-
-TEXT: Final[_Text] = {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
+TEXT: Final[dict[str, Any]] = {"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}
 """How text files are written on every system; errors are names of files that are no Unicode."""
 
 _SPARE = 1 << 24

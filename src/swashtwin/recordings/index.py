@@ -216,8 +216,6 @@ def index_table(index: Path) -> dict[str, Any]:
 
 
 class _Index(msgspec.Struct, forbid_unknown_fields=True):
-    """Form of an index."""
-
     format: int
     recording: list[dict[str, Any]]
     classes: list[Text] = []

@@ -112,7 +112,7 @@ def load_beside(recording: Recording, channel: str) -> Recording:
     DataError
         The recording is of no file, or the file has no such column.
     """
-    opened = recording.samples.opened_by
+    opened = recording.samples.open_columns
     if not (isinstance(opened, partial) and opened.func is _reopen):
         raise DataError(f"{recording.recording_id} has no channel {channel!r}; it has {', '.join(recording.channels)}.")
     path, _, entry = opened.args

@@ -1,7 +1,7 @@
 """A first index for a folder of files, from their names, a table that came with them, and what they carry."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -84,9 +84,15 @@ def propose_index(
     folder = Path(folder)
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder.")
-    defaults = {key: list(value) if isinstance(value, tuple) else value for key, value in facts.items()}
-    defaults = {key: value for key, value in defaults.items() if value is not None}
-    _require_understood(defaults, pressure_unit)
+    stated_facts = ((key, value) for key, value in facts.items() if value is not None)
+    defaults: dict[str, Any] = {key: [*value] if isinstance(value, tuple) else value for key, value in stated_facts}
+    Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
+    for name in QUANTITIES.keys() & defaults.keys():
+        parse(defaults[name], QUANTITIES[name], name=name)
+    if "unit" in defaults:
+        require_sample_unit(defaults["unit"])
+    if pressure_unit is not None:
+        parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
     found = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     known = suffixes()
@@ -121,16 +127,6 @@ def propose_index(
     hints += label_hints(survey.entries)
     notes = tuple(dict.fromkeys([*survey.notes, *hints]))
     return IndexProposal(index, tuple(survey.skipped), _sentences(survey.facts), notes)
-
-
-def _require_understood(defaults: Mapping[str, Any], pressure_unit: str | None) -> None:
-    Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
-    for name in QUANTITIES.keys() & defaults.keys():
-        parse(defaults[name], QUANTITIES[name], name=name)
-    if "unit" in defaults:
-        require_sample_unit(defaults["unit"])
-    if pressure_unit is not None:
-        parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
 
 
 @dataclass
@@ -198,7 +194,13 @@ class _Survey:
             origins = {**dict.fromkeys(found, "the pattern"), **dict.fromkeys(in_file, "the file")}
             self.facts.append(self._origins(raw, columns, part, origins))
             self.entries.append(part)
-            self.notes.extend(_remarks(raw, columns, entry))
+            if entry.channels is None and (others := [column for column in raw.columns if column not in columns]):
+                self.notes.append(f"columns that are no vibration are left out: {', '.join(others)}.")
+            if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
+                self.notes.append(
+                    'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and '
+                    "shaft orders need it."
+                )
 
     def _entries_within(self, raw: RawFile, values: dict[str, Any]) -> list[dict[str, Any]]:
         """Entries of a file: one for each start of its channels, where they start apart and are not named."""
@@ -257,16 +259,6 @@ class _Survey:
         if not self.entries:
             reason = self.skipped[0] if self.skipped else f"supported are {', '.join(suffixes())}."
             raise DataError(f"{self.folder} holds no file to index: {reason}")
-
-
-def _remarks(raw: RawFile, columns: Iterable[str], entry: Entry) -> Iterator[str]:
-    if entry.channels is None and (others := [name for name in raw.columns if name not in columns]):
-        yield f"columns that are no vibration are left out: {', '.join(others)}."
-    if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
-        yield (
-            'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and shaft '
-            "orders need it."
-        )
 
 
 def _named_within(path: Path, names: Sequence[str]) -> str | None:

@@ -59,7 +59,8 @@ class Samples:
         self.shape = shape
         self.dtype = dtype
         self.has_speed = has_speed
-        self._open_columns = open_columns
+        self.open_columns = open_columns
+        """What opens the file; None for samples in memory."""
         self._columns = columns
         self._arrays: tuple[np.ndarray, np.ndarray | None] | None = None
         self._origin = origin
@@ -95,11 +96,6 @@ class Samples:
         return samples
 
     @property
-    def opened_by(self) -> Callable[[], Columns] | None:
-        """What opens the file; None for samples in memory."""
-        return self._open_columns
-
-    @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
         """All samples, which are read when first asked for and stay in memory."""
         if self._arrays is None:
@@ -121,12 +117,12 @@ class Samples:
     @property
     def factors(self) -> tuple[float, ...]:
         """What one unit of each channel in `raw` stands for."""
-        return (1.0,) * self.shape[0] if self._open_columns is None else self._opened().factors
+        return (1.0,) * self.shape[0] if self.open_columns is None else self._opened().factors
 
     def raw(self, start: int, stop: int) -> Shaped[np.ndarray, "channel time"]:
         """Samples from `start` to before `stop`, in the number type of the file and without the factors."""
         start, stop = self._span(start, stop)
-        if self._open_columns is None:
+        if self.open_columns is None:
             return self.signal[:, start:stop]
         channels = self._opened().channels
         samples = np.empty((len(channels), stop - start), self.dtype)
@@ -161,9 +157,9 @@ class Samples:
 
     def pick(self, rows: Sequence[int]) -> "Samples":
         """The samples of some channels."""
-        if self._open_columns is None:
+        if self.open_columns is None:
             return Samples.in_memory(self.name, self.signal[list(rows)], self.speed, self._origin)
-        open_picked = partial(_pick, self._open_columns, tuple(rows))
+        open_picked = partial(_pick, self.open_columns, tuple(rows))
         samples = Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
         if self._arrays is not None:
             samples._arrays = (self.signal[list(rows)], self.speed)
@@ -171,12 +167,12 @@ class Samples:
 
     def unopened(self) -> "Samples":
         """The same samples, with nothing in memory that the file has."""
-        if self._open_columns is None:
+        if self.open_columns is None:
             return self
         columns = self._columns
         if columns is not None and any(isinstance(column, np.ndarray) for column in columns.channels):
             columns = None
-        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self._open_columns, columns)
+        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self.open_columns, columns)
         samples._hashes = self._hashes
         return samples
 
@@ -198,7 +194,7 @@ class Samples:
         """`content_hashes` where the samples are another form of what was recorded; else empty."""
         if self._origin is not None:
             return self._origin.content_hashes()
-        return () if self._open_columns is None else self._opened().hashes
+        return () if self.open_columns is None else self._opened().hashes
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: the arrays, or how to open the file."""
@@ -208,9 +204,9 @@ class Samples:
 
     def _opened(self) -> Columns:
         if self._columns is None:
-            assert self._open_columns is not None
+            assert self.open_columns is not None
             with self._refuse_damage("cannot be opened again"):
-                columns = self._open_columns()
+                columns = self.open_columns()
             shape = (len(columns.channels), len(columns.channels[0]))
             if shape != self.shape or (columns.speed is not None) != self.has_speed:
                 raise DataError(f"{self.name}: the file has changed from (channel, time) {self.shape} to {shape}.")

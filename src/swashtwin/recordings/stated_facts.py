@@ -261,13 +261,9 @@ def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     whole = len(pairs) > 1 and all(rest for _, _, rest in pairs)
     if whole and (len(firsts) == 1 or any(is_healthy(rest) for _, _, rest in pairs)):
         pattern = rf"(?P<specimen>{'|'.join(map(re.escape, firsts))})[^a-zA-Z]+(?P<label>[a-zA-Z_]+)"
-        way = f"--label-pattern '{pattern}' --force" if _fits(pattern, labeled) else "--label-pattern"
+        matches = [(re.search(pattern, entry["file"]), str(entry["label"]).partition("_")[2]) for entry in labeled]
+        is_fit = all(match and match["label"].strip("_") == rest for match, rest in matches)
+        way = f"--label-pattern '{pattern}' --force" if is_fit else "--label-pattern"
         words = ", ".join(firsts[:4])
         hints.append(f"all classes begin with {words}: if that is a machine, take it out of the class with {way}.")
     return hints
-
-
-def _fits(pattern: str, entries: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether a pattern finds in each path the class without its first word."""
-    matches = [(re.search(pattern, entry["file"]), str(entry["label"]).partition("_")[2]) for entry in entries]
-    return all(match and match["label"].strip("_") == rest for match, rest in matches)

@@ -86,7 +86,9 @@ def send(message: AlarmMessage, channel: Channel, *, folder: Path, timeout: floa
     try:
         match channel:
             case LogChannel():
-                _write(message, channel, folder)
+                line = " ".join([message.time, f"{message.title}.", *message.reasons, message.link or ""]).rstrip()
+                with (channel.path or folder / "alarms.log").open("a", encoding="utf-8") as file:
+                    file.write(escape_controls(line) + "\n")
             case WebhookChannel():
                 _post(message, channel, timeout)
             case MqttChannel():
@@ -139,12 +141,6 @@ def _deadline(timeout: float, current: Callable[[], socket.socket | None]) -> It
         raise
     finally:
         timer.cancel()
-
-
-def _write(message: AlarmMessage, channel: LogChannel, folder: Path) -> None:
-    line = " ".join([message.time, f"{message.title}.", *message.reasons, message.link or ""]).rstrip()
-    with (channel.path or folder / "alarms.log").open("a", encoding="utf-8") as file:
-        file.write(escape_controls(line) + "\n")
 
 
 def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> None:

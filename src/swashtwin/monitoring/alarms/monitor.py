@@ -106,10 +106,6 @@ class ConformalTest:
         scores[rank_step(score, is_large)] += 1
         return ConformalTest(scores, tuple((bets * payoffs(p_value, self.large_share)).tolist()), steps)
 
-    def restarted(self) -> "ConformalTest":
-        """A test that has made no bet, with the same scores."""
-        return ConformalTest(self.scores)
-
 
 def rank_step(score: float, is_large: bool) -> int:
     """Rank of a recording: the step of a logarithmic grid, 2 % wide, that its score lies on; large ones are above.
@@ -310,14 +306,11 @@ class PointMonitor:
         if state.baseline.is_complete:
             judgment = self._watched(state, levels, recording, point)
         else:
-            judgment = self._learned(state, levels, recording)
+            baseline, notes = state.baseline.learned_from(levels, recording, self.learning, self.pistons)
+            test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
+            state = replace(state, baseline=baseline, test=test)
+            judgment = PointJudgment("learning", len(baseline.rows), state, notes=notes)
         return replace(judgment, levels=named, sensor=sensor_change)
-
-    def _learned(self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording) -> PointJudgment:
-        baseline, notes = state.baseline.learned_from(levels, recording, self.learning, self.pistons)
-        test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
-        state = replace(state, baseline=baseline, test=test)
-        return PointJudgment("learning", len(baseline.rows), state, notes=notes)
 
     def _watched(
         self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording, point: str
@@ -331,7 +324,7 @@ class PointMonitor:
         capital = test.capital
         pump, change = state.pump.after(is_large, is_proven=capital * self.false_alarm_rate >= 1)
         if change == "cleared":
-            test = test.restarted()
+            test = ConformalTest(test.scores)  # which has made no bet
         shifts, moved = level_changes(
             baseline.deviation(levels, p_value), baseline.layout.levels, stated_speed(recording)
         )

@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -113,7 +114,10 @@ def _secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
     if issubclass(kind, SecretUrl):
         if "://" not in value:
             raise ValueError("it must be a URL, such as scheme://host/name")
-        if (password := _password(value)) and not _VARIABLE.fullmatch(password):
+        password = None
+        with suppress(ValueError):
+            password = urlsplit(value).password
+        if password and not _VARIABLE.fullmatch(password):
             raise ValueError("a password is written out; write scheme://user:${NAME}@host and set NAME")
     elif not _VARIABLE.fullmatch(value):
         raise ValueError('it is written out; write "${NAME}" and set the environment variable NAME')
@@ -124,13 +128,6 @@ def _secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
         return quote(environment[match[1]], safe="") if kind is SecretUrl else environment[match[1]]
 
     return (SecretUrl if kind is SecretUrl else Secret)(_VARIABLE.sub(variable, value))
-
-
-def _password(url: str) -> str | None:
-    try:
-        return urlsplit(url).password
-    except ValueError:
-        return None
 
 
 def _check(config: WatchConfig) -> None:

@@ -254,7 +254,6 @@ class Reads:
 def _within(
     machine: str | None, point: str | None, since: datetime | None, until: datetime | None
 ) -> list[ColumnElement[bool]]:
-    """Conditions of recordings; what is None takes all."""
     return [
         *([] if machine is None else [Judgment.machine == machine]),
         *([] if point is None else [Judgment.point == point]),

@@ -77,7 +77,6 @@ def _id() -> Any:
 
 
 def _machine(**options: Any) -> Any:
-    """Column of the machine's name, which the transaction fills in."""
     return mapped_column(ForeignKey("machines.name"), init=False, **options)
 
 

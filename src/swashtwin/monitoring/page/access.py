@@ -318,7 +318,9 @@ class Access:
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
         """A session's id for the cookie; or, where the login failed, the seconds to wait before the next attempt."""
-        address, person = self._address(request), hashlib.sha256(name.encode()).hexdigest()
+        address, person = request.client.host if request.client else "unknown", _digest(name)
+        if address == self.settings.proxy and (stated := ",".join(request.headers.getlist("x-forwarded-for"))):
+            address = stated.rpartition(",")[2].strip()  # the proxy states last where a request came from
         keys = [f"address {address}"]
         if (address, person) not in self._familiar:  # else strangers who guess could lock a person out
             keys.append(f"name {person}")
@@ -336,14 +338,14 @@ class Access:
             self._familiar[address, person] = None
             _shorten(self._familiar, _MOST_SESSIONS)
             entry = _Session(name, mark, now + LONGEST_SESSION_SECONDS, now + SESSION_SECONDS)
-            self._sessions[_fingerprint(session)] = entry
+            self._sessions[_digest(session)] = entry
             _shorten(self._sessions, _MOST_SESSIONS)
         return session
 
     def logout(self, request: HTTPConnection) -> None:
         """End the session of this request."""
         with self._lock:
-            self._sessions.pop(_fingerprint(request.cookies.get(COOKIE, "")), None)
+            self._sessions.pop(_digest(request.cookies.get(COOKIE, "")), None)
 
     def form_token(self, visit: str) -> str:
         """Token that forms of the visit with this cookie carry."""
@@ -366,24 +368,14 @@ class Access:
         """Name of the person whose session has that id; None where it ended or the password is another one now."""
         now = time.monotonic()
         with self._lock:
-            key = _fingerprint(visit)
+            key = _digest(visit)
             session = self._sessions.pop(key, None)
             if session is None or min(session.end, session.last_end) < now or users.mark(session.name) != session.mark:
                 return None
             self._sessions[key] = session._replace(end=now + SESSION_SECONDS)  # at the end: the oldest goes first
             return session.name
 
-    def _address(self, request: HTTPConnection) -> str:
-        """Address that a request came from; the proxy states it last in ``X-Forwarded-For``."""
-        address = request.client.host if request.client else "unknown"
-        stated = ",".join(request.headers.getlist("x-forwarded-for"))
-        return stated.rpartition(",")[2].strip() if stated and address == self.settings.proxy else address
-
 
 def _shorten(items: OrderedDict[Any, Any], most: int) -> None:
     while len(items) > most:
         items.popitem(last=False)
-
-
-def _fingerprint(session: str) -> str:
-    return hashlib.sha256(session.encode("utf-8", "replace")).hexdigest()

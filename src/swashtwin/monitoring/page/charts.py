@@ -229,7 +229,10 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
                 healthy.append(spectrum)
     x = Axis(0.0, float(frequency[-1]))
     shaft = None if stored.speed is None else stored.speed / (2 * math.pi)
-    marks = _marks(shaft, pistons, x)
+    marks = []
+    if shaft is not None:
+        orders = [*(pistons * k for k in range(1, _MARKS + 1) if pistons), 1]
+        marks = [(float(x.share(order * shaft)), f"{order}×") for order in orders if order * shaft < x.high]
     figures = []
     for row, channel in enumerate(recording.channels):
         y = Axis.around(amplitude[row], *(spectrum[row] for spectrum in healthy), kind="log")
@@ -256,11 +259,3 @@ def _lines(recording: Recording) -> tuple[Float[np.ndarray, " line"], Float[np.n
     group = math.ceil(len(position) / LINES)
     starts = np.arange(0, len(position), group)
     return position[starts], np.maximum.reduceat(amplitude, starts, axis=1)
-
-
-def _marks(shaft: float | None, pistons: int | None, x: Axis) -> list[tuple[float, str]]:
-    """(share of the axis, name) of the lines of the shaft and the pistons, those of the pistons first."""
-    if shaft is None:
-        return []
-    orders = [*(pistons * k for k in range(1, _MARKS + 1) if pistons), 1]
-    return [(float(x.share(order * shaft)), f"{order}×") for order in orders if order * shaft < x.high]

@@ -20,7 +20,6 @@ from swashtwin.monitoring.page.site import (
     STATES,
     VERDICT_NAMES,
     Site,
-    by_urgency,
     grouped_levels,
     moment_text,
     number,
@@ -61,7 +60,7 @@ class Pages:
     ) -> HTMLResponse:
         """All machines, the most urgent first."""
         site = self._site
-        machines = sorted(site.machines(), key=by_urgency)
+        machines = sorted(site.machines(), key=lambda machine: (STATES.index(state_of(machine)), machine.name))
         counts = Counter(state_of(machine) for machine in machines)
         fitting = [
             machine

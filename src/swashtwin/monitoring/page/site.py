@@ -174,11 +174,6 @@ def state_of(machine: MachineOverview) -> MachineState:
     return _BY_CODE[code]
 
 
-def by_urgency(machine: MachineOverview) -> tuple[int, str]:
-    """Key that sorts the most urgent machines first, then by name."""
-    return STATES.index(state_of(machine)), machine.name
-
-
 def alarm_state(alarm: Alarm) -> MachineState:
     """The state of one alarm."""
     if alarm.state == "acknowledged":

@@ -187,7 +187,15 @@ class Pipeline:
                 "late",
                 f"it is of {contents.time:%Y-%m-%d %H:%M:%S}, and {newest:%Y-%m-%d %H:%M:%S} was judged already.",
             )
-        point = _bounded_point(recording, transaction)
+        points = transaction.points()
+        point = choose_point(recording, points)
+        if len(points) >= _MOST_POINTS and all(known.name != point.name for known in points):
+            raise UnfitError(
+                "points",
+                f"{point.name} would be a new operating point, and {transaction.name} has {len(points)} already, which "
+                "is the most; record it at fewer speeds and pressures, then note a maintenance, which forgets all "
+                "points.",
+            )
         stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
         state = PointState.read(baseline, stored.test) if stored and stored.test and baseline is not None else None
         settings = self._config.alarms
@@ -247,7 +255,10 @@ class Pipeline:
             if change is not None:
                 self._change_alarm(transaction, kind, change, judgment, found)
         _follow_suspect(transaction, judgment)
-        self._tell_after_silence(transaction, judgment)
+        untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
+        if untold and not transaction.silenced(judgment.received):
+            for alarm in untold:
+                self._post(transaction, "opened", alarm, judgment, alarm.evidence.get("reasons", ()))
         return Outcome(transaction.name, delivery.file, judgment.state, _sentence(found, judgment, self._config))
 
     def _change_alarm(
@@ -269,12 +280,6 @@ class Pipeline:
             transaction.clear_alarm(alarm.id, judgment.time)
         if not transaction.silenced(judgment.received):
             self._post(transaction, event, alarm, judgment, found.reasons)
-
-    def _tell_after_silence(self, transaction: MachineTransaction, judgment: Judgment) -> None:
-        untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
-        if untold and not transaction.silenced(judgment.received):
-            for alarm in untold:
-                self._post(transaction, "opened", alarm, judgment, alarm.evidence.get("reasons", ()))
 
     def _post(
         self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
@@ -320,19 +325,6 @@ def _load(path: Path | None) -> "tuple[Model, str] | str | None":
         return None if path is None else (load_model(path), sha256_of(path)[:16])
     except (SwashTwinError, OSError) as cause:
         return str(cause)
-
-
-def _bounded_point(recording: Recording, transaction: MachineTransaction) -> OperatingPoint:
-    """The operating point of a recording, one of the machine's or a new one, if there may be another."""
-    points = transaction.points()
-    point = choose_point(recording, points)
-    if len(points) >= _MOST_POINTS and all(stored.name != point.name for stored in points):
-        raise UnfitError(
-            "points",
-            f"{point.name} would be a new operating point, and {transaction.name} has {len(points)} already, which is "
-            "the most; record it at fewer speeds and pressures, then note a maintenance, which forgets all points.",
-        )
-    return point
 
 
 def _follow_suspect(transaction: MachineTransaction, judgment: Judgment) -> None:

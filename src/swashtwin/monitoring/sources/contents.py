@@ -14,7 +14,6 @@ from datetime import datetime, timedelta
 from errno import EDQUOT, EMFILE, ENFILE, ENOSPC
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -161,7 +160,12 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     else:
         if "type" in delivery.facts:
             raise UnfitError("broken", "a type is of samples behind a line of JSON; a file says that of its own.")
-        recording = _load_file(file, stated | {"id": name}, machine)
+        usual = {
+            key: value for key in _READING if (value := getattr(machine, key)) not in (None, ()) and key not in stated
+        }
+        if "speed" not in stated:  # a pressure alone is joined with a speed afterwards
+            stated.pop("discharge_pressure", None)
+        recording = load_recording(file.path, id=name, **stated, **usual)
         if (count := delivery.facts.get("count")) and recording.n_samples != int(count):
             raise UnfitError("broken", f"it has {recording.n_samples} samples of each channel, not {count}.")
     rate = machine.sample_rate
@@ -175,14 +179,6 @@ _READING = (
     "decimal",
 )  # fmt: skip
 """Facts of a machine's files, by the names that they have in an index."""
-
-
-def _load_file(file: SpoolFile, facts: dict[str, Any], machine: Machine) -> Recording:
-    """The recording of a whole file; what the configuration says counts where the file says nothing."""
-    usual = {key: value for key in _READING if (value := getattr(machine, key)) not in (None, ()) and key not in facts}
-    if "speed" not in facts:  # a pressure alone is joined with a speed afterwards
-        facts = {key: value for key, value in facts.items() if key != "discharge_pressure"}
-    return load_recording(file.path, **facts, **usual)
 
 
 def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:

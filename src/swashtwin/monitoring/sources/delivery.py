@@ -112,8 +112,12 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
             if name == "rate" and not RATES[0] <= value <= RATES[1]:
                 raise InputError(f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz.")
-        if name in _CHECKS:
-            _CHECKS[name](text)
+        if read := {"time": read_time, "unit": require_sample_unit}.get(name):
+            read(text)
+        elif name == "count" and not (text.isdecimal() and int(text) > 0):
+            raise InputError(f"count = {_short(text)} must be the number of samples of each channel, such as 8192.")
+        elif name == "type" and text not in TYPES:
+            raise InputError(f"type = {_short(text)} is none of {', '.join(TYPES)}.")
     return {name: plain_text(text) for name, text in facts.items()}
 
 
@@ -138,21 +142,6 @@ def read_time(text: str) -> datetime:
     if time < _EARLIEST:
         raise InputError(f"time = {_short(text)} lies before 1990; is the sensor's clock set?")
     return time
-
-
-def _check_count(text: str) -> None:
-    if not (text.isdecimal() and int(text) > 0):
-        raise InputError(f"count = {_short(text)} must be the number of samples of each channel, such as 8192.")
-
-
-def _check_type(text: str) -> None:
-    if text not in TYPES:
-        raise InputError(f"type = {_short(text)} is none of {', '.join(TYPES)}.")
-
-
-_CHECKS: Mapping[str, Callable[[str], object]] = {
-    "time": read_time, "unit": require_sample_unit, "count": _check_count, "type": _check_type,
-}  # fmt: skip
 
 
 def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:

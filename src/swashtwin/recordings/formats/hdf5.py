@@ -357,7 +357,6 @@ class _PatientFile:
         """Nothing: no byte waits."""
 
     def raise_error(self) -> None:
-        """Raise the first error, where there was one."""
         if self.error is not None:
             raise self.error
 

@@ -32,7 +32,13 @@ def read(path: Path, options: Options) -> RawFile:
 
     pymatreader = load_extra("pymatreader", "readers", "a MATLAB file")
     if h5py.is_hdf5(path):
-        _require_data_within(path)
+        import h5py
+
+        from swashtwin.recordings.formats.hdf5 import require_data_within, require_links_within
+
+        with h5py.File(path, "r", locking=False) as file:
+            require_links_within(path, file)
+            file.visititems(lambda _, item: require_data_within(path, item) if isinstance(item, h5py.Dataset) else None)
     variables = pymatreader.whosmat(path)
     require_memory(path, sum(8 * prod(shape) for _, shape, _ in variables))
     objects = {name: kind for name, _, kind in variables if kind not in _KINDS and name[:1] != "#"}
@@ -77,16 +83,6 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
             if 1 <= number <= len(units):
                 pairs.append((f"{name}_unit", str(units[number - 1]).strip()))
     return pairs
-
-
-def _require_data_within(path: Path) -> None:
-    import h5py
-
-    from swashtwin.recordings.formats.hdf5 import require_data_within, require_links_within
-
-    with h5py.File(path, "r", locking=False) as file:
-        require_links_within(path, file)
-        file.visititems(lambda _, item: require_data_within(path, item) if isinstance(item, h5py.Dataset) else None)
 
 
 def write(recording: Recording, path: Path) -> None:

@@ -117,7 +117,6 @@ class _Tail:
         return self._file.seek(offset + (self._first if whence == 0 else 0), whence) - self._first
 
     def tell(self) -> int:
-        """Offset [byte]."""
         return self._file.tell() - self._first
 
 

@@ -52,6 +52,15 @@ def assert_same(first: Recording, second: Recording) -> None:
         np.testing.assert_array_equal(first.speed, second.speed)
 
 
+def test_a_recording_in_g_is_the_same_in_a_file_of_its_own_and_in_a_store(tmp_path: Path) -> None:
+    write_recording(make("a", unit="1"), tmp_path / "a.wav")
+    measured = load_recording(tmp_path / "a.wav", unit="g")
+    assert measured.samples.factors != (1.0, 1.0)
+    np.testing.assert_array_equal(load_recording(write_recording(measured, tmp_path / "a.h5")).signal, measured.signal)
+    (stored,) = load_recordings(write_store([measured], tmp_path / "store.h5"))
+    np.testing.assert_array_equal(stored.signal, measured.signal)
+
+
 # ---- one file, in slices
 
 

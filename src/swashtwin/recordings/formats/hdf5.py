@@ -263,8 +263,8 @@ _CHUNK = 16384
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write the whole recording: samples in the number type of its file, with their factors, facts as attributes."""
-    _fill(path, lambda file, target: _write_one(file, recording, target))
+    """Write the whole recording: samples in its unit, and facts as attributes; what reads one file knows no factors."""
+    _fill(path, lambda file, target: _write_one(file, recording, target, has_factors=False))
 
 
 def write_many(recordings: list[Recording], path: Path, written: Callable[[int], None]) -> None:
@@ -273,28 +273,37 @@ def write_many(recordings: list[Recording], path: Path, written: Callable[[int],
     def fill(file: h5py.File, target: _PatientFile) -> None:
         file.attrs["format"] = np.bytes_(STORE_FORMAT.encode())
         for number, recording in enumerate(recordings):
-            _write_one(file.create_group(f"{number:06d}"), recording, target, written)
+            _write_one(file.create_group(f"{number:06d}"), recording, target, written, has_factors=True)
 
     _fill(path, fill)
 
 
 def _write_one(
-    group: h5py.Group, recording: Recording, target: "_PatientFile", written: Callable[[int], None] = lambda count: None
+    group: h5py.Group,
+    recording: Recording,
+    target: "_PatientFile",
+    written: Callable[[int], None] = lambda count: None,
+    *,
+    has_factors: bool,
 ) -> None:
     samples, count = recording.samples, recording.n_samples
+    is_raw = has_factors or set(samples.factors) == {1.0}
     shape, chunk = (recording.n_channels, count), (recording.n_channels, min(_CHUNK, count))
-    signal = group.create_dataset("signal", shape, samples.dtype, chunks=chunk, fletcher32=True)
+    dtype = samples.dtype if is_raw else np.float64
+    signal = group.create_dataset("signal", shape, dtype, chunks=chunk, fletcher32=True)
     speed = None
     if recording.has_speed:
         speed = group.create_dataset("speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True)
     for start in range(0, count, BLOCK):
-        block = samples.raw(start, start + BLOCK)
+        block = (samples.raw if is_raw else samples.signal_part)(start, start + BLOCK)
         signal[:, start : start + BLOCK] = block
         if speed is not None:
             speed[start : start + BLOCK] = samples.speed_part(start, start + BLOCK)
         target.raise_error()
         written(block.nbytes)
     _write_facts(group, recording)
+    if not has_factors:
+        return
     group.attrs["factor"] = np.array(samples.factors)
     if hashes := samples.original_hashes():
         group.attrs["hashes"] = np.bytes_(json.dumps(hashes).encode())

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from commandline import one_line, run, run_json
 from swashtwin.foundation import MPa
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
+from swashtwin.signals import IndicatorTable, long_indicators
 
 RATE, SHAFT = 4000.0, 15.0
 
@@ -67,6 +69,28 @@ def test_of_many_recordings_the_furthest_come_first_and_the_rest_is_in_the_file(
     assert "1 of 14 flagged" in output
     assert "No ISO zone is printed" in output
     assert "9 more rows" in run("signal", "features", folder, "--tachometer", "tacho").stdout
+
+
+def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, out, described = tmp_path / "whole.csv", tmp_path / "out.csv", []
+    words = ("signal", "features", folder, "--track", "7", "--out")
+    run(*words, whole)
+
+    def stopping(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
+        described.append(recording.recording_id)
+        if len(described) == 4:
+            raise KeyboardInterrupt
+        return long_indicators(recording, describe)
+
+    monkeypatch.setattr("swashtwin.signals.long_indicators", stopping)
+    assert "the same command continues" in one_line(run(*words, out, code=130))
+    assert not out.exists()
+    with (tmp_path / "out.csv.partial").open("a") as file:
+        file.write('[{"columns"')  # killed while it wrote a line
+    run(*words, out)
+    assert len(described) == 4 + 11
+    assert out.read_bytes() == whole.read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.csv", "whole.csv"]
 
 
 @pytest.mark.parametrize(("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0)])

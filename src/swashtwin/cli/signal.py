@@ -1,10 +1,11 @@
 """Commands of the group signal, which need no classifier: features, spectrum, trend."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from swashtwin.recordings import Recording
     from swashtwin.signals import IndicatorTable, ShaftAngle, Trend
 
+T = TypeVar("T")
 Pistons = Annotated[
     int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
 ]
@@ -118,8 +120,14 @@ def features(
     signal trend.
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
+    from swashtwin.recordings import source_files
+
     shaft = Shaft(tachometer, track)
-    indicators = _indicators_of(load_sources(source, **reading), pistons, band, shaft)
+    recordings = load_sources(source, **reading)
+    files = [(str(file.absolute()), file.stat()) for path in source for file in source_files(path)]
+    stamps = [(file, stamp.st_size, stamp.st_mtime_ns) for file, stamp in files]
+    settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "reading": reading, "sources": stamps}
+    indicators = _indicators_of(recordings, pistons, band, shaft, out, settings)
     if out is not None:
         from swashtwin.foundation import write_text
 
@@ -284,11 +292,16 @@ def _show_points(trend: "Trend") -> None:
 
 
 def _indicators_of(
-    recordings: "Sequence[Recording]", pistons: int | None, bands: list[str] | None, shaft: Shaft
+    recordings: "Sequence[Recording]",
+    pistons: int | None,
+    bands: list[str] | None,
+    shaft: Shaft,
+    out: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> "IndicatorTable":
     """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found."""
-    from swashtwin.foundation import DataError, InputError
-    from swashtwin.signals import BANDS, FAMILIES, Band, indicators_of, long_indicators, stacked
+    from swashtwin.foundation import DataError, InputError, from_table, to_table
+    from swashtwin.signals import BANDS, FAMILIES, Band, IndicatorTable, indicators_of, long_indicators, stacked
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
     refusals: dict[str, str] = {}
@@ -303,12 +316,45 @@ def _indicators_of(
         vibration = shaft.vibration_of(recording)
         return indicators_of(vibration, angle=angle, pistons=pistons, bands=edges, families=names)
 
-    tables = [long_indicators(recording.unloaded(), describe) for recording in with_bar(recordings, "indicators")]
+    def result_of(recording: "Recording") -> tuple[Any, dict[str, str]]:
+        found = to_table(long_indicators(recording.unloaded(), describe))
+        return found, {name: reason for name, reason in refusals.items() if name == recording.recording_id}
+
+    tables = []
+    for found, refused in _kept(out, settings, with_bar(recordings, "indicators"), result_of):
+        tables.append(from_table(found, IndicatorTable))
+        refusals |= refused
     if refusals and len(refusals) == len(recordings):
         raise DataError(next(iter(refusals.values())))
     for reason in refusals.values():
         note(f"no orders: {reason}")
     return stacked(tables)
+
+
+def _kept(
+    out: Path | None, settings: Mapping[str, Any] | None, items: Iterable[T], result_of: Callable[[T], Any]
+) -> Iterator[Any]:
+    """The result of each item; those that an interrupted command of equal settings left beside `out` are read there."""
+    from swashtwin.foundation import TEXT, VERSION, write_text
+
+    if out is None:
+        yield from map(result_of, items)
+        return
+    path, header = out.with_name(f"{out.name}.partial"), json.dumps([VERSION, settings])
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1] if path.is_file() else []
+    lines = lines if lines[:1] == [header] else [header]
+    write_text(path, "".join(f"{line}\n" for line in lines))
+    try:
+        with path.open("a", **TEXT) as file:
+            for number, item in enumerate(items, 1):
+                if number == len(lines):
+                    lines.append(json.dumps(result_of(item)))
+                    print(lines[number], file=file, flush=True)
+                yield json.loads(lines[number])
+    except Exception:
+        path.unlink(missing_ok=True)
+        raise
+    path.unlink()
 
 
 def _csv_beside(figure: Path, sources: list[Path], force: bool) -> Path:

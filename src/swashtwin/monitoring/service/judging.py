@@ -1,6 +1,7 @@
 """From a file in the spool to its verdict in the history, in one transaction."""
 
 import logging
+import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
@@ -100,11 +101,11 @@ class Pipeline:
             reason = f"an error of swashtwin ({type(cause).__name__}: {cause}); please report it"
             return self._reject(file, "error", reason)
 
-    def measure_severities(self) -> None:
+    def measure_severities(self, stop: threading.Event) -> None:
         """Measure the severity of each suspect that is sure and was not measured, which takes minutes.
 
-        Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill interrupts is measured
-        after the next start.
+        Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or `stop` interrupts
+        is measured after the next start.
 
         Raises
         ------
@@ -126,6 +127,8 @@ class Pipeline:
             found = measured_severity(
                 FaultSize(machine, suspect["label"], worn, tuple(folder / name for name in healthy))
             )
+            if stop.is_set():  # which may have ended the process that measures, too
+                return
             with self._history.machine(alarm.machine) as transaction:
                 stored = transaction.note_severity(alarm.id, {**found, "recording": judgment.id})
                 is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()

@@ -125,7 +125,11 @@ class Watch:
             self._judge_next(pipeline, stop)
         for thread in threads:
             thread.join()
-        pipeline.measure_severities()
+        self._sender.send_all()
+        measuring = threading.Thread(target=self._measure, args=(pipeline, stop), daemon=True)
+        measuring.start()
+        while measuring.is_alive() and not stop.is_set():
+            measuring.join(_PATIENCE)
         self._sender.send_all()
         self._sweep()
 
@@ -179,12 +183,20 @@ class Watch:
         while not self._stop.wait(_PATIENCE):
             judged = self._counters["judged"]
             if judged != seen:
-                try:
-                    pipeline.measure_severities()
+                if self._measure(pipeline, self._stop):
                     seen = judged
-                except Exception as cause:  # the history is away, or has ended with the watch
-                    _log.warning("no severity was measured: %s", cause)
+                else:
                     self._stop.wait(_LONGEST_PAUSE)
+
+    @staticmethod
+    def _measure(pipeline: "Pipeline", stop: threading.Event) -> bool:
+        """Whether all severities are measured, or nobody waits for them any more."""
+        try:
+            pipeline.measure_severities(stop)
+        except Exception as cause:  # the history is away, or has ended with the watch
+            _log.warning("no severity was measured: %s", cause)
+            return False
+        return True
 
     def _open_pipeline(self) -> "Pipeline":
         """What judges, with its models; importing it takes a second, in which the page answers already."""

@@ -22,7 +22,7 @@ from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect
 from swashtwin.recordings import Recording
 from swashtwin.report import page_text, write_report
-from swashtwin.report.calibration_part import calibration_answer
+from swashtwin.report.calibration_part import calibration_answer, directions_table
 from swashtwin.report.writing import part_of
 from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
 from swashtwin_bench.rigs.writing import RigSize
@@ -145,6 +145,11 @@ def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_
         calibration_answer(replace(calibration, fits=(replace(fit, before=calibration.fit_before, after=worse),)))
     )
     assert all(words in answer for words in ("(RMSE) ROSE from", "(SVE) stayed", "neither number is a test"))
+
+
+def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibration):
+    for _, *weights in directions_table(calibration).rows:
+        assert max(map(float, weights), key=abs) > 0
 
 
 def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):

@@ -188,6 +188,7 @@ def directions_table(calibration: Calibration) -> Table:
     posterior, letters = calibration.posterior, tuple(estimate.letter for estimate in calibration.estimates)
     prior = posterior.unknowns.deviation[VALUES]
     variance, directions = np.linalg.eigh(posterior.covariance[VALUES, VALUES] / np.outer(prior, prior))
+    directions = directions * np.sign(directions[np.abs(directions).argmax(axis=0), range(len(letters))])
     rows = [
         (percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
         for left, direction in zip(variance, directions.T, strict=True)

@@ -291,9 +291,13 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
     assert "was not asked of faults that were never trained" in resemblance.joined(answer, new).notes[-1]
     told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
     assert "resembles piston" in told.joined(answer, new).reasons[0]
-    near = told.joined(replace(answer, unknown=False, p_value=0.6), new)
+    doubtful = replace(answer, unknown=False, p_value=0.6, prediction_set=("normal", "valve_plate"))
+    near = told.joined(doubtful, new)
     assert near.is_near
     assert near.sentence().startswith("Unknown: It resembles piston, which was never trained")
+    label = str(answer.label)
+    sure = replace(doubtful, prediction_set=(label,), probabilities={label: 0.9})
+    assert not told.joined(sure, new).unknown  # a classifier that is sure is believed
     with pytest.raises(DataError, match="is no healthy recording"):
         resemblance.with_healthy([new])
 

@@ -18,6 +18,9 @@ from swashtwin.recordings import Recording
 
 LEAST = 9
 """Training recordings that a rate is taken from, at least."""
+SURE = 0.8
+"""Probability of the only plausible class from which a classifier is believed and no prior; chosen on fleets 100
+and 101 of version 2 of the rig."""
 NO_CONFIDENCE = (
     "The pump prior was left out: it is asked at the error rate of a confidence, and this training has none; leave out "
     "--network, or hold recordings back (--validation-fraction 0.2)."
@@ -48,7 +51,8 @@ class Resemblance:
         """A classifier's answer, unknown too where the prior takes the recording for a fault that was never trained.
 
         Each of both may err in the error rate, so that together they err in twice of it at most. The prior's p-value is
-        conformal: the share of the training's recordings whose probability of such a fault is as high.
+        conformal: the share of the training's recordings whose probability of such a fault is as high. Where the
+        classifier is sure of a class, it is believed.
         """
         if answer.label is None or answer.error_rate is None or answer.p_value is None:
             return answer
@@ -62,7 +66,8 @@ class Resemblance:
         missing = {name: shares[name] for name in self.classes}
         likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
         as_high, n = self.score.size - int(np.searchsorted(self.score, total)), self.score.size
-        is_new = (as_high + 1) / (n + 1) <= answer.error_rate
+        is_sure = len(answer.prediction_set) == 1 and answer.probabilities[answer.label] >= SURE
+        is_new = (as_high + 1) / (n + 1) <= answer.error_rate and not is_sure
         reasons = answer.reasons
         if is_new or (answer.unknown and shares[likeliest] > 0.5):
             reasons = (

@@ -44,8 +44,6 @@ def safe_streams() -> None:
 
 
 class _Printable(logging.Formatter):
-    """Log lines without control characters."""
-
     def format(self, record: logging.LogRecord) -> str:
         return escape_controls(super().format(record), keep="\n")
 

@@ -187,7 +187,9 @@ class Workspace:
             try:
                 recording = recording or self._open_entry(row)
                 (report,) = inspect_recordings([recording]).recordings
-                findings, levels, state = [asdict(finding) for finding in report.findings], _levels(recording), "ready"
+                findings, state = [asdict(finding) for finding in report.findings], "ready"
+                power = np.mean([track**2 for track in level_track(recording, SPARK)], axis=0)
+                levels = [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
             except (SwashTwinError, OSError) as cause:
                 levels, state = [], "broken"
                 findings = [{"kind": "unreadable", "severity": "error", "channel": None, "message": str(cause)}]
@@ -302,11 +304,6 @@ def _row(stated: Mapping[str, Any]) -> Row:
     except SwashTwinError as cause:
         finding = {"kind": "unreadable", "severity": "error", "channel": None, "message": str(cause)}
         return Row(name, stated, state="broken", findings=[finding])
-
-
-def _levels(recording: Recording) -> list[float]:
-    power = np.mean([row**2 for row in level_track(recording, SPARK)], axis=0)
-    return [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
 
 
 def level_track(recording: Recording, count: int) -> Float64[np.ndarray, "channel part"]:

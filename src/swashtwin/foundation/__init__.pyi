@@ -56,7 +56,6 @@ from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius
 from .units import deg as deg
-from .units import hertz as hertz
 from .units import is_unit as is_unit
 from .units import mm as mm
 from .units import parse as parse

@@ -31,11 +31,6 @@ def rpm(value: float) -> float:
     return value * 2 * math.pi / 60
 
 
-def hertz(value: float) -> float:
-    """Angular speed [rad/s] of `value` revolutions per second."""
-    return value * 2 * math.pi
-
-
 def MPa(value: float) -> float:
     """Pressure [Pa] of `value` megapascal."""
     return value * 1e6

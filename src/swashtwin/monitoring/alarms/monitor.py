@@ -192,11 +192,6 @@ class PointState:
     """Condition of the sensors' alarm."""
 
     @classmethod
-    def start(cls, recording: Recording, sensor: Condition) -> "PointState":
-        """Nothing is known, and the first recording says which levels there are."""
-        return cls(PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor)
-
-    @classmethod
     def read(cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]) -> "PointState":
         """The state of two tables, which the history keeps apart: the large one changes rarely."""
         return cls(
@@ -291,7 +286,8 @@ class PointMonitor:
                 f"{recording.recording_id} has {samples}; record {_LEAST_SAMPLES} at least, better a second."
             )
         if state is None or not len(state.baseline.rows):
-            state = PointState.start(recording, Condition() if state is None else state.sensor)
+            sensor = Condition() if state is None else state.sensor
+            state = PointState(PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor)
         findings = sensor_findings(recording)
         if any(finding.kind == "flat" for finding in findings):
             return _at_fault(state, findings, {})

@@ -164,10 +164,13 @@ def _swapped_channels(baseline: PointBaseline, levels: Float64[np.ndarray, " lev
 
 
 def _finding(name: str, row: Float[np.ndarray, " time"], flat_length: int, turn: int) -> SensorFinding | None:
-    flat = _flat_share(row, flat_length)
+    blocks = row[: row.size // flat_length * flat_length].reshape(-1, flat_length)
+    flat = float(np.mean(blocks.min(axis=1) == blocks.max(axis=1))) if blocks.size else 0.0
     if flat >= FLAT:
         return SensorFinding("flat", name, f"channel {name} does not move in {flat:.0%} of the recording.")
-    ratio = _largest_deviation(row)
+    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
+    usual = float(np.median(deviation))
+    ratio = float(deviation.max()) / usual if usual > 0 else 0.0  # 0 where half of the samples are equal
     if ratio >= SPIKES:
         sentence = f"channel {name} has single samples {ratio:.1g} times as far from the middle as the others: spikes."
         return SensorFinding("spikes", name, sentence)
@@ -175,34 +178,10 @@ def _finding(name: str, row: Float[np.ndarray, " time"], flat_length: int, turn:
     if clipped >= SATURATED:
         sentence = f"channel {name} stands at the end of its range in {clipped:.1%} of the samples."
         return SensorFinding("saturated", name, sentence)
-    slow = _slow_share(row, turn)
+    means = row[: row.size // turn * turn].reshape(-1, turn).mean(axis=1)
+    total = float(row.var())
+    slow = float(means.var()) / total if len(means) >= _LEAST_TURNS and total > 0 else 0.0
     if slow >= LOOSE:
         sentence = f"channel {name} has {slow:.0%} of its power below the speed of the shaft: a loose plug or cable?"
         return SensorFinding("loose", name, sentence)
     return None
-
-
-def _flat_share(row: Float[np.ndarray, " time"], length: int) -> float:
-    """Share of the blocks of `length` samples that hold one value; 0 of less than a block."""
-    count = row.size // length
-    if not count:
-        return 0.0
-    blocks = row[: count * length].reshape(count, -1)
-    return float(np.mean(blocks.min(axis=1) == blocks.max(axis=1)))
-
-
-def _largest_deviation(row: Float[np.ndarray, " time"]) -> float:
-    """Largest deviation from the median over the median deviation; 0 where half of the samples are equal."""
-    deviation = np.abs(row.astype(np.float64) - float(np.median(row)))
-    usual = float(np.median(deviation))
-    return float(deviation.max()) / usual if usual > 0 else 0.0
-
-
-def _slow_share(row: Float[np.ndarray, " time"], turn: int) -> float:
-    """Variance of the means over `turn` samples over that of all samples; 0 of fewer than eight turns."""
-    count = row.size // turn
-    if count < _LEAST_TURNS:
-        return 0.0
-    means = row[: count * turn].reshape(count, turn).mean(axis=1)
-    total = float(row.var())
-    return float(means.var()) / total if total > 0 else 0.0

@@ -136,7 +136,10 @@ class FolderWatch:
             return False
         time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=min(max(stamp.changed / 1e9, 0), _LATEST))
         facts = {"time": time.isoformat()}
-        delivery = Delivery(self._source.name, path.name, datetime.now(UTC), self._machine(path), facts, problem)
+        machine, parts = self._source.machine, path.relative_to(self._source.path).parts
+        if machine is None and len(parts) > 1:
+            machine = parts[0]
+        delivery = Delivery(self._source.name, path.name, datetime.now(UTC), machine, facts, problem)
         self._accept(delivery, content)
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
@@ -157,12 +160,6 @@ class FolderWatch:
             self._problems[str(path)] = f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
             _put_back(aside)
         return False
-
-    def _machine(self, path: Path) -> str | None:
-        if self._source.machine is not None:
-            return self._source.machine
-        parts = path.relative_to(self._source.path).parts
-        return parts[0] if len(parts) > 1 else None
 
     def _walk(self, folder: Path, depth: int) -> Iterator[tuple[str, Stamp]]:
         try:

@@ -156,14 +156,22 @@ class MqttWatch:
 
     def run(self, stop: threading.Event) -> None:
         """Stay connected until `stop` is set."""
+        from paho.mqtt.packettypes import PacketTypes
+        from paho.mqtt.properties import Properties
+
+        properties = Properties(PacketTypes.CONNECT)
+        properties.SessionExpiryInterval = _FOREVER
+        properties.MaximumPacketSize = _LARGEST_PACKET
+        properties.ReceiveMaximum = _IN_FLIGHT
         client = self._client
         threading.Thread(target=lambda: stop.wait() and client.disconnect(), daemon=True).start()
         pause = _FIRST_PAUSE
         while not stop.is_set():
             began = time.monotonic()
             try:
-                host, port, properties = self._source.host, self._source.port, _session_properties()
-                client.connect(host, port, _KEEPALIVE, clean_start=False, properties=properties)
+                client.connect(
+                    self._source.host, self._source.port, _KEEPALIVE, clean_start=False, properties=properties
+                )
                 client.loop_forever(retry_first_connection=False)
             except (OSError, ValueError) as cause:
                 self._fail(str(cause))
@@ -232,17 +240,6 @@ def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -
     if broker.tls:
         client.tls_set(None if broker.ca is None else str(broker.ca))
     return client
-
-
-def _session_properties() -> Any:
-    from paho.mqtt.packettypes import PacketTypes
-    from paho.mqtt.properties import Properties
-
-    properties = Properties(PacketTypes.CONNECT)
-    properties.SessionExpiryInterval = _FOREVER
-    properties.MaximumPacketSize = _LARGEST_PACKET
-    properties.ReceiveMaximum = _IN_FLIGHT
-    return properties
 
 
 def _machine_of(subscription: str, topic: str) -> str | None:

@@ -49,8 +49,6 @@ def read(path: Path, options: Options) -> RawFile:
 
 
 class _Table:
-    """A text table as columns of polars."""
-
     def __init__(self, path: Path, text: bytes, lines: Sequence[str], options: Options) -> None:
         self._path = path
         self._dialect = dialect_of(path, lines, options)

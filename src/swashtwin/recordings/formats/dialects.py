@@ -153,8 +153,10 @@ class Dialect:
         """Names of the columns, and the unit of each for which its heading, or the line below that, states one."""
         header = self.header[0] if self.header else [""] * len(self.kinds)
         below: list[str] = []
-        if len(self.header) > 1 and _are_units(header):
-            header, below = self.header[1], header
+        texts = [text for text in header if text.strip("-")] if len(self.header) > 1 else []
+        clear = [text[0] in "[(" or plain_unit(text) in TRADE_UNITS for text in texts]
+        if any(clear) and all(is_unit or known_unit(text) for text, is_unit in zip(texts, clear, strict=True)):
+            header, below = self.header[1], header  # a line of units below the names
         names: list[str] = []
         units: dict[str, str] = {}
         for number, heading in enumerate(header):
@@ -323,10 +325,3 @@ def _is_plausible(rows: list[list[str]], kinds: Sequence[Kind], separator: str) 
     better = _SEPARATORS[: _SEPARATORS.index(separator)] if separator in _SEPARATORS else ()
     texts = [row[column] for row in rows for column, kind in enumerate(kinds) if kind is Kind.text]
     return len(rows) >= _FEW_ROWS.get(separator, 2) and not any(mark in text for text in texts for mark in better)
-
-
-def _are_units(fields: Sequence[str]) -> bool:
-    """Whether a line of headings holds the units of the line above it."""
-    texts = [field for field in fields if field.strip("-")]
-    clear = [text[0] in "[(" or plain_unit(text) in TRADE_UNITS for text in texts]
-    return any(clear) and all(is_unit or known_unit(text) for text, is_unit in zip(texts, clear, strict=True))

@@ -46,7 +46,14 @@ _COLUMNS = 10_000
 def read(path: Path, options: Options) -> RawFile:
     """A recording of our own format, or every numeric vector of another HDF5 file."""
     file = _open(path, _CACHE)
-    if (chunk := _largest_chunk(file)) > _CACHE:
+    chunks = [0]
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.chunks:
+            chunks.append(prod(item.chunks) * item.dtype.itemsize)
+
+    file.visititems(visit)
+    if (chunk := max(chunks)) > _CACHE:
         file.close()
         file = _open(path, 2 * min(chunk, memory_limit() // 4))  # a chunk that is not kept is unpacked for each slice
     name = _text(file.attrs.get("format")) or ""
@@ -63,17 +70,6 @@ def read_store(path: Path, options: Options) -> dict[str, RawFile]:
     file = _open(path, 0)  # slices are of whole chunks, and no chunk is read twice
     _require_format(path, file, STORE_FORMAT)
     return {name: _complete(path, file[name]) for name in sorted(file)}
-
-
-def _largest_chunk(file: h5py.File) -> int:
-    sizes = [0]
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.chunks:
-            sizes.append(prod(item.chunks) * item.dtype.itemsize)
-
-    file.visititems(visit)
-    return max(sizes)
 
 
 def _open(path: Path, cache: int) -> h5py.File:

@@ -46,8 +46,6 @@ _COMMAND = "from swashtwin.recordings.formats.isolation import serve; serve()"
 
 @dataclass(frozen=True)
 class _Source:
-    """A file, and how it is read."""
-
     module: str
     function: str
     path: str

@@ -200,7 +200,14 @@ class _Forecast:
         self._linear: dict[tuple[OperatingCondition, tuple[str, ...]], Linearization] = {}
         seconds = [fit.duration for fit in fits]
         self.duration = sum(seconds) / len(calibration.recording_ids)
-        self._density = {name: self._noise_density(name, seconds) for name in posterior.channels}
+        self._density: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        """Frequencies [Hz] of all lines of a channel, and their variance times the time recorded [(m/s^2)^2 s]."""
+        for name in posterior.channels:
+            pairs = [(part, time) for part, time in zip(self.present, seconds, strict=True) if name in part.channels]
+            frequency = np.concatenate([part.frequency for part, _ in pairs])
+            variance = np.concatenate([time * part.deviation[part.channels.index(name)] ** 2 for part, time in pairs])
+            order = np.argsort(frequency)
+            self._density[name] = frequency[order], variance[order]
         measured = [self._comparison(part, fit.spectra.measured) for part, fit in zip(self.present, fits, strict=True)]
         around = linearize(Objective(tuple(measured), self.unknowns), self.point)
         self._discrepancy = estimate_discrepancy(around)
@@ -283,14 +290,6 @@ class _Forecast:
         lowest = twin.pump.rotating_group.piston_count * condition.shaft_frequency
         highest = max(self.calibration.settings["band"][1], lowest) + condition.shaft_frequency
         return replace(twin, bandwidth=highest, path=None)
-
-    def _noise_density(self, channel: str, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies [Hz] of all lines of a channel, and their variance times the time recorded [(m/s^2)^2 s]."""
-        pairs = [(part, time) for part, time in zip(self.present, seconds, strict=True) if channel in part.channels]
-        frequency = np.concatenate([part.frequency for part, _ in pairs])
-        variance = np.concatenate([time * part.deviation[part.channels.index(channel)] ** 2 for part, time in pairs])
-        order = np.argsort(frequency)
-        return frequency[order], variance[order]
 
     def _noise(
         self, frequency: Float[np.ndarray, " order"], channels: tuple[str, ...]

@@ -121,7 +121,11 @@ def calibrate(
         wide = {name: max(getattr(nuisances, name), FREE_PATH) for name in ("gains", "residue")}
         nuisances = replace(nuisances, **wide)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
-    groups = [(twin, group) for twin in twins for group in _by_channels(twin, recordings)]
+    groups = []
+    for twin in twins:  # once for each set of channels of those that agree with it, with all that do not
+        agreeing = {id(recording): recording.channels for recording in select_agreeing(twin, recordings)[0]}
+        for channels in dict.fromkeys(agreeing.values()):
+            groups.append((twin, [item for item in recordings if agreeing.get(id(item), channels) == channels]))
     band = DEFAULT_BAND if band is None else band
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
     require_one_machine([recording for each in measurements for recording in each.recordings], "a calibration")
@@ -250,15 +254,6 @@ def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> l
     return [OperatingCondition(*rows[group].mean(axis=0).tolist()) for group in groups]
 
 
-def _by_channels(twin: Twin, recordings: Sequence[Recording]) -> list[list[Recording]]:
-    """`recordings` once for each set of channels of those that agree with the twin, without those of the other sets."""
-    agreeing = {id(recording): recording.channels for recording in select_agreeing(twin, recordings)[0]}
-    return [
-        [recording for recording in recordings if agreeing.get(id(recording), channels) == channels]
-        for channels in dict.fromkeys(agreeing.values())
-    ]
-
-
 def _settings(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
     """Settings of a search, as JSON can hold them."""
     settings: dict[str, Any] = asdict(method) if is_dataclass(method) and not isinstance(method, type) else {}
@@ -285,7 +280,14 @@ def notes_of(
     notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
     doubts = [*_bounds(objective, search, estimates)]
     if misfit > MISFIT:
-        lacks = "" if hypotheses else f"; {_far_constants(objective, search)}"
+        lacks = ""
+        if not hypotheses:
+            away = ((search.point - objective.unknowns.center) / objective.unknowns.deviation)[CONSTANTS]
+            names = [objective.unknowns.names[CONSTANTS][i] for i in np.argsort(-np.abs(away)) if abs(away[i]) > FAR]
+            far = ", ".join([words_of_constant(name) for name in names if not name.startswith("mode ")][:3])
+            lacks = "; the model lacks something (housing modes, wrong constants)"
+            if far:
+                lacks = f"; farthest from what was stated: {far}"
         doubts.append(
             f"the calibrated lines miss the measured ones by {misfit:.2g} times what was expected, so no value is "
             f"called identified{lacks}"
@@ -317,14 +319,3 @@ def _bounds(objective: Objective, search: Search, estimates: tuple[Estimate, ...
     if strained:
         constants = ", ".join(words_of_constant(name) for name in strained)
         yield f"the fit strains what was stated beyond its prior ({constants}), so no value is called identified"
-
-
-def _far_constants(objective: Objective, search: Search) -> str:
-    """Constants that the lines pull away from what was stated, the farthest first."""
-    unknowns = objective.unknowns
-    away = ((search.point - unknowns.center) / unknowns.deviation)[CONSTANTS]
-    names = unknowns.names[CONSTANTS]
-    far = [names[i] for i in np.argsort(-np.abs(away)) if abs(away[i]) > FAR and not names[i].startswith("mode ")]
-    if not far:
-        return "the model lacks something (housing modes, wrong constants)"
-    return "farthest from what was stated: " + ", ".join(words_of_constant(name) for name in far[:3])

@@ -64,6 +64,8 @@ def evaluate_alarms(
     X, y : recordings, and their classes; None for their own labels. A `LeakError` where one had a part in the model, a
         `DataError` where none has a label.
     """
+    from sklearn.metrics import roc_auc_score
+
     from swashtwin.learning import wilson_interval
 
     recordings = relabeled(require_recordings(X), y)
@@ -84,6 +86,9 @@ def evaluate_alarms(
         scores = [answer.score for answer in judged if answer.score is not None]
         n_alarms = sum(bool(answer.alarm) for answer in judged)
         share = n_alarms / len(judged) if judged else None
+        auroc = None
+        if label != healthy and usual and scores:
+            auroc = float(roc_auc_score([False] * len(usual) + [True] * len(scores), usual + scores))
         is_detector = any(answer.kind == "detector" for answer in members)
         classes.append(
             ClassAlarms(
@@ -96,15 +101,7 @@ def evaluate_alarms(
                 n_named=None if is_detector else sum(is_same_class(answer.verdict, label) for answer in judged),
                 share=share,
                 interval=(0.0, 1.0) if share is None else wilson_interval(share, len(judged)),
-                auroc=None if label == healthy else _auroc(usual, scores),
+                auroc=auroc,
             )
         )
     return AlarmScores(error_rate, tuple(classes))
-
-
-def _auroc(healthy: list[float], faulty: list[float]) -> float | None:
-    if not healthy or not faulty:
-        return None
-    from sklearn.metrics import roc_auc_score
-
-    return float(roc_auc_score([False] * len(healthy) + [True] * len(faulty), healthy + faulty))

@@ -79,7 +79,16 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     )
     has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if confidence is not None else True)
     if not has_verdict.all():
-        return replace(result, no_verdict=_not_finite(recording, classifier.layout.length, has_verdict))
+        length = classifier.layout.length
+        first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
+        peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
+        which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
+        reason = (
+            f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} "
+            f"s, where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the "
+            "file, else the model is damaged: train it again."
+        )
+        return replace(result, no_verdict=reason)
     pooled = pooled_probabilities(probability, confidence)
     score = 0.0
     if confidence is not None and reference is not None:
@@ -132,18 +141,6 @@ def _with_trust(
         threshold=float(confidence.ood_score[n - max(1, math.floor(rate * (n + 1) + 1e-9))]),
         basis=confidence.basis,
         n_basis=n,
-    )
-
-
-def _not_finite(recording: Recording, length: int, has_verdict: np.ndarray) -> str:
-    """Why windows have no finite answer: where the first is, and how large its samples are."""
-    first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
-    peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
-    which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
-    return (
-        f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} s, "
-        f"where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the file, "
-        "else the model is damaged: train it again."
     )
 
 

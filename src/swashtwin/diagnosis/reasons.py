@@ -39,7 +39,14 @@ def reasons_of(
     condition : speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
     facts : mean `signal_facts` of the recording.
     """
-    reasons = list(_of_condition(classifier, *condition.tolist()))
+    reasons: list[str] = []
+    speed, pressure = condition.tolist()
+    if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
+        trained = _listed([value / 1e6 for value in classifier.pressures])
+        reasons.append(f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were).")
+    if _is_new(speed, classifier.speeds, _SPEED_TOLERANCE):
+        trained = _listed([value * 30 / math.pi for value in classifier.speeds])
+        reasons.append(f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
     reference = classifier.training_reference
     if reference is None or not np.isfinite(facts).all():
         return tuple(reasons)
@@ -120,15 +127,6 @@ def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
     )
 
 
-def _of_condition(classifier: FittedClassifier, speed: float, pressure: float) -> Iterator[str]:
-    if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
-        trained = _listed([value / 1e6 for value in classifier.pressures])
-        yield f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
-    if _is_new(speed, classifier.speeds, _SPEED_TOLERANCE):
-        trained = _listed([value * 30 / math.pi for value in classifier.speeds])
-        yield f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were)."
-
-
 def _of_channel(
     name: str, unit: str, changes: dict[str, OutsideFact], change: Float64[np.ndarray, " fact"]
 ) -> Iterator[str]:
@@ -144,9 +142,11 @@ def _of_channel(
             without = level.value - change[1]
             differences.append(max(level.low - without, without - level.high))
     if any(difference <= _SAME_GAIN for difference in map(abs, differences)):
+        is_unit = abs(abs(change[1]) - _UNITS_APART) <= _SAME_FACTOR
+        hint = " That is the factor of 9.81 between g and m/s^2: check the unit of the file." if is_unit else ""
         yield (
             f"The gain of channel {name} looks {abs(change[1]):.0f} dB {'higher' if change[1] > 0 else 'lower'} than "
-            f"in the training: its level and its noise floor both moved.{_unit_hint(change[1])}"
+            f"in the training: its level and its noise floor both moved.{hint}"
         )
         level = floor = None
     if floor is not None:
@@ -172,12 +172,6 @@ def _of_channel(
             f"The strongest lines of channel {name} hold {share:.0f} % of its power; in the training they held "
             f"{low:.0f} to {high:.0f} %."
         )
-
-
-def _unit_hint(change: float) -> str:
-    if abs(abs(change) - _UNITS_APART) > _SAME_FACTOR:
-        return ""
-    return " That is the factor of 9.81 between g and m/s^2: check the unit of the file."
 
 
 def _moved(fact: OutsideFact, unit: str) -> str:

@@ -116,7 +116,13 @@ class Diagnosis:
         if self.label is None:
             return f"no verdict: {self.no_verdict}"
         if self.kind == "detector":
-            return self._detector_sentence()
+            assert self.p_value is not None
+            assert self.error_rate is not None
+            less = " or less" if self.p_value <= (1 + 1e-9) / (self.n_basis + 1) else ""
+            return (
+                f"{'alarm' if self.alarm else 'no alarm'} at a false-alarm rate of {100 * self.error_rate:.3g} % "
+                f"(p = {self.p_value:.3g}{less}, {plural(self.n_basis, 'healthy recording')})."
+            ) + (f" Moved: {self.moved}." if self.alarm and self.moved else "")
         if self.unknown and (self.kind == "prior" or self.is_near):
             return f"Unknown: {self.reasons[0]}"
         if self.error_rate is None:
@@ -138,17 +144,6 @@ class Diagnosis:
         return (
             f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
         )
-
-    def _detector_sentence(self) -> str:
-        assert self.p_value is not None
-        assert self.error_rate is not None
-        less = " or less" if self.p_value <= (1 + 1e-9) / (self.n_basis + 1) else ""
-        said = (
-            f"{'alarm' if self.alarm else 'no alarm'} at a false-alarm rate of {100 * self.error_rate:.3g} % "
-            f"(p = {self.p_value:.3g}{less}, {plural(self.n_basis, 'healthy recording')})."
-        )
-        moved = self.moved
-        return f"{said} Moved: {moved}." if self.alarm and moved else said
 
     @property
     def moved(self) -> str:

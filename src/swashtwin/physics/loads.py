@@ -115,15 +115,6 @@ def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarr
     return np.stack(columns, axis=1)
 
 
-def _over_pistons(case: LoadCase) -> np.ndarray:
-    """What differs from piston to piston; see `chambers.march`."""
-    group, leakage = case.pump.rotating_group, added_leakage(case.fault, case.pump)
-    clearance = np.full(group.piston_count, group.piston_clearance)
-    if case.piston_clearances is not None:
-        clearance = np.array(case.piston_clearances, dtype=float)
-    return np.stack([(clearance + leakage.piston_clearance) ** 3, np.zeros(group.piston_count) + leakage.conductance])
-
-
 @lru_cache(maxsize=8)
 def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Pressures in the chambers (piston, step) and in the outlet line (step), and the mean flow."""
@@ -150,7 +141,14 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
     )
     over_angle = _over_angle(case, 2 * math.pi * np.arange(steps) / steps, step_time)
     chamber, discharge = np.empty((steps, pump.rotating_group.piston_count)), np.empty(steps)
-    failed = march(over_angle, _over_pistons(case), constants, revolutions, ITERATIONS, chamber, discharge)
+    group, leakage = pump.rotating_group, added_leakage(case.fault, pump)
+    clearance = np.full(group.piston_count, group.piston_clearance)
+    if case.piston_clearances is not None:
+        clearance = np.array(case.piston_clearances, dtype=float)
+    over_pistons = np.stack(
+        [(clearance + leakage.piston_clearance) ** 3, np.zeros(group.piston_count) + leakage.conductance]
+    )
+    failed = march(over_angle, over_pistons, constants, revolutions, ITERATIONS, chamber, discharge)
     if failed:
         raise SwashTwinError(
             f"chamber pressures of {name} do not converge at shaft angle {360 * (failed % steps) / steps:.4g} deg; "

@@ -56,6 +56,18 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     change = _change(calibration, "spectrum_value_error")
     has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
+    provenance = facts_table(
+        "How the calibration was made.",
+        [
+            ("method", calibration.method),
+            *flatten_settings(calibration.settings),
+            ("condition", condition_words(calibration)),
+            ("simulations", calibration.simulations),
+            ("time taken", f"{number(calibration.wall_s)} s"),
+            ("swashtwin version", calibration.version),
+            ("calibration recordings", list(calibration.recording_ids)),
+        ],
+    )
     more = Bullets("More to know", tuple(map(sentence, calibration.notes[_MOST_NOTES:])))
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
@@ -63,7 +75,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
         notice=rig_notice(RecordingFacts(origin=calibration.origin)),
         sections=(
             Section(SectionOrder.CALIBRATION, "Calibration", (more, *calibration_blocks(calibration, key)[1:])),
-            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (_provenance(calibration),)),
+            Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (provenance,)),
         ),
         results={"calibrations": [calibration.to_dict()]},
         verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
@@ -211,20 +223,6 @@ def interval_words(estimate: Estimate) -> str:
         (True, True): "no limits within the bounds",
     }
     return sentences[estimate.open_sides]
-
-
-def _provenance(calibration: Calibration) -> Table:
-    """Settings and recordings needed to repeat the calibration."""
-    entries = [
-        ("method", calibration.method),
-        *flatten_settings(calibration.settings),
-        ("condition", condition_words(calibration)),
-        ("simulations", calibration.simulations),
-        ("time taken", f"{number(calibration.wall_s)} s"),
-        ("swashtwin version", calibration.version),
-        ("calibration recordings", list(calibration.recording_ids)),
-    ]
-    return facts_table("How the calibration was made.", entries)
 
 
 _RANGE_DB = 60.0

@@ -252,7 +252,16 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
     """Part of the page about one verdict."""
     blocks: tuple = (Bullets("Channels that moved as a whole", verdict.shifts),)
     if verdict.deviation is not None:
-        blocks += (_change_table(verdict), level_drawing(verdict, key))
+        rows = tuple(
+            (change.level, words(change.channel), f"{change.change:+.1f}", number(change.spreads))
+            for change in verdict.changes
+        )
+        caption = (
+            "Levels that moved, furthest first: change from the mean of the healthy recordings, and over the standard "
+            "deviation of such a difference between healthy ones. Alarms are raised by all levels together, not by one."
+        )
+        table = Table(caption, ("level", "channel", "change [dB]", "standard deviations"), rows)
+        blocks += (table, level_drawing(verdict, key))
     blocks += (Bullets("What was not checked", _NOT_CHECKED_BY_DETECTOR),)
     spectrum = spectrum_sentences(verdict.spectrum)
     shown: dict[bool | None, tuple[str, Tone, tuple[str, ...], tuple[str, ...]]] = {
@@ -283,18 +292,6 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
         subject=verdict.recording_id,
         facts=fact_entries(verdict.facts),
     )
-
-
-def _change_table(verdict: Diagnosis) -> Table:
-    rows = tuple(
-        (change.level, words(change.channel), f"{change.change:+.1f}", number(change.spreads))
-        for change in verdict.changes
-    )
-    caption = (
-        "Levels that moved, furthest first: change from the mean of the healthy recordings, and over the standard "
-        "deviation of such a difference between healthy ones. Alarms are raised by all levels together, not by one."
-    )
-    return Table(caption, ("level", "channel", "change [dB]", "standard deviations"), rows)
 
 
 @figure_style()

@@ -42,12 +42,24 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         pictures = (line_drawing(evidence, key),)
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
+    header: tuple[str, ...] = ("line", "channel", "share") if evidence.adds_up else ("line", "channel")
+    shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
+    lines = [
+        (evidence.describe(band), words(channel), percent(share)) for channel, band, share in evidence.strongest(6)
+    ]
+    rows = tuple(line[: len(header)] for line in lines)
+    nearest = tuple((near.recording_id, words(near.label), number_cell(near.distance)) for near in evidence.nearest)
     blocks = (
         *evidence.sentences()[1:],
         introduction,
         *pictures,
-        _line_table(evidence),
-        _neighbor_table(evidence),
+        Table(f"The strongest contributions to the verdict; {shares}.", header, rows),
+        Table(
+            "The training recordings nearest by their vibration features, independent of the network; distances in "
+            "standard deviations between training recordings.",
+            ("recording", "class", "distance"),
+            nearest,
+        ),
         Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
         Bullets("What this evidence is not", tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)),
     )
@@ -64,7 +76,9 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
 @figure_style()
 def line_drawing(evidence: Evidence, key: str) -> Drawing:
     """Contribution of each order and third octave to the score, channel by channel."""
-    channels, positions = evidence.channels, _positions(evidence.bands)
+    channels = evidence.channels
+    steps = [1 if after.part == band.part != "whole" else 4 for band, after in pairwise(evidence.bands)]
+    positions = np.concatenate([[0], np.cumsum(steps, dtype=np.int64)])  # parts apart, with room for a lone name
     figure, axes = panels(len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True)
     for channel, name in enumerate(channels):
         panel, adds = axes[channel, 0], evidence.lines[channel]
@@ -97,12 +111,6 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
     return render_drawing(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
 
 
-def _positions(bands: tuple[Band, ...]) -> np.ndarray:
-    """Where each band stands: side by side, the parts apart, what belongs to no band with room for its name."""
-    steps = [1 if after.part == band.part != "whole" else 4 for band, after in pairwise(bands)]
-    return np.concatenate([[0], np.cumsum(steps, dtype=np.int64)])
-
-
 def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> None:
     """Ticks at every fifth order, every third of the third octaves, and what belongs to no band."""
     names: dict[int, str] = {}
@@ -114,22 +122,3 @@ def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> 
     names |= {index: band.name for index, band in enumerate(bands) if band.part == "whole"}
     upright = any(band.order is None and band.low > 0 for band in bands)
     panel.set_xticks(positions[list(names)], list(names.values()), rotation=90 if upright else 0)
-
-
-def _line_table(evidence: Evidence) -> Table:
-    rows = []
-    for channel, band, share in evidence.strongest(6):
-        shown = (percent(share),) if evidence.adds_up else ()
-        rows.append((evidence.describe(band), words(channel), *shown))
-    header = ("line", "channel", *(("share",) if evidence.adds_up else ()))
-    shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
-    return Table(f"The strongest contributions to the verdict; {shares}.", header, tuple(rows))
-
-
-def _neighbor_table(evidence: Evidence) -> Table:
-    rows = tuple((near.recording_id, words(near.label), number_cell(near.distance)) for near in evidence.nearest)
-    caption = (
-        "The training recordings nearest by their vibration features, independent of the network; distances in "
-        "standard deviations between training recordings."
-    )
-    return Table(caption, ("recording", "class", "distance"), rows)

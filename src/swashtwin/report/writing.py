@@ -73,7 +73,11 @@ def write_report(
     blocks = [(*card.glance, *(block for section in card.sections for block in section.blocks)) for card in cards]
     figures = [drawing for each in blocks for drawing in drawings(each)]
     texts = {folder / "report.html": _page(parts, shown, has_folder=True)}  # opens first, so is replaced last
-    texts[folder / "results.json"] = _results(parts, [drawing.name for drawing in figures])
+    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "figures": [drawing.name for drawing in figures]}
+    for part in parts:
+        for kind, entries in part.results.items():
+            table.setdefault(kind, []).extend(entries)
+    texts[folder / "results.json"] = json_text(table, indent=1) + "\n"
     for drawing in figures:
         texts[folder / "figures" / f"{drawing.name}.svg"] = drawing.svg
         texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
@@ -154,25 +158,14 @@ def _sections(parts: Sequence[Part]) -> list[Section]:
 
 def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) -> str:
     titles = list(dict.fromkeys(part.title for part in parts if part.verdict or part.answer))
-    is_one = len(titles) == 1 or len({part.subject for part in parts}) == 1
-    title = parts[0].title if is_one else _joint_title(parts)
+    subjects = {part.subject for part in parts}
+    is_one = len(titles) == 1 or len(subjects) == 1
+    title = parts[0].title
+    if not is_one and "" not in subjects:
+        title = f"{title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
+    elif not is_one:
+        title = " and ".join(list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3])
     page = template("report.html.jinja").render(
         shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder
     )
     return escape_controls(page, keep="\n")
-
-
-def _joint_title(parts: Sequence[Part]) -> str:
-    """Title of a page about several subjects."""
-    subjects = list(dict.fromkeys(part.subject for part in parts))
-    if "" not in subjects:
-        return f"{parts[0].title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
-    return " and ".join(list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3])
-
-
-def _results(parts: Sequence[Part], figures: list[str]) -> str:
-    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "figures": figures}
-    for part in parts:
-        for kind, entries in part.results.items():
-            table.setdefault(kind, []).extend(entries)
-    return json_text(table, indent=1) + "\n"

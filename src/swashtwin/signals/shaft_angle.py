@@ -127,7 +127,16 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         raise DataError(
             f"{recording.recording_id}, {channel}: {len(pulses)} pulses; a speed needs at least 3. Is it a tachometer?"
         )
-    _require_even(pulses / recording.sample_rate, f"{recording.recording_id}, {channel}")
+    time = pulses / recording.sample_rate
+    interval = np.diff(time)
+    ratio = interval / median_filter(interval, size=min(5, len(interval)), mode="nearest")
+    odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
+    if len(odd):
+        raise DataError(
+            f"{recording.recording_id}, {channel}: the pulses at {time[odd[0]]:.4f} s and {time[odd[0] + 1]:.4f} s lie "
+            f"{ratio[odd[0]]:.2f} times their neighbors' distance apart; a pulse was missed or counted twice, or the "
+            "marks are uneven."
+        )
     marks = 2 * math.pi / pulses_per_turn * np.arange(len(pulses))
     angle = _between(pulses, marks, len(level))
     # The second difference of evenly noisy edges has six times their variance; a real acceleration only adds to it.
@@ -153,17 +162,6 @@ def _rising_edges(level: Float[np.ndarray, " time"]) -> Float[np.ndarray, " puls
         at = int(np.flatnonzero((part[:-1] < 0.5) & (part[1:] >= 0.5))[0])
         edges.append(before + at + (0.5 - part[at]) / (part[at + 1] - part[at]))
     return np.array(edges)
-
-
-def _require_even(time: Float[np.ndarray, " pulse"], where: str) -> None:
-    interval = np.diff(time)
-    ratio = interval / median_filter(interval, size=min(5, len(interval)), mode="nearest")
-    odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
-    if len(odd):
-        raise DataError(
-            f"{where}: the pulses at {time[odd[0]]:.4f} s and {time[odd[0] + 1]:.4f} s lie {ratio[odd[0]]:.2f} times "
-            "their neighbors' distance apart; a pulse was missed or counted twice, or the marks are uneven."
-        )
 
 
 def _between(
@@ -219,7 +217,11 @@ def resampled_by_angle(
     if not (math.isfinite(speed) and speed > 0):
         raise InputError(f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
     at, denser = _reading_at(angle, samples_per_turn)
-    signal = _read_off(recording.signal, at)
+    rows = []
+    for row in recording.signal:
+        fine = scipy.signal.resample_poly(row, _FINER, 1, padtype="line")
+        rows.append(make_interp_spline(np.arange(len(fine)) / _FINER, fine, k=3)(at))
+    signal = np.stack(rows)
     if denser > 1:
         signal = scipy.signal.resample_poly(signal, 1, denser, axis=-1, padtype="line")
     at = at[::denser][: signal.shape[1]]
@@ -248,13 +250,3 @@ def _reading_at(angle: ShaftAngle, samples_per_turn: int) -> tuple[Float[np.ndar
         raise InputError(f"{angle.turns:.2f} turns hold no whole one from a multiple of 2 pi on; record longer.")
     wanted = first + step * np.arange(count)
     return np.interp(wanted, angle.angle, np.arange(len(angle.angle), dtype=float)), denser
-
-
-def _read_off(
-    signal: Float[np.ndarray, "channel time"], at: Float[np.ndarray, " step"]
-) -> Float[np.ndarray, "channel step"]:
-    rows = []
-    for row in signal:
-        fine = scipy.signal.resample_poly(row, _FINER, 1, padtype="line")
-        rows.append(make_interp_spline(np.arange(len(fine)) / _FINER, fine, k=3)(at))
-    return np.stack(rows)

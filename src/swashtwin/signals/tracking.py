@@ -102,9 +102,13 @@ def _followed(recording: Recording, start: ShaftAngle, order: int, search: float
     if start.turns < 2 * _RIDGE_TURNS:
         raise DataError(f"{recording.recording_id}: {start.turns:.1f} revolutions; following a line needs 16.")
     line = _Line.of(recording, start, order, search)
-    change = _ridge(line, start, search)
+    change, turn = _ridge(line, start, search), round(line.per_turn)
     for _ in range(_PASSES):
-        change = _ends_steady(change + np.unwrap(np.angle(line.strongest(change)[0])) / order, round(line.per_turn))
+        change = change + np.unwrap(np.angle(line.strongest(change)[0])) / order
+        # filters see half of the line in the first and last revolution, which go on at their neighbors' pace
+        first, last = ((change[at + turn] - change[at]) / turn for at in (turn, len(change) - 2 * turn - 1))
+        before, after = change[turn] - first * np.arange(turn, 0, -1), change[-turn - 1] + last * np.arange(1, turn + 1)
+        change = np.concatenate([before, change[turn:-turn], after])
     deviation, quality = _judged(line, change, recording.recording_id)
     if np.median(np.abs(np.gradient(change) / np.gradient(line.turn))) > 0.95 * search:
         raise DataError(
@@ -198,14 +202,6 @@ def _strongest_path(score: Float[np.ndarray, "segment tried"]) -> np.ndarray:
     for before in reversed(origin):
         path.append(int(before[path[-1]]))
     return np.array(path[::-1])
-
-
-def _ends_steady(change: Float[np.ndarray, " kept"], turn: int) -> Float[np.ndarray, " kept"]:
-    """The change; its first and last revolution, where filters see half of the line, go on at their neighbors' pace."""
-    index = np.arange(turn)
-    first, last = ((change[at + turn] - change[at]) / turn for at in (turn, len(change) - 2 * turn - 1))
-    inner = change[turn:-turn]
-    return np.concatenate([inner[0] - first * (turn - index), inner, inner[-1] + last * (index + 1)])
 
 
 def _fluctuating(power: Float[np.ndarray, " kept"], block: int) -> float:

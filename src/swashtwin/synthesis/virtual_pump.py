@@ -79,13 +79,11 @@ class VirtualPump:
         self.irregular, self.jitter = rng.uniform(*prior.irregular), math.radians(rng.uniform(0, 3))
         self.one_sided = rng.random()
         self.ringing = drawn_modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
-        self.rattle = self._joints() if self.program and rng.random() < 0.5 else ()
-
-    def _joints(self) -> tuple[Impacts, ...]:
-        """Impacts of a healthy pump, where the force on each piston changes its sign."""
-        impulse = log_uniform(self.rng, (self.prior.impulse[0] / 2, self.prior.impulse[1] / 8))
-        shares = spread(self.rng, 0.2, self.count)
-        return (Impacts(impulse, tuple(np.radians([8.0, 188.0])), shares, int(self.rng.choice([0, 2]))),)
+        self.rattle: tuple[Impacts, ...] = ()  # of a healthy pump, where the force on each piston changes its sign
+        if self.program and rng.random() < 0.5:
+            impulse = log_uniform(rng, (prior.impulse[0] / 2, prior.impulse[1] / 8))
+            shares = spread(rng, 0.2, self.count)
+            self.rattle = (Impacts(impulse, tuple(np.radians([8.0, 188.0])), shares, int(rng.choice([0, 2]))),)
 
     def spectra(self, labels: tuple[str, ...]) -> Float[np.ndarray, "recording sensor cell"]:
         """Power of one recording of each class in each cell of an eighth of an order, from 0 on."""
@@ -132,7 +130,9 @@ class VirtualPump:
         shell = np.einsum("rlk,sk->rsl", motion.numpy(), rows) * -(frequency[:, None] ** 2)
         transfer = np.einsum("dlk,sk->dsl", struck.numpy(), rows) * -(frequency[:1, None] ** 2)
         path = self._path(hertz)
-        mixing = self._mixing(len(labels))
+        cross_talk = rng.normal(0, prior.cross_talk, (len(labels) + 1, self.sensors, self.sensors))
+        cross_talk *= 1 - np.eye(self.sensors)
+        mixing = np.eye(self.sensors) + cross_talk[0] + self.care * cross_talk[1:]
         lines = np.abs(mixing @ (shell * path)) ** 2 / 2
         healthy = float(lines[0].sum(axis=-1).mean())
         floor = np.einsum("rdl,rdsl->rsl", np.array(floors), np.abs(transfer[None] * path[:, None]) ** 2)
@@ -216,11 +216,6 @@ class VirtualPump:
         ratio = hertz[:, None] / resonance[..., None]
         gain = spread(rng, 0.05 * self.care, (len(hertz), self.sensors, 1))
         return housing * gain / (1 - ratio**2 + 0.1j * ratio)
-
-    def _mixing(self, count: int) -> Float[np.ndarray, "recording sensor sensor"]:
-        off = 1 - np.eye(self.sensors)
-        cross_talk = self.rng.normal(0, self.prior.cross_talk, (count + 1, self.sensors, self.sensors)) * off
-        return np.asarray(np.eye(self.sensors) + cross_talk[0] + self.care * cross_talk[1:])
 
     def _noise(
         self,

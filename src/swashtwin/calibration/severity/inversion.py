@@ -254,17 +254,17 @@ class Inversion(ProfileProblem):
                 break
             seen.append((float(misses @ misses), point))
         starts: list[np.ndarray] = []
+        first = self.severity
         for _, point in sorted(seen, key=lambda pair: pair[0]):
-            if all(self._are_distinct(point, other) for other in starts):
+            if all(
+                abs(math.log(point[first] / other[first])) > 1
+                or bool((np.abs(point[first + 1 :] - other[first + 1 :]) > 0.05).any())
+                for other in starts
+            ):
                 starts.append(point)
             if len(starts) == STARTS:
                 break
         return starts
-
-    def _are_distinct(self, point: np.ndarray, other: np.ndarray) -> bool:
-        first = self.severity
-        severities = abs(math.log(point[first] / other[first]))
-        return severities > 1 or bool((np.abs(point[first + 1 :] - other[first + 1 :]) > 0.05).any())
 
     def detection_limit(self, point: Float[np.ndarray, " unknown"]) -> float | None:
         """Least severity over the reference's that these lines distinguish from next to none; None beyond the search.

@@ -78,8 +78,15 @@ def choose(
     if seed < 0:
         raise InputError(f"seed ({seed}) must not be negative.")
     tell = progress or (lambda activity, finished, total: None)
-    possible = _possible(candidates, windows)
-    measured = _sample(windows)
+    turns = windows.turns_per_sample  # candidates on orders need every speed, and a whole turn in a window
+    has_orders = bool(np.isfinite(turns).all() and (turns * windows.length >= 1).all())
+    possible = [candidate for candidate in candidates if has_orders or candidate.axis != "order"]
+    measured = without_overlap(windows.subset(~windows.synthetic))
+    if len(measured) > MOST_WINDOWS:  # the first of each recording, in a row, whose dependence is that of a recording
+        names, index = np.unique(measured.recording_id, return_inverse=True)
+        share = max(1, MOST_WINDOWS // len(names))
+        kept = [np.flatnonzero(index == number)[:share] for number in range(len(names))]
+        measured = measured.subset(np.sort(np.concatenate(kept)))
     group, folds = _inner_folds(measured, seed)
     if not folds:
         reason = "there are too few recordings of a class to test on some of them; record more of each class"
@@ -107,24 +114,6 @@ def choose(
     )
     choice = Choice(chosen.name, tuple(trials), group, len(folds), len(tested), reason, n_machines)
     return chosen, choice, answers
-
-
-def _possible(candidates: Sequence[Candidate], windows: WindowSet) -> list[Candidate]:
-    """Candidates on orders only where every speed is stated, and a window holds a whole turn."""
-    turns = windows.turns_per_sample
-    has_orders = bool(np.isfinite(turns).all() and (turns * windows.length >= 1).all())
-    return [candidate for candidate in candidates if has_orders or candidate.axis != "order"]
-
-
-def _sample(windows: WindowSet) -> WindowSet:
-    """Measured windows without overlap; of too many the first ones of each recording, in a row, so that the dependence
-    between them is that of a recording."""
-    measured = without_overlap(windows.subset(~windows.synthetic))
-    names, index = np.unique(measured.recording_id, return_inverse=True)
-    share = max(1, MOST_WINDOWS // max(1, len(names)))
-    if len(measured) <= MOST_WINDOWS:
-        return measured
-    return measured.subset(np.sort(np.concatenate([np.flatnonzero(index == i)[:share] for i in range(len(names))])))
 
 
 def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:
@@ -182,7 +171,13 @@ class _Views:
         self._normalization = Normalization.fit("set", self.windows)
         views = {"clean": measured, "synthetic": synthetic}
         noise, moved = (stream(seed, "trial", view) for view in _VIEWS[1:])
-        views["noise"] = replace(measured, signal=_noisy(measured, noise))
+        noisy = measured.signal.copy()
+        scale = np.sqrt(noisy.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
+        for index, kind in enumerate(_KINDS):
+            rows = slice(index, None, len(_KINDS))
+            drawn = unit_noise(noisy[rows].shape, noise, kind, measured.sample_rate)
+            noisy[rows] += scale[rows] * drawn.astype(np.float32)
+        views["noise"] = replace(measured, signal=noisy)
         faster = at_other_speeds(measured.signal, STRETCH, moved)
         views["gain and speed"] = replace(measured, signal=with_gains(faster, GAIN, moved))
         self.levels = {name: self._computed(view) for name, view in views.items()}
@@ -215,16 +210,6 @@ class _Views:
         return {axis: np.concatenate(part) for axis, part in zip(self._axes, zip(*computed, strict=True), strict=True)}
 
 
-def _noisy(windows: WindowSet, rng: np.random.Generator) -> np.ndarray:
-    """Each window with noise of one kind in turn at `SNR`."""
-    signal = windows.signal.copy()
-    scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
-    for index, kind in enumerate(_KINDS):
-        rows = slice(index, None, len(_KINDS))
-        signal[rows] += scale[rows] * unit_noise(signal[rows].shape, rng, kind, windows.sample_rate).astype(np.float32)
-    return signal
-
-
 def _answers(
     candidates: list[Candidate],
     views: _Views,
@@ -233,7 +218,7 @@ def _answers(
     tell: Callable[[str, int, int], None],
 ) -> dict[str, list[Float64[np.ndarray, "window class"]]]:
     """Log-probabilities of the measured windows under each view, by candidate, from the fold that tested them."""
-    n_classes = len(views.windows.classes)
+    n_classes, target = len(views.windows.classes), views.windows.target
     answers = {
         candidate.name: [np.full((len(views.measured), n_classes), np.nan) for _ in _VIEWS] for candidate in candidates
     }
@@ -248,8 +233,12 @@ def _answers(
             network = replace(members[0], heads=heads).network(views.windows)
             shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
             for fold, (trained, tested) in enumerate(folds):
-                chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
-                network.solve(shaped[chosen], views.windows.target[rows[chosen]], derive_seed(seed, "trial", fold))
+                others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
+                used = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
+                if len(np.unique(target[used])) < len(np.unique(target)):  # a class would be missing
+                    used = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
+                chosen = np.flatnonzero(np.isin(rows, used))
+                network.solve(shaped[chosen], target[rows[chosen]], derive_seed(seed, "trial", fold))
                 for view, test in enumerate(shaped_tests):
                     by_head = network.log_probabilities(test[tested])
                     for candidate in members:
@@ -257,16 +246,6 @@ def _answers(
                         answers[candidate.name][view][tested] = mean
     tell("trying candidates", len(paths), len(paths))
     return answers
-
-
-def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
-    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
-    all of these where a class would be missing."""
-    others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
-    rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
-    if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
-        rows = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
-    return rows
 
 
 def made_without(

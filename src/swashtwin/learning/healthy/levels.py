@@ -1,7 +1,7 @@
 """Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its envelope."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -121,9 +121,17 @@ class LevelLayout(WindowLayout):
                 f"{recording.recording_id} states no speed, and levels at shaft orders need it; state it in the index, "
                 "or with --speed."
             )
-        densities = list(self._densities(recording))
-        weights = np.array([weight for weight, _ in densities])
-        density = np.einsum("p,pcef->cef", weights / weights.sum(), np.stack([part for _, part in densities]))
+        counts, densities = [], []
+        step = max(self.length, _STRETCH)
+        for start in range(0, recording.n_samples, step):
+            stop = min(start + step, recording.n_samples)
+            if stop - start < self.length:
+                break
+            signal = recording.slice(start, stop).signal
+            pair = np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
+            counts.append(stop - start)
+            densities.append(power_density(pair, self.sample_rate, self.length)[1])
+        density = np.einsum("p,pcef->cef", np.array(counts) / sum(counts), np.stack(densities))
         low, high = np.array([level.edges(shaft) for level in self.levels[: self._n_each]]).T
         sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
         power = between(sums, low * per_hertz, high * per_hertz)
@@ -133,19 +141,6 @@ class LevelLayout(WindowLayout):
     def _n_each(self) -> int:
         """Levels of one signal: of a channel, or of its envelope."""
         return len(self.levels) // (2 * len(self.channels))
-
-    def _densities(
-        self, recording: Recording
-    ) -> Iterator[tuple[int, Float64[np.ndarray, "channel envelope frequency"]]]:
-        """Power densities of signal and envelope in each stretch, and how many samples they are of."""
-        step = max(self.length, _STRETCH)
-        for start in range(0, recording.n_samples, step):
-            stop = min(start + step, recording.n_samples)
-            if stop - start < self.length:
-                break
-            signal = recording.slice(start, stop).signal
-            pair = np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
-            yield stop - start, power_density(pair, self.sample_rate, self.length)[1]
 
 
 @dataclass(frozen=True)

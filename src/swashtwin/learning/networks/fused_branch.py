@@ -38,7 +38,16 @@ def _features(branch: Branch, windows: Float[Tensor, "window channel time"]) -> 
     features = _patch_features(branch.entry, windows)
     for unit in branch.units:
         assert isinstance(unit, ResidualUnit)
-        features = _residual(unit, features)
+        normalization = unit.normalization
+        convolved = _convolve(unit.convolution, functional.pad(features, (0, 0, *unit.padding)), with_bias=False)
+        active, mean = _Activation.apply(
+            convolved, unit.convolution.bias, normalization.weight, normalization.bias, normalization, unit.dropout.p
+        )
+        if isinstance(unit.attention, SqueezeExcitation):
+            active = active * unit.attention.weights(mean).unsqueeze(1)
+        features = (
+            active + (features if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, features))
+        ).relu_()
     return _convolve(branch.exit, features)
 
 
@@ -48,20 +57,6 @@ def _patch_features(
     """The convolution of patches that do not overlap."""
     patches = windows.unflatten(-1, (-1, convolution.stride[0])).permute(0, 2, 1, 3).flatten(2)
     return functional.linear(patches, convolution.weight.flatten(1), convolution.bias)
-
-
-def _residual(
-    unit: ResidualUnit, x: Float[Tensor, "window step feature_in"]
-) -> Float[Tensor, "window step feature_out"]:
-    """Features after a residual unit."""
-    convolved = _convolve(unit.convolution, functional.pad(x, (0, 0, *unit.padding)), with_bias=False)
-    normalization = unit.normalization
-    active, mean = _Activation.apply(
-        convolved, unit.convolution.bias, normalization.weight, normalization.bias, normalization, unit.dropout.p
-    )
-    if isinstance(unit.attention, SqueezeExcitation):
-        active = active * unit.attention.weights(mean).unsqueeze(1)
-    return (active + (x if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, x))).relu_()
 
 
 def _convolve(

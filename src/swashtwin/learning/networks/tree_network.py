@@ -91,20 +91,15 @@ def _in_pairs(tree: Any, first: int) -> tuple[np.ndarray, ...]:
     position = np.empty(len(order), dtype=np.int64)
     position[order] = np.arange(len(order))
     leaf = left[order] < 0
+    threshold = tree.threshold[order].astype(np.float32)  # rows in single precision compare with the next one below it
+    threshold = np.where(threshold > tree.threshold[order], np.nextafter(threshold, np.float32(-np.inf)), threshold)
     probability = tree.value[order, 0]
     return (
         np.where(leaf, -1, tree.feature[order]),
-        np.where(leaf, 0.0, _not_above(tree.threshold[order])),
+        np.where(leaf, 0.0, threshold),
         first + np.where(leaf, np.arange(len(order)), position[left[order]]),
         probability / probability.sum(axis=1, keepdims=True),
     )
-
-
-def _not_above(values: Float[np.ndarray, " node"]) -> Float[np.ndarray, " node"]:
-    """The largest numbers of single precision that are not above these: rows of such are compared with the same
-    result."""
-    single = values.astype(np.float32)
-    return np.where(single > values, np.nextafter(single, np.float32(-np.inf)), single)
 
 
 class ExtraTrees(SolvedNetwork):

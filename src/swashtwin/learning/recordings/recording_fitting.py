@@ -127,7 +127,12 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
                 logarithms[2 * part + head][members] = answer
     target = tables.target[tested]
     heard = (pooled, *logarithms, *[None] * (len(HEAD_NAMES) - len(logarithms)))
-    temperatures = np.array([1.0 if part is None else _temperature(part, target) for part in heard])
+    temperatures = np.array(
+        [
+            1.0 if part is None else fit_pooling(list(scipy.special.softmax(part, axis=1)[:, None]), target)[0]
+            for part in heard
+        ]
+    )
     trial = RecordingTrial(heard, target, temperatures)
     every = np.arange(len(tables.target))
     model = RecordingModel(
@@ -139,8 +144,3 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
         temperatures=trial.temperatures,
     )
     return model, trial
-
-
-def _temperature(logarithm: np.ndarray, target: np.ndarray) -> float:
-    """Temperature of the least cross-entropy of a head's answers."""
-    return fit_pooling(list(scipy.special.softmax(logarithm, axis=1)[:, None]), target)[0]

@@ -73,7 +73,11 @@ class ClassSpace:
 
     def score(self, features: Float[np.ndarray, " feature"], condition: Float[np.ndarray, " quantity"]) -> float:
         """Squared distance from the nearest trained class less that from a new one, per feature."""
-        centered = features - self.mean - self._offset(condition)
+        ratio = np.abs(np.log(self.conditions / condition)).sum(axis=1)
+        is_stated = not np.isnan(ratio).all()
+        centered = (
+            features - self.mean - (self.offsets[np.nanargmin(ratio)] if is_stated else self.offsets.mean(axis=0))
+        )
         inside = centered @ self.basis
         rest = max(float(centered @ centered - inside @ inside), 0.0)
         offset = inside - self.centers
@@ -81,13 +85,6 @@ class ClassSpace:
         from_all = inside - self.centers.mean(axis=0)
         new = float(from_all @ self.new @ from_all)
         return (nearest - new + rest * (self.outside[0] - self.outside[1])) / features.size
-
-    def _offset(self, condition: Float[np.ndarray, " quantity"]) -> Float64[np.ndarray, " feature"]:
-        """That of the nearest operating point by ratio; the mean of all where the condition is not stated."""
-        ratio = np.abs(np.log(self.conditions / condition)).sum(axis=1)
-        if np.isnan(ratio).all():
-            return np.asarray(self.offsets.mean(axis=0))
-        return np.asarray(self.offsets[np.nanargmin(ratio)])
 
 
 def fit_class_space(
@@ -100,7 +97,11 @@ def fit_class_space(
     values, n_features = features.astype(np.float64), features.shape[1]
     classes, target = np.unique(label, return_inverse=True)
     points, point = _operating_points(condition, len(classes))
-    offsets = _point_offsets(values, target, point, len(points))
+    means, offsets = group_means(values, target), np.zeros((len(points), values.shape[1]))
+    for number in range(len(points)):
+        present = np.unique(target[point == number])
+        changes = [values[(point == number) & (target == c)].mean(axis=0) - means[c] for c in present]
+        offsets[number] = np.mean(changes, axis=0)
     values = values - offsets[point]
     mean = values.mean(axis=0)
     basis = _span(values - mean)
@@ -158,14 +159,3 @@ def _operating_points(
     if len(condition) < _LEAST_IN_CELL * n_classes * len(points):
         return np.full((1, 2), np.nan), np.zeros(len(condition), dtype=np.int64)
     return points, point
-
-
-def _point_offsets(values: np.ndarray, target: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
-    """Mean over the classes of what an operating point differs in from its class."""
-    means = group_means(values, target)
-    offsets = np.zeros((count, values.shape[1]))
-    for number in range(count):
-        classes = np.unique(target[point == number])
-        changes = [values[(point == number) & (target == c)].mean(axis=0) - means[c] for c in classes]
-        offsets[number] = np.mean(changes, axis=0)
-    return offsets

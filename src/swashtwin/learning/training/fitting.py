@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
@@ -71,7 +70,15 @@ def fit(
     else:
         from swashtwin.learning.training.loop import train_epochs
 
-        run = _description(network, windows, settings, seed, used, device)
+        run = {
+            "network": network.name,
+            **{f"network's {name}": value for name, value in network.settings.items()},
+            **settings.to_dict(),
+            "seed": seed,
+            "device": device,
+            "training data (SHA-256)": windows.fingerprint(),
+            "manifest": used,
+        }
         trained, history = train_epochs(
             network, windows, normalization, settings, seed, run, checkpoint, resume, progress, device
         )
@@ -155,23 +162,3 @@ def _require_fitting(network: AnyNetwork, windows: WindowSet) -> None:
     length = network.settings.get("length", windows.length)
     if length != windows.length:
         raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
-
-
-def _description(
-    network: AnyNetwork,
-    windows: WindowSet,
-    settings: TrainingSettings,
-    seed: int,
-    manifest: Manifest,
-    device: str,
-) -> dict[str, Any]:
-    """What makes a run this run and no other, in words and numbers that JSON can hold."""
-    return {
-        "network": network.name,
-        **{f"network's {name}": value for name, value in network.settings.items()},
-        **settings.to_dict(),
-        "seed": seed,
-        "device": device,
-        "training data (SHA-256)": windows.fingerprint(),
-        "manifest": manifest,
-    }

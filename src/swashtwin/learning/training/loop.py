@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,17 +59,31 @@ def train_epochs(
 
     Parameters are those of `fit`; by `run`, what makes the run this one and no other, its checkpoint is known.
     """
-    _require_device(device)
+    kind = device.partition(":")[0]
+    if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
+        usable = "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
+        raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
     with _deterministic_kernels(device), one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
         optimizer = torch.optim.Adam(trained.parameters(), lr=settings.learning_rate)
         history = _start(checkpoint, resume, run, trained, optimizer)
         with TorchStream(derive_seed(seed, "pretraining")):
             clean = _tensors(trained, windows, normalization, device)
-            epoch_data = partial(_epoch_tensors, trained, windows, clean, normalization, settings, seed)
+
+            def epoch_data(number: int) -> tuple[Tensor, Tensor]:
+                which, changed = transform_windows(windows, settings, seed, number)
+                if not len(which):
+                    return clean
+                again, _ = _tensors(trained, changed, normalization, device)
+                return clean[0].index_copy(0, torch.from_numpy(which).to(device), again), clean[1]
+
             if not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
-        weights = _class_weights(windows, device) if settings.class_weights else None
+        weights = None
+        if settings.class_weights:
+            counts = np.bincount(windows.target, minlength=len(windows.classes))
+            relative = len(windows) / (len(windows.classes) * counts)
+            weights = torch.tensor(relative, dtype=torch.float32, device=device)
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
@@ -84,13 +97,6 @@ def train_epochs(
             if progress is not None:
                 progress(history[-1])
     return trained.cpu().eval(), history
-
-
-def _require_device(device: str) -> None:
-    kind = device.partition(":")[0]
-    if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
-        usable = "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
-        raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
 
 
 @contextmanager
@@ -120,24 +126,6 @@ def _start(
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 
-def _epoch_tensors(
-    network: Network,
-    windows: WindowSet,
-    clean: tuple[Tensor, Tensor],
-    normalization: Normalization,
-    settings: TrainingSettings,
-    seed: int,
-    number: int,
-) -> tuple[Tensor, Tensor]:
-    """What an epoch trains on: the windows as they are, or some of them changed, drawn by `seed` and `number`."""
-    represented, target = clean
-    which, changed = transform_windows(windows, settings, seed, number)
-    if not len(which):
-        return clean
-    again, _ = _tensors(network, changed, normalization, str(represented.device))
-    return represented.index_copy(0, torch.from_numpy(which).to(represented.device), again), target
-
-
 def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
     """(windows as the network represents them, their classes)."""
     signal = torch.from_numpy(normalization.apply(windows))
@@ -150,11 +138,6 @@ def _tensors(network: Network, windows: WindowSet, normalization: Normalization,
             ]
         )
     return represented, torch.from_numpy(windows.target).to(device)
-
-
-def _class_weights(windows: WindowSet, device: str) -> Tensor:
-    counts = np.bincount(windows.target, minlength=len(windows.classes))
-    return torch.tensor(len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device)
 
 
 def _train_epoch(

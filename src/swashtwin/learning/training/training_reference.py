@@ -110,7 +110,11 @@ def outside_facts(
     spread = np.maximum(values.std(axis=0), _LEAST_SPREAD)
     limit, least = 0.0, _FAR
     if len(training) >= _LEAST_RECORDINGS:
-        deviation = np.sort(_left_out_deviations(values, machines, spread))
+        group = np.unique(machines, return_inverse=True)[1]
+        if group.max() == 0:
+            group = np.arange(len(values))
+        below, above = _extremes_without_own(values, group) - values, values + _extremes_without_own(-values, group)
+        deviation = np.sort((np.maximum(above, below) / spread).max(axis=(1, 2)))
         limit, least = deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))], _LEAST_EXCESS
     low, high = values.min(axis=0), values.max(axis=0)
     excess = np.maximum(recorded - high, low - recorded)
@@ -120,16 +124,6 @@ def outside_facts(
         for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= least))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))
-
-
-def _left_out_deviations(values: np.ndarray, machines: Sequence[str], spread: np.ndarray) -> np.ndarray:
-    """Deviation of each training recording by the range of the others, or of other machines."""
-    group = np.unique(machines, return_inverse=True)[1]
-    if group.max() == 0:
-        group = np.arange(len(values))
-    lows = _extremes_without_own(values, group)
-    highs = -_extremes_without_own(-values, group)
-    return np.asarray((np.maximum(values - highs, lows - values) / spread).max(axis=(1, 2)))
 
 
 def _extremes_without_own(values: np.ndarray, group: np.ndarray) -> np.ndarray:

@@ -102,7 +102,7 @@ def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int
 def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
     fast: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swashtwin.foundation.has_bfloat16_arithmetic", lambda: fast, raising=False)
+    monkeypatch.setattr("swashtwin_bench.cli.studies._has_bfloat16_arithmetic", lambda: fast)
     words = ("bench", "study", "case1", "x", "--set", "precision=bfloat16", "--set", "classifiers=guess")
     assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
 

@@ -104,7 +104,14 @@ def plan_recording(
         A sensor that the pump does not have, no candidate or none of 16 revolutions, or a speed at which no line lies
         in the band.
     """
-    sets = _sensor_sets(calibration, sensors)
+    available = calibration.nominal.pump.channels
+    sets = [calibration.posterior.channels] if sensors is None else [tuple(names) for names in sensors]
+    for names in sets:
+        if not names or len(set(names)) < len(names) or not set(names) <= set(available):
+            raise InputError(
+                f"sensors ({', '.join(names)}) must be different sensors of the pump, which has "
+                f"{', '.join(available)}; add others to the pump file and calibrate with it."
+            )
     forecast = _Forecast(calibration, sets)
     speeds = forecast.around("speed") if speeds is None else speeds
     pressures = forecast.around("discharge_pressure") if pressures is None else pressures
@@ -119,45 +126,25 @@ def plan_recording(
         raise InputError(f"each of these recordings is shorter than {LEAST_REVOLUTIONS} revolutions: record longer.")
     with one_thread():
         before = forecast.covariance(forecast.present)
-        rows = [_candidate(calibration, forecast, before, *choice) for choice in product(conditions, sets)]
-    return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
-
-
-def _sensor_sets(calibration: Calibration, sensors: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
-    available = calibration.nominal.pump.channels
-    sets = [calibration.posterior.channels] if sensors is None else [tuple(names) for names in sensors]
-    for names in sets:
-        unknown = [name for name in names if name not in available]
-        if unknown or not names or len(set(names)) < len(names):
-            raise InputError(
-                f"sensors ({', '.join(names)}) must be different sensors of the pump, which has "
-                f"{', '.join(available)}; add others to the pump file and calibrate with it."
+        rows = []
+        for condition, channels in product(conditions, sets):
+            after = forecast.covariance(forecast.with_recording(condition, channels))
+            share = np.sqrt(np.diag(after) / np.diag(before))
+            estimates = [
+                replace(each, interval=interval_around(each.value, each.log_std * factor, each.bounds))
+                for each, factor in zip(calibration.estimates, share.tolist(), strict=True)
+            ]
+            pairs = zip(calibration.estimates, estimates, strict=True)
+            candidate = CandidateRecording(
+                speed=condition.speed,
+                discharge_pressure=condition.discharge_pressure,
+                duration=forecast.duration,
+                channels=channels,
+                total_width=total_width(estimates),
+                narrower={old.letter: total_width([old]) / total_width([new]) for old, new in pairs},
             )
-    return sets
-
-
-def _candidate(
-    calibration: Calibration,
-    forecast: "_Forecast",
-    before: np.ndarray,
-    condition: OperatingCondition,
-    channels: tuple[str, ...],
-) -> CandidateRecording:
-    after = forecast.covariance(forecast.with_recording(condition, channels))
-    share = np.sqrt(np.diag(after) / np.diag(before))
-    estimates = [
-        replace(each, interval=interval_around(each.value, each.log_std * factor, each.bounds))
-        for each, factor in zip(calibration.estimates, share.tolist(), strict=True)
-    ]
-    pairs = zip(calibration.estimates, estimates, strict=True)
-    return CandidateRecording(
-        speed=condition.speed,
-        discharge_pressure=condition.discharge_pressure,
-        duration=forecast.duration,
-        channels=channels,
-        total_width=total_width(estimates),
-        narrower={old.letter: total_width([old]) / total_width([new]) for old, new in pairs},
-    )
+            rows.append(candidate)
+    return RecordingPlan(total_width(calibration.estimates), tuple(sorted(rows, key=lambda row: row.total_width)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,6 @@ from .texts import plain_text as plain_text
 from .texts import plural as plural
 from .texts import spreadsheet_text as spreadsheet_text
 from .torch_state import TorchStream as TorchStream
-from .torch_state import has_bfloat16_arithmetic as has_bfloat16_arithmetic
 from .units import MPa as MPa
 from .units import bar as bar
 from .units import celsius as celsius

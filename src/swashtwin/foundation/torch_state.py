@@ -1,5 +1,4 @@
-"""Torch's random numbers for one piece of work, without a change of what the process shares, and what its processor can
-do."""
+"""Torch's random numbers for one piece of work, without a change of what the process shares."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -78,11 +77,3 @@ def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Ge
         return x.clone(), torch.ones_like(x, dtype=torch.bool)
     mask = torch.empty_like(x).bernoulli_(1 - share, generator=generator)
     return x * mask / (1 - share) if share < 1 else torch.zeros_like(x), mask.bool()
-
-
-def has_bfloat16_arithmetic() -> bool:
-    """Whether this processor may have instructions for bfloat16; without, 16 bits are slower than 32.
-
-    Those of x86 up to AVX2 have none. The first ones with AVX-512 have none either, which torch does not tell.
-    """
-    return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")

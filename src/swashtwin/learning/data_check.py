@@ -145,6 +145,7 @@ def check_recordings(
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
     lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
     cells = {(count.label, count.condition) for count in counts}
+    origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
     every = ((label, condition) for label in labels if label for condition in conditions)
     return DataCheck(
         inspection=inspection,
@@ -154,7 +155,12 @@ def check_recordings(
         notes=(
             *_one_machine_each(labeled),
             *(f"no recording of {name} is usable." for name in sorted(map(str, lost))),
-            *_origins(recordings),
+            *(
+                f"{plural(count, 'recording')} of the {origin}: a stand-in for a machine, no measurement of a real "
+                "pump."
+                for origin, count in origins.items()
+                if "virtual rig" in origin
+            ),
             *(f"{name} is a copy of {first} and is not counted." for name, first in copies.items()),
         ),
     )
@@ -170,16 +176,6 @@ def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
         "tells the class, and no test on these recordings can show that it is the fault; measure the class on another "
         "machine, or this machine in another class."
         for label in (alone if len(classes) > 1 else ())
-    ]
-
-
-def _origins(recordings: Sequence[Recording]) -> list[str]:
-    """Which recordings are none of a machine, by their attribute ``origin``."""
-    origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
-    return [
-        f"{plural(count, 'recording')} of the {origin}: a stand-in for a machine, no measurement of a real pump."
-        for origin, count in origins.items()
-        if "virtual rig" in origin
     ]
 
 

@@ -135,15 +135,11 @@ def level_features(
             np.log10(np.maximum(magnitude.max(axis=1, keepdims=True), 1e-3)),
             magnitude.mean(axis=1, keepdims=True),
         )
-        parts += [*shape, _line_levels(powers[index]), band_levels(powers[index], _N_LEVEL_BANDS)]
+        lowest = powers[index][:, : max(1, round(_LINE_SHARE * powers[index].shape[1]))]
+        edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
+        mean = np.add.reduceat(lowest, edges, axis=1) / np.diff([*edges, lowest.shape[1]])
+        parts += [*shape, np.log10(np.maximum(mean, 1e-30)), band_levels(powers[index], _N_LEVEL_BANDS)]
     return np.concatenate(parts, axis=1)
-
-
-def _line_levels(power: Float64[np.ndarray, "window line"]) -> Float64[np.ndarray, "window level"]:
-    lowest = power[:, : max(1, round(_LINE_SHARE * power.shape[1]))]
-    edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
-    widths = np.diff([*edges, lowest.shape[1]])
-    return np.log10(np.maximum(np.add.reduceat(lowest, edges, axis=1) / widths, 1e-30))
 
 
 def level_spectrum(

@@ -22,7 +22,7 @@ from swashtwin.plot.style import (
     words,
 )
 from swashtwin.recordings import Recording
-from swashtwin.signals import LineSpectrum, LineSpectrumKind, Mark, spectrum_of
+from swashtwin.signals import LineSpectrum, LineSpectrumKind, spectrum_of
 
 
 @figure_style()
@@ -147,7 +147,14 @@ def spectrum(
             color, _ = _MARK_KINDS[mark.of_pistons]
             panel.axvline(mark.at, color=color, linewidth=0.9, linestyle="--", alpha=0.7, zorder=0)
     axes[0, 0].set_xlim(0, end)
-    _name_marks(axes[0, 0], marks, end)
+    spots = spread_labels([mark.at for mark in marks], gap=0.035 * end)
+    for mark, spot in zip(marks, spots, strict=True):
+        axes[0, 0].annotate(
+            mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
+            ha="center", va="bottom", fontsize=8, color=_MARK_KINDS[mark.of_pistons][0], annotation_clip=False,
+        )  # fmt: skip
+    if marks:
+        axes[0, 0].set_title(axes[0, 0].get_title(loc="left"), loc="left", pad=16)
     axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
     if looks := [_MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})]:
         lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
@@ -180,14 +187,3 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
     if positive.size:
         panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
         log_axis(panel.yaxis)
-
-
-def _name_marks(panel: Axes, marks: Sequence[Mark], width: float) -> None:
-    spots = spread_labels([mark.at for mark in marks], gap=0.035 * width)
-    for mark, spot in zip(marks, spots, strict=True):
-        panel.annotate(
-            mark.name, (spot, 1.0), (0, 2), xycoords=("data", "axes fraction"), textcoords="offset points",
-            ha="center", va="bottom", fontsize=8, color=_MARK_KINDS[mark.of_pistons][0], annotation_clip=False,
-        )  # fmt: skip
-    if marks:
-        panel.set_title(panel.get_title(loc="left"), loc="left", pad=16)

@@ -74,8 +74,16 @@ def tracked_speed(
         raise InputError(f"order {min(orders)} is no line of the shaft; the least is 1, seven pistons' line is 7.")
     if not 0 < search < 1:
         raise InputError(f"search ({search:g}) is relative to the speed and lies in (0, 1); 3 % is 0.03.")
+    most = start.speed.max() / (2 * math.pi) * (1 + search)  # wherever the search goes [Hz]
+    usable = [each for each in orders if most * (each + _BANDWIDTH) < recording.sample_rate / 2]
+    if not usable:
+        raise InputError(
+            f"{recording.recording_id}: order {min(orders)} within {search:g} of {start.mean_speed:.4g} rad/s reaches "
+            f"{most * (min(orders) + _BANDWIDTH):.0f} Hz; it takes less than half the sample rate "
+            f"({recording.sample_rate / 2:g} Hz)."
+        )
     angles, refusals = [], []
-    for candidate in _below_half(recording, start, orders, search):
+    for candidate in usable:
         try:
             angles.append(_followed(recording, start, candidate, search))
         except DataError as refusal:
@@ -83,19 +91,6 @@ def tracked_speed(
     if not angles:
         raise refusals[0]
     return min(angles, key=lambda angle: angle.deviation)
-
-
-def _below_half(recording: Recording, start: ShaftAngle, orders: Sequence[int], search: float) -> list[int]:
-    """The orders whose lines stay below half the sample rate wherever the search goes."""
-    most = start.speed.max() / (2 * math.pi) * (1 + search)
-    usable = [order for order in orders if most * (order + _BANDWIDTH) < recording.sample_rate / 2]
-    if not usable:
-        raise InputError(
-            f"{recording.recording_id}: order {min(orders)} within {search:g} of {start.mean_speed:.4g} rad/s reaches "
-            f"{most * (min(orders) + _BANDWIDTH):.0f} Hz; it takes less than half the sample rate "
-            f"({recording.sample_rate / 2:g} Hz)."
-        )
-    return usable
 
 
 def _followed(recording: Recording, start: ShaftAngle, order: int, search: float) -> ShaftAngle:

@@ -54,6 +54,14 @@ def _known(name: str) -> str:
     return name
 
 
+def _has_bfloat16_arithmetic() -> bool:
+    """Whether the processor may have instructions for bfloat16: no x86 up to AVX2 has, nor the first with AVX-512,
+    which torch does not tell."""
+    import torch
+
+    return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")
+
+
 class Size(StrEnum):
     """Counts and epochs of a study."""
 
@@ -106,11 +114,10 @@ def study(
     as_json: Json = False,
 ) -> None:
     """Run a study: one question, its table, its answer and a page."""
-    from swashtwin.foundation import has_bfloat16_arithmetic
     from swashtwin_bench import Work, run_study, write_study_report
 
     numbers, pairs = read_list(seeds, int, "--seeds") or [], read_pairs(settings, "--set")
-    if pairs.get("precision") == "bfloat16" and device is Device.cpu and not has_bfloat16_arithmetic():
+    if pairs.get("precision") == "bfloat16" and device is Device.cpu and not _has_bfloat16_arithmetic():
         note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
     with progress(name) as bar:
 

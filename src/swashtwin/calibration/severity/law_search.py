@@ -10,7 +10,7 @@ import numpy as np
 from swashtwin.calibration.measurement import place_single_channels
 from swashtwin.calibration.posterior import MISFIT, Estimate, estimated
 from swashtwin.calibration.result import Calibration, FaultLaw
-from swashtwin.calibration.severity.dimensions import FaultSpace, fault_space
+from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import FACTORS, Inversion, Minimum
 from swashtwin.calibration.severity.severity import SeveritySettings
 from swashtwin.calibration.severity.severity_search import comparison_of_fault, invert
@@ -111,7 +111,7 @@ def identify_law(
                 [np.concatenate([start, missing])[: len(inversion.lower)] for start in starts]
             )
             starts = [minima[0].point]
-            fits[f"{contact}, {edge}"] = _fit(inversion, space, minima[0], misfit)
+            fits[f"{contact}, {edge}"] = _fit(inversion, minima[0], misfit)
     likeliest, best, estimates, misfit = max(fits.values(), key=lambda fit: fit[0])
     return FaultLaw(
         fault=best,
@@ -130,14 +130,15 @@ def _starts(inversion: Inversion) -> list[np.ndarray]:
 
 
 def _fit(
-    inversion: Inversion, space: FaultSpace, minimum: Minimum, misfit: float
+    inversion: Inversion, minimum: Minimum, misfit: float
 ) -> tuple[float, SwashPlateDefect, tuple[Estimate, ...], float]:
     """(ln evidence but for what all laws share, the recess, its estimates, the misfit) of one law.
 
     The evidence is Laplace's: of the sum of squares, of the noise's covariance, and of how far each unknown is
     narrowed.
     """
-    first, widths = inversion.severity, np.array([1.0, *(dimension.deviation for dimension in space.free[1:])])
+    first, space = inversion.severity, inversion.space
+    widths = np.array([1.0, *(dimension.deviation for dimension in space.free[1:])])
     covariance, _ = inversion.deviations(minimum.point)
     _, slope = inversion.at(minimum.point)
     scaled = slope * np.concatenate([np.ones(first), widths])

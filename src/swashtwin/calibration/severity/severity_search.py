@@ -32,7 +32,7 @@ from swashtwin.calibration.severity.severity import (
     severity_notes,
 )
 from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objective
-from swashtwin.calibration.unknowns import VALUES, Unknowns
+from swashtwin.calibration.unknowns import VALUES
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
 from swashtwin.pump import (
@@ -182,13 +182,13 @@ def _under_one_law(
     covariance, deviation = inversion.deviations(point)
     evidence = max(0.0, height_without - height)
     is_there = evidence > inversion.threshold
-    further = _further(space, minima, inversion, is_there=is_there)
+    further = _further(inversion, minima, is_there=is_there)
     inversion.weigh(without_fault)
     inversion.root = inversion.root * max(misfit, 1.0)
     limit = inversion.detection_limit(without_fault)
     if not is_there:  # a fault up to the detection limit could have been missed
         ends = None, ends[1] if ends[1] is None or limit is None else max(ends[1], limit)
-    dimensions = (_severity(space, point, ends, inversion, is_there=is_there), *further)
+    dimensions = (_severity(inversion, point, ends, is_there=is_there), *further)
     if calibration.is_in_doubt:
         dimensions = tuple(
             replace(item, verdict="weak") if item.verdict == "identified" else item for item in dimensions
@@ -248,10 +248,24 @@ def invert(
     settings: SeveritySettings,
 ) -> Inversion:
     """The problem of finding a fault of `space` from all `comparisons` at once, with what the calibration knows."""
-    twin, unknowns = comparisons[0].twin, calibration.posterior.unknowns
-    objective = Objective(tuple(comparisons), unknowns)
-    prior = _prior(calibration, unknowns, twin.condition, healthy, settings)
-    return Inversion(objective, space, prior, settings.port_timing)
+    unknowns = calibration.posterior.unknowns
+    drift = np.zeros((len(unknowns), len(unknowns)))
+    center, covariance = calibration.posterior.point.copy(), calibration.posterior.covariance.copy()
+    pump, condition = calibration.twin.pump, comparisons[0].twin.condition
+    here = _calibrated_at(calibration, condition, healthy)
+    shift = np.log(film_factors(pump, here, condition, bore_exponent=0.5).values())
+    center[VALUES] += shift
+    uncertain = shift / 2
+    bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
+    viscosities = [pump.oil.viscosity_at(point.oil_temperature) for point in (here, condition)]
+    uncertain[bore] = 0.5 * abs(math.log(viscosities[0] / viscosities[1]))
+    drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
+    if "excitation" in unknowns.scales:  # healthy recordings do not show it; `law` counts it
+        index = unknowns.index_of_scale("excitation")
+        covariance[index], covariance[:, index] = 0.0, 0.0
+        covariance[index, index] = FIXED_STD**2
+    prior = Prior(center, covariance + drift, drift)
+    return Inversion(Objective(tuple(comparisons), unknowns), space, prior, settings.port_timing)
 
 
 def _floor(
@@ -276,30 +290,6 @@ def _floor(
     return np.where(silent, np.hypot(np.maximum(level, FLOOR / 10), healthy_lines.amplitude), FLOOR)
 
 
-def _prior(
-    calibration: Calibration,
-    unknowns: Unknowns,
-    condition: OperatingCondition,
-    healthy: Sequence[Recording],
-    settings: SeveritySettings,
-) -> Prior:
-    drift = np.zeros((len(unknowns), len(unknowns)))
-    center, covariance = calibration.posterior.point.copy(), calibration.posterior.covariance.copy()
-    pump, here = calibration.twin.pump, _calibrated_at(calibration, condition, healthy)
-    shift = np.log(film_factors(pump, here, condition, bore_exponent=0.5).values())
-    center[VALUES] += shift
-    uncertain = shift / 2
-    bore = InterfaceValue.PISTON_BORE_DAMPING  # between no film and all film
-    viscosities = [pump.oil.viscosity_at(point.oil_temperature) for point in (here, condition)]
-    uncertain[bore] = 0.5 * abs(math.log(viscosities[0] / viscosities[1]))
-    drift[VALUES, VALUES] = np.diag(settings.drift**2 + uncertain**2)
-    if "excitation" in unknowns.scales:  # healthy recordings do not show it; `law` counts it
-        index = unknowns.index_of_scale("excitation")
-        covariance[index], covariance[:, index] = 0.0, 0.0
-        covariance[index, index] = FIXED_STD**2
-    return Prior(center, covariance + drift, drift)
-
-
 def _calibrated_at(
     calibration: Calibration, condition: OperatingCondition, healthy: Sequence[Recording]
 ) -> OperatingCondition:
@@ -316,16 +306,9 @@ def _calibrated_at(
     return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
 
 
-def _severity(
-    space: FaultSpace,
-    point: np.ndarray,
-    ends: Ends,
-    inversion: Inversion,
-    *,
-    is_there: bool,
-) -> DimensionEstimate:
+def _severity(inversion: Inversion, point: np.ndarray, ends: Ends, *, is_there: bool) -> DimensionEstimate:
     """The severity with the interval of its profiles, widened by the error of the fault's law."""
-    below, above = ends
+    space, (below, above) = inversion.space, ends
     law = search_of(space.reference).law
     relative, typical = float(point[inversion.severity]), space.reference.severity
     most = float(inversion.upper[inversion.severity])
@@ -347,11 +330,9 @@ def _severity(
     return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
-def _further(
-    space: FaultSpace, minima: Sequence[Minimum], inversion: Inversion, *, is_there: bool
-) -> list[DimensionEstimate]:
+def _further(inversion: Inversion, minima: Sequence[Minimum], *, is_there: bool) -> list[DimensionEstimate]:
     """The further dimensions with the hull of their intervals in all minima; as stated where there may be no fault."""
-    estimates = []
+    space, estimates = inversion.space, []
     deviations = [np.sqrt(np.diag(inversion.deviations(minimum.point)[0])) for minimum in minima]
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []

@@ -241,10 +241,10 @@ def test_a_valley_that_only_the_profile_finds_is_the_estimate() -> None:
 
 
 def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
-    space = fault_space(GrooveErosion(deg(5)))
     problem = _TwoMinima(2.0)
+    problem.space = fault_space(GrooveErosion(deg(5)))
     verdicts = [
-        _severity(space, np.array([0.8]), (None, 1.5), problem, is_there=is_there).verdict for is_there in (True, False)
+        _severity(problem, np.array([0.8]), (None, 1.5), is_there=is_there).verdict for is_there in (True, False)
     ]
     assert verdicts == ["not identified", "not detected"]
 

@@ -218,7 +218,7 @@ def _answers(
     tell: Callable[[str, int, int], None],
 ) -> dict[str, list[Float64[np.ndarray, "window class"]]]:
     """Log-probabilities of the measured windows under each view, by candidate, from the fold that tested them."""
-    n_classes, target = len(views.windows.classes), views.windows.target
+    n_classes = len(views.windows.classes)
     answers = {
         candidate.name: [np.full((len(views.measured), n_classes), np.nan) for _ in _VIEWS] for candidate in candidates
     }
@@ -233,12 +233,8 @@ def _answers(
             network = replace(members[0], heads=heads).network(views.windows)
             shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
             for fold, (trained, tested) in enumerate(folds):
-                others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
-                used = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
-                if len(np.unique(target[used])) < len(np.unique(target)):  # a class would be missing
-                    used = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
-                chosen = np.flatnonzero(np.isin(rows, used))
-                network.solve(shaped[chosen], target[rows[chosen]], derive_seed(seed, "trial", fold))
+                chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
+                network.solve(shaped[chosen], views.windows.target[rows[chosen]], derive_seed(seed, "trial", fold))
                 for view, test in enumerate(shaped_tests):
                     by_head = network.log_probabilities(test[tested])
                     for candidate in members:
@@ -246,6 +242,16 @@ def _answers(
                         answers[candidate.name][view][tested] = mean
     tell("trying candidates", len(paths), len(paths))
     return answers
+
+
+def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
+    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
+    all of these where a class would be missing."""
+    others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
+    rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
+    if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
+        rows = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
+    return rows
 
 
 def made_without(

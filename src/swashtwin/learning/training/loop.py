@@ -79,11 +79,7 @@ def train_epochs(
 
             if not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
-        weights = None
-        if settings.class_weights:
-            counts = np.bincount(windows.target, minlength=len(windows.classes))
-            relative = len(windows) / (len(windows.classes) * counts)
-            weights = torch.tensor(relative, dtype=torch.float32, device=device)
+        weights = _class_weights(windows, device) if settings.class_weights else None
         for number in range(len(history) + 1, settings.epochs + 1):
             for group in optimizer.param_groups:
                 group["lr"] = settings.learning_rate_in(number)
@@ -97,6 +93,11 @@ def train_epochs(
             if progress is not None:
                 progress(history[-1])
     return trained.cpu().eval(), history
+
+
+def _class_weights(windows: WindowSet, device: str) -> Tensor:
+    counts = np.bincount(windows.target, minlength=len(windows.classes))
+    return torch.tensor(len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device)
 
 
 @contextmanager

@@ -117,6 +117,7 @@ def test_bad_input_ends_with_one_line_and_code_3(
     assert not list(tmp_path.rglob("*.h5"))
     for wrong in (("--fault", "piston:depth"), ("--count", "2")):
         assert "Usage" in run("twin", "simulate", *AT_15, "--out", "x.h5", *wrong, code=2).stderr
+    assert "GB in memory" in run("twin", "simulate", *AT_15, "--out", "x.csv", "--duration", "1e7 s", code=2).stderr
 
 
 @pytest.mark.parametrize("out", ["full.h5", "runs"])

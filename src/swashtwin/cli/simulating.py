@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from swashtwin.synthesis import Fidelity
 
 _STREAMED = (".h5", ".hdf5")
+_MOST_IN_MEMORY = 4 * 10**9
+"""Bytes of a recording that is written to a file which cannot be streamed."""
 _SPARE = 1 << 15
 """Space that a file takes beyond its samples, in samples, at most."""
 
@@ -117,6 +119,10 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
             yield block
 
     streamed = out.suffix.lower() in _STREAMED
+    if not streamed and plan.size > _MOST_IN_MEMORY:
+        raise typer.BadParameter(
+            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.", param_hint="--out"
+        )
     with progress("simulating") as bar:
         if streamed:
             out.parent.mkdir(parents=True, exist_ok=True)

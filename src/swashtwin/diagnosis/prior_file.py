@@ -30,6 +30,10 @@ def load_prior(path: Path | str, form: type[P], kind: str) -> P:
     if not Path(path).suffix:
         shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.safetensors"))}
         if str(path) not in shipped:
+            if Path(path).exists():
+                raise InputError(
+                    f"{path} is no model or prior; name the file that swashtwin train or twin prior wrote."
+                )
             raise InputError(
                 f"no prior of the design {path} is shipped (there is {', '.join(shipped)}); make one with swashtwin "
                 "twin prior --pump FILE, and give its file."

@@ -93,7 +93,6 @@ def _registry() -> "UnitRegistry":
 
 
 def _unit(text: str) -> "Unit | None":
-    """Unit that `text` names, or None where it names none."""
     import tokenize
 
     import pint

@@ -160,7 +160,6 @@ def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> Non
 
 
 def _login(url: SplitResult, channel: WebhookChannel) -> dict[str, str]:
-    """Header that logs in, by the token or by user and password of the URL."""
     if channel.token:
         return {"Authorization": f"Bearer {channel.token.reveal()}"}
     if url.username is None:

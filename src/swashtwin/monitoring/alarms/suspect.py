@@ -205,7 +205,15 @@ class Suspects:
             return _none("its speed is not known, and a prior compares orders of the shaft.")
         rows = baseline.orders[np.isfinite(baseline.orders).any(axis=1)]
         if baseline.pistons != machine.piston_count or not len(rows):
-            return _none(_unmeasured(recording, machine.piston_count))
+            reason = (
+                "its healthy recordings were learned without its number of pistons; note a maintenance to learn them "
+            )
+            reason += "anew."
+            try:
+                order_levels(recording, OrderBands(machine.piston_count))
+            except DataError as cause:
+                reason = str(cause)
+            return _none(reason)
         healthy = HealthyOrders(machine, recording.channels, recording.unit, point, rows)
         prior, failed = self._adapted.get(healthy.key, ("", -math.inf))
         if time.monotonic() - failed > _RETRY:
@@ -270,12 +278,3 @@ def _class_words(name: str) -> str:
 
 def _none(reason: str) -> Suspect:
     return Suspect("none", f"No suspect is named: {reason}")
-
-
-def _unmeasured(recording: Recording, pistons: int) -> str:
-    """Why the healthy recordings of a machine say nothing about its orders."""
-    try:
-        order_levels(recording, OrderBands(pistons))
-    except DataError as cause:
-        return str(cause)
-    return "its healthy recordings were learned without its number of pistons; note a maintenance to learn them anew."

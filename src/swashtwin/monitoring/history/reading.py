@@ -208,7 +208,9 @@ class Reads:
         return Trend(
             np.array([number for number, _, _ in results], np.int64),
             np.array([time.replace(tzinfo=None) for _, time, _ in results], "datetime64[us]"),
-            np.array([_number(value) for _, _, value in results], np.float64),
+            np.array(
+                [np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value for *_, value in results], float
+            ),
         )
 
     def points(self, machine: str) -> Sequence[Point]:
@@ -260,9 +262,3 @@ def _within(
         *([] if since is None else [Judgment.time >= since]),
         *([] if until is None else [Judgment.time < until]),
     ]
-
-
-def _number(value: float | bytes | None) -> float:
-    if isinstance(value, bytes):
-        return float(np.frombuffer(value, "<f4")[0])
-    return np.nan if value is None else value

@@ -159,7 +159,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
                 "header_lines = " + "9" * 4000: "header_lines: expected a whole number <= ",
                 "time_column = 1.5": "time_column: expected a whole number or text",
                 'separator = ""': "separator: expected text of length >= 1",
-                'decimal = "x"': "decimal: invalid .* 'x'",
+                'decimal = "x"': "decimal: value 'x' is none of",
                 'label = ""': "label: expected text of length >= 1",
                 "label = 2020-01-01": "label: expected text, got date",
                 "sensitivity = 3": "sensitivity: expected text or a list",

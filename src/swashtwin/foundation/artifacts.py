@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -103,6 +103,10 @@ def _misfit(message: str, form: Any) -> str:
     if match := _UNKNOWN.fullmatch(text):
         near = difflib.get_close_matches(match[1], _names(form), 1)
         text = f"there is no entry {match[1]!r}{f'; did you mean {near[0]!r}?' if near else ''}"
+    elif text.startswith("Invalid enum value"):
+        kind = get_type_hints(form).get(path, None) if is_dataclass(form) else None
+        allowed = [word for part in (kind, *get_args(kind)) if get_origin(part) is Literal for word in get_args(part)]
+        text = f"{text[13:]} is none of {', '.join(map(repr, allowed))}" if allowed else f"i{text[1:]}"
     elif text.startswith("Expected"):
         text = re.sub("`([^`]*)`", _in_words, f"e{text[1:]}")
     else:

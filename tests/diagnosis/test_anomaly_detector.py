@@ -61,6 +61,7 @@ def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(dete
     assert "alarm at a false-alarm rate of 5 %" in verdict.sentence()
 
 
+@pytest.mark.wrong_types
 def test_a_pressure_in_whole_pascals_or_single_precision_is_compared_like_any_other(
     detector: st.AnomalyDetector, healthy: list[Recording]
 ) -> None:

@@ -56,7 +56,7 @@ def periodic_extensions(
                      for i in indices.tolist()])  # fmt: skip
 
 
-def _with_length(extension: Float[np.ndarray, "channel angle"], length: int) -> Float[np.ndarray, "channel angle"]:
+def _with_length(extension: Float[np.ndarray, "channel angle"], length: int) -> Float[np.ndarray, "channel {length}"]:
     return extension if extension.shape[-1] == length else resample(extension, length, axis=-1)
 
 

@@ -1,13 +1,19 @@
 """The twin that most tests of calibrations start from."""
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from swashtwin.foundation import mm
-from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, Pump, SwashPlateDefect
+
+if TYPE_CHECKING:
+    from swashtwin.physics import Twin
 
 
 @pytest.fixture(scope="module")
-def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
+def twin(pump: Pump, at_15: OperatingCondition) -> "Twin":
     """A recess, up to 2.6 kHz."""
+    from swashtwin.physics import Twin  # which needs torch
+
     return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600)

@@ -116,9 +116,9 @@ def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) 
     """
     pairs = {"shared": shared, "lift_off": lifting}
     (likelier, (best, loss)), (unlikelier, (other, more)) = sorted(pairs.items(), key=lambda item: item[1][1])
-    found = f"{best.severity.words} if contact={likelier}, {other.severity.words} if contact={unlikelier}"
+    sizes = f"{best.severity.words} if contact={likelier}, {other.severity.words} if contact={unlikelier}"
     if more - loss > DECIDED:
-        note = f"{found}; the lines are those of the first"
+        note = f"{sizes}; the lines are those of the first"
         return replace(best, notes=(*best.notes, note))
     dimensions = []
     for one, another in zip(best.dimensions, other.dimensions, strict=True):  # the interval of both, the lesser verdict
@@ -128,7 +128,7 @@ def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) 
         if verdict == "identified" and log_std > IDENTIFIED_STD:
             verdict = "weak"
         dimensions.append(replace(one, interval=(low, high), log_std=log_std, verdict=verdict))
-    return replace(best, dimensions=tuple(dimensions), notes=(*best.notes, f"{found}; the lines do not tell which"))
+    return replace(best, dimensions=tuple(dimensions), notes=(*best.notes, f"{sizes}; the lines do not tell which"))
 
 
 @dataclass(frozen=True, eq=False)

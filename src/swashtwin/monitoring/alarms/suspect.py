@@ -156,20 +156,20 @@ class FaultSize:
             at = " and ".join(OperatingPoint(point.speed, point.discharge_pressure).name for point in points)
             raise DataError(f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}.")
         trend = estimate_severity(calibration, [worn], fault, healthy=healthy)
-        (found,) = trend.estimates
-        severity, limit = found.severity, found.detection_limit
+        (estimate,) = trend.estimates
+        severity, limit = estimate.severity, estimate.detection_limit
         unit, least = severity.dimension.per_unit, "none" if limit is None else severity.dimension.words(limit)
         return {
             "sentence": f"Severity, if {_class_words(self.label)}: {severity.dimension.name} {severity.words}, "
             f"{severity.verdict}; detection limit {least}.",
-            "notes": [*trend.notes, *found.notes],
+            "notes": [*trend.notes, *estimate.notes],
             "verdict": severity.verdict,
             "dimension": severity.dimension.name,
             "unit": severity.dimension.unit,
             "value": severity.value / unit,
             "interval": [end / unit for end in severity.interval],
             "detection_limit": None if limit is None else limit / unit,
-            "misfit": found.misfit,
+            "misfit": estimate.misfit,
         }
 
 
@@ -233,8 +233,8 @@ class Suspects:
 def measured_severity(question: FaultSize) -> dict[str, Any]:
     """`FaultSize.answer` of another process, with its class; only a ``sentence`` that says why where there is none."""
     answer, _ = _answered(question, "an error", 10 * _PATIENCE)
-    found = answer if isinstance(answer, dict) else {"sentence": f"Severity is not measured: {answer}", "notes": []}
-    return {"label": question.label, **found}
+    severity = answer if isinstance(answer, dict) else {"sentence": f"Severity is not measured: {answer}", "notes": []}
+    return {"label": question.label, **severity}
 
 
 def _answered(question: HealthyOrders | FaultSize, failure: str, patience: float) -> tuple[Any, bool]:

@@ -124,13 +124,13 @@ class Pipeline:
             folder = self._history.waveforms.folder
             healthy = self._history.read.healthy_files(judgment, _HEALTHY).values()
             worn = folder / judgment.waveform if judgment.waveform else None
-            found = measured_severity(
+            severity = measured_severity(
                 FaultSize(machine, suspect["label"], worn, tuple(folder / name for name in healthy))
             )
             if stop.is_set():  # which may have ended the process that measures, too
                 return
             with self._history.machine(alarm.machine) as transaction:
-                stored = transaction.note_severity(alarm.id, {**found, "recording": judgment.id})
+                stored = transaction.note_severity(alarm.id, {**severity, "recording": judgment.id})
                 is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()
                 if stored and is_told and not transaction.silenced(datetime.now(UTC)):
                     self._post(transaction, "measured", stored, judgment, stored.evidence["severity"]["notes"])

@@ -89,7 +89,8 @@ class Axis(NamedTuple):
             power = 10.0 ** math.floor(math.log10(span / _MOST_TICKS))
             step = next(power * factor for factor in (1, 2, 5, 10, 20) if span / (power * factor) <= _MOST_TICKS)
         numbers = np.arange(math.ceil(self.low / step), math.floor(self.high / step) + 1) * step
-        return [((float(number) - self.low) / span, self._text(float(number), step)) for number in numbers]
+        shares = np.clip((numbers - self.low) / span, 0, 1)  # a value at an end may round to one past it
+        return [(float(share), self._text(float(number), step)) for share, number in zip(shares, numbers, strict=True)]
 
     def _text(self, number: float, step: float) -> str:
         if self.kind == "time":

@@ -21,6 +21,10 @@ def test_the_study_counts_false_alarms_says_when_each_alarm_came_and_reads_finis
     assert "0 false alarms in 5 recordings watched (0, 95 % interval 0 to 0.52)" in study.answer[0]
     assert {trial.factors["course"] for trial in study.trials} == {"healthy", *TRENDS}
     assert 0 < np.nanmin([trial.values["alarm_at"] for trial in study.trials]) <= 3
+    alarmed = [trial.values for trial in study.trials if np.isfinite(trial.values["delay"])]
+    assert alarmed
+    assert all(values["named_right"] <= values["likeliest_right"] <= 1 for values in alarmed)
+    assert f" of {len(alarmed)} (" in study.answer[-1]
     for path in tmp_path.rglob("result.json"):
         path.write_text(path.read_text(encoding="utf-8").replace('"watched": 5.0', '"watched": 77.0'), encoding="utf-8")
     again = alarms(Work((100,), out=tmp_path), TINY)

@@ -15,6 +15,8 @@ from swashtwin_bench.questions.zero_shot import (
     SAME,
     UNSEEN,
     ZeroShotSplit,
+    adapted_to,
+    few_healthy,
     left_out,
     prior_trials,
     split_zero_shot,
@@ -64,6 +66,20 @@ def test_the_rows_are_those_of_the_schema(two_pressures: list[Recording], monkey
     assert [row["recall_piston"]["mean"] for row in without] == [0.0, 0.0]
     assert all(0 <= row["unknown_piston"]["mean"] <= 1 for row in without)
     assert "stand-in for a machine" in table["origin"]
+
+
+@pytest.mark.usefixtures("small_prior")
+def test_fewer_healthy_recordings_adapt_a_prior_of_the_fleet_or_of_each_pump(
+    two_pressures: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(split_zero_shot, "__defaults__", (1,))
+    study = zero_shot.zero_shot(Work(), zero_shot.ZeroShotSettings(healthy=(1,)), two_pressures)
+    assert {row["training_set"] for row in study.rows()} == {adapted_to(1), adapted_to(1, alone=True)}
+    assert adapted_to(1, alone=True) in study.answer[0]
+    normal = [recording for recording in two_pressures if recording.label == "normal"]
+    one, two = ({item.recording_id for item in few_healthy(normal, count, 0)} for count in (1, 2))
+    assert len(one) == 6
+    assert one < two == {recording.recording_id for recording in normal}
 
 
 @pytest.mark.usefixtures("small_prior")

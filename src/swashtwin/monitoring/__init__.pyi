@@ -4,6 +4,7 @@ from .alarms.monitor import PointJudgment as PointJudgment
 from .alarms.monitor import PointMonitor as PointMonitor
 from .alarms.monitor import PointState as PointState
 from .alarms.sensors import SensorFinding as SensorFinding
+from .alarms.suspect import Suspect as Suspect
 from .config.loading import load_watch_config as load_watch_config
 from .config.loading import write_example as write_example
 from .config.settings import PageSettings as PageSettings

@@ -1,4 +1,5 @@
-"""Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose fault grows."""
+"""Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose fault grows, whose
+suspect a pump prior names that is adapted to what the watch learned."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -9,13 +10,18 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from swashtwin.monitoring import PointMonitor
+from swashtwin.diagnosis import PriorClassifier
+from swashtwin.monitoring import PointMonitor, Suspect
+from swashtwin.pump import CLASSES, load_pump
+from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.courses import TRENDS, PlantCourse, plant_course
-from swashtwin_bench.rigs.writing import RIG_VERSION
+from swashtwin_bench.rigs.courses import PlantCourse, plant_course, trends_of
+from swashtwin_bench.rigs.writing import OTHER_DESIGNS, RIG_VERSION, VERSIONS
 
 HEALTHY = "healthy"
+PUMP = "25scy14-1b"
+"""Design of the rig's pumps, and name of its prior."""
 METRICS = {
     "watched": "healthy recordings watched",
     "false_alarms": "false alarms",
@@ -23,6 +29,10 @@ METRICS = {
     "findings": "healthy recordings with a finding about sensors or a pump at rest",
     "alarm_at": "severity at the alarm, over the typical one",
     "delay": "recordings from the onset to the alarm",
+    "named_right": "suspect sure and right",
+    "named_wrong": "suspect sure and wrong",
+    "likeliest_right": "likeliest fault right",
+    "unknown": "suspect unknown",
 }
 """Heading of each figure."""
 
@@ -32,7 +42,7 @@ class AlarmStudySettings:
     """How much is recorded of each pump, and the rule that judges it."""
 
     pumps: int = 2
-    """Pumps of each fleet with a healthy course; the first of them wears as well."""
+    """Pumps of each fleet with a healthy course. The first pump wears, also where this is 0."""
     healthy: int = 280
     """Recordings of a healthy course, three in a day."""
     worn: int = 120
@@ -47,6 +57,8 @@ class AlarmStudySettings:
     """The promise: chance that a pump that does not change ever raises an alarm."""
     learning: int = 20
     """Recordings that a baseline learns from."""
+    rig: str = RIG_VERSION
+    """Version of the virtual rig."""
 
 
 def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
@@ -59,12 +71,13 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     """
     pumps = [chr(ord("A") + number) for number in range(settings.pumps)]
     courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
-    courses += [(kind, seed, pumps[0], settings, work.out) for kind in TRENDS for seed in work.seeds]
+    courses += [(kind, seed, "A", settings, work.out) for kind in trends_of(settings.rig) for seed in work.seeds]
     trials = [
         Trial({"course": kind, "pump": pump}, seed, {name: run[name] for name in METRICS})
         for (kind, seed, pump, *_), run in zip(courses, work.each("courses", _run, courses), strict=True)
     ]
-    first = next(plant_course(work.seeds[0], pumps[0], PlantCourse(recordings=1, duration=0.1)))[0]
+    shortest = PlantCourse(recordings=1, duration=0.1, version=settings.rig)
+    first = next(plant_course(work.seeds[0], "A", shortest))[0]
     study = StudyTable(
         study="alarms",
         title="Does the alarm keep its promise, and does it come in time?",
@@ -84,7 +97,7 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
 
 def _run(kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None) -> dict[str, Any]:
     factors = {"course": kind, "pump": pump}
-    task = Task("alarms", seed, factors, asdict(settings), f"virtual rig {RIG_VERSION}")
+    task = Task("alarms", seed, factors, asdict(settings), f"virtual rig {settings.rig}")
     return task.run(out, lambda: _course(kind, seed, pump, settings))
 
 
@@ -97,42 +110,67 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         onset=settings.onset,
         severity=settings.severity,
         duration=settings.duration,
+        version=settings.rig,
     )
     monitor = PointMonitor(f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
-    counts = dict.fromkeys(("watched", "false_alarms", "large", "findings"), 0.0)
-    state, values = None, {**counts, "alarm_at": math.nan, "delay": math.nan}
+    counts = ("watched", "false_alarms", "large", "findings")
+    state, values = None, {name: 0.0 if name in counts else math.nan for name in METRICS}
+    learned: list[Recording] = []
     for number, (recording, severity) in enumerate(plant_course(seed, pump, course)):
         judgment = monitor.judge(recording, state)
         state = judgment.state
+        if judgment.stage == "learning":
+            learned.append(recording)
         if severity == 0:
             values["watched"] += judgment.stage == "watching"
             values["large"] += judgment.is_large
             values["findings"] += bool(judgment.findings)
             values["false_alarms"] += judgment.pump == "raised"
         elif judgment.is_alarm:
-            return {**values, "alarm_at": severity, "delay": float(number + 1 - settings.onset)}
+            at = {"alarm_at": severity, "delay": float(number + 1 - settings.onset)}
+            return {**values, **at, **_suspected(learned, recording, settings.rig, seed)}
     return values
 
 
+def _suspected(learned: Sequence[Recording], recording: Recording, rig: str, seed: int) -> dict[str, float]:
+    """Figures of the suspect of an alarm."""
+    specimen = VERSIONS[rig].draw_specimen(load_pump(PUMP), str(recording.specimen), seed)
+    pistons = len(specimen.clearances) if rig in OTHER_DESIGNS else None
+    suspect = Suspect.of(PriorClassifier.load(PUMP).fit(learned, pistons=pistons).diagnose(recording))
+    is_right, is_sure = suspect.label == recording.label, suspect.certainty == "sure"
+    return {
+        "named_right": float(is_sure and is_right),
+        "named_wrong": float(is_sure and not is_right),
+        "likeliest_right": float(is_right),
+        "unknown": float(suspect.certainty == "unknown"),
+    }
+
+
 def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
-    healthy = study.of(course=HEALTHY)
+    healthy, trends = study.of(course=HEALTHY), trends_of(settings.rig)
     watched = int(sum(trial.values["watched"] for trial in healthy))
     false_alarms = [int(trial.values["false_alarms"]) for trial in healthy]
     ever = sum(count > 0 for count in false_alarms)
-    yield (
-        f"Healthy: {sum(false_alarms)} false alarms in {watched} recordings watched "
-        f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised one "
-        f"({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for a pump that does not change."
-    )
-    findings = int(sum(trial.values["findings"] for trial in healthy))
-    yield f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({_share(findings, watched)})."
+    if healthy:
+        yield (
+            f"Healthy: {sum(false_alarms)} false alarms in {watched} recordings watched "
+            f"({_share(sum(false_alarms), watched)}); {ever} of {len(healthy)} pumps ever raised one "
+            f"({_share(ever, len(healthy))}), {settings.false_alarm_rate:g} is promised for one that does not change."
+        )
+        findings = int(sum(trial.values["findings"] for trial in healthy))
+        share = _share(findings, watched)
+        yield f"Findings about sensors or a pump at rest in healthy recordings: {findings} ({share})."
     worn = [trial for trial in study.trials if trial.factors["course"] != HEALTHY]
     before = int(sum(trial.values["false_alarms"] for trial in worn))
     healthy_part = int(sum(trial.values["watched"] for trial in worn))
     yield f"Growing faults: {before} false alarms in {healthy_part} recordings watched before the onset."
     yield _detection("all classes", worn)
-    for kind in TRENDS:
+    for kind in trends:
         yield _detection(kind.replace("_", " "), study.of(course=kind))
+    is_held = {kind: fault.label in CLASSES for kind, fault in trends.items()}
+    yield _suspicion("faults that the prior holds", [item for item in worn if is_held[item.factors["course"]]])
+    if not all(is_held.values()):
+        yield _suspicion("others", [item for item in worn if not is_held[item.factors["course"]]])
 
 
 def _detection(name: str, trials: Sequence[Trial]) -> str:
@@ -148,6 +186,19 @@ def _detection(name: str, trials: Sequence[Trial]) -> str:
     return (
         f"{name}: {in_time} of {len(trials)} courses alarmed at the typical severity or before "
         f"({_share(in_time, len(trials))}), {len(delay)} at all{when}."
+    )
+
+
+def _suspicion(name: str, trials: Sequence[Trial]) -> str:
+    """How often the suspects of alarms were right."""
+    at_alarm = [trial.values for trial in trials if not math.isnan(trial.values["delay"])]
+    right, wrong, likeliest, unknown = (
+        int(sum(values[name] for values in at_alarm))
+        for name in ("named_right", "named_wrong", "likeliest_right", "unknown")
+    )
+    return (
+        f"Suspect at the alarm, {name}: likeliest right in {likeliest} of {len(at_alarm)} "
+        f"({_share(likeliest, len(at_alarm))}); named right {right}, named wrong {wrong}, unknown {unknown}."
     )
 
 

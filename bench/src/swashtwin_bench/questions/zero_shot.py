@@ -12,13 +12,15 @@ import numpy as np
 
 from swashtwin.diagnosis import PriorClassifier
 from swashtwin.foundation import DataError, stream
-from swashtwin.pump import CLASSES
+from swashtwin.pump import CLASSES, group_by_condition
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
 from swashtwin_bench.results.table import StudyTable, Trial, origin_of
-from swashtwin_bench.rigs.writing import RIG_VERSION, SIZES, VERSIONS, rig_recordings
+from swashtwin_bench.rigs.writing import OTHER_DESIGNS, RIG_VERSION, SIZES, VERSIONS, rig_recordings
 from swashtwin_bench.studies.cells import recordings_by_cell
 
+DESIGN = "25scy14-1b"
+"""Name of the shipped prior."""
 HEALTHY = 6
 """Healthy recordings of a pump and operating point that the prior is adapted to; half as many test."""
 HELD_OUT = 2
@@ -39,9 +41,6 @@ METRICS = {
     **{f"unknown_{name}": f"{name.replace('_', ' ')} called unknown" for name in CLASSES},
 }
 
-OTHER_DESIGNS = ("3",)
-"""Versions of the rig whose pumps are not of the prior's design, so that their pistons are stated."""
-
 SURE = 0.8
 """Probability from which an answer counts as sure."""
 
@@ -54,6 +53,11 @@ SHOTS = (1, 3, 5)
 def few_shot(count: int) -> str:
     """Name of the training set with so many measured recordings of each fault."""
     return f"{PRIOR} and {count} of each fault"
+
+
+def adapted_to(count: int, *, alone: bool = False) -> str:
+    """Name of the training set of so many healthy recordings at each point, of a pump `alone` or of its fleet."""
+    return f"{PRIOR}, {count} healthy{' of the pump alone' if alone else ''}"
 
 
 def left_out(label: str) -> str:
@@ -89,11 +93,13 @@ class ZeroShotSplit:
     """Recordings of each test."""
 
 
-def split_zero_shot(recordings: Sequence[Recording], seed: int, held_out: int = HELD_OUT) -> ZeroShotSplit:
+def split_zero_shot(
+    recordings: Sequence[Recording], seed: int, held_out: int = HELD_OUT, *, most: int | None = None
+) -> ZeroShotSplit:
     """Recordings for training, for reference and for tests, under `seed`.
 
-    Of each specimen, class and pressure a third of the recordings test (at least one); of specimens held out all the
-    faulty ones do. A single faulty recording of a cell tests.
+    Of each specimen, class and pressure a third of the recordings test (at least one, `most` at most); of specimens
+    held out all the faulty ones do. A single faulty recording of a cell tests.
 
     Raises
     ------
@@ -123,7 +129,8 @@ def split_zero_shot(recordings: Sequence[Recording], seed: int, held_out: int = 
                 f"{order[0]} is the only healthy recording of {cell[0].specimen} at its pressure; the study needs one "
                 "to learn from and one to test."
             )
-        trained_on = order[max(1, len(order) // 3) :] if label == "normal" or cell[0].specimen not in unseen else []
+        count = min(max(1, len(order) // 3), most or len(order))
+        trained_on = order[count:] if label == "normal" or cell[0].specimen not in unseen else []
         where |= set(order) - set(trained_on)
         (healthy if label == "normal" else faulty).update(trained_on)
     return ZeroShotSplit(
@@ -134,12 +141,25 @@ def split_zero_shot(recordings: Sequence[Recording], seed: int, held_out: int = 
     )
 
 
+def few_healthy(healthy: Sequence[Recording], count: int, seed: int) -> list[Recording]:
+    """`count` recordings of each pump and operating point, all where there are fewer; fewer are among more."""
+    rng, chosen = stream(seed, "few healthy"), []
+    for specimen in sorted({str(recording.specimen) for recording in healthy}):
+        own = [(item, item.condition) for item in healthy if item.specimen == specimen and item.condition]
+        for point in group_by_condition([condition for _, condition in own]):
+            chosen += [own[index][0] for index in rng.permutation(point)[:count]]
+    return chosen
+
+
 @dataclass(frozen=True)
 class ZeroShotSettings:
     """What is tested on."""
 
     rig: str = RIG_VERSION
     """Version of the virtual rig where no recordings are given."""
+    healthy: tuple[int, ...] = ()
+    """Healthy recordings of a pump and operating point that the prior is adapted to, in place of `HEALTHY`; then no
+    measured fault teaches, no class is left out, and all numbers have the same tests."""
 
 
 def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recording] | None = None) -> StudyTable:
@@ -155,7 +175,7 @@ def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recor
     DataError
         The recordings cannot be split so.
     """
-    fleets = work.each("fleets", _fleet, [(recordings, settings.rig, seed) for seed in work.seeds])
+    fleets = work.each("fleets", _fleet, [(recordings, settings, seed) for seed in work.seeds])
     roles = {
         str(seed): {
             "pumps": list(split.pumps),
@@ -171,34 +191,43 @@ def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recor
         metrics=METRICS,
         trials=tuple(trial for trials, *_ in fleets for trial in trials),
         answer=(),
-        settings={"specimens_held_out": HELD_OUT, "fleets": "one for each seed" if recordings is None else "as given"},
+        settings={
+            "specimens_held_out": HELD_OUT,
+            "healthy": list(settings.healthy) or [HEALTHY],
+            "fleets": "one for each seed" if recordings is None else "as given",
+        },
         origin=fleets[0][2],
         notes=_NOTES,
         details={"classes": list(CLASSES), "splits": roles, "level": LEVELS},
     )
-    return replace(study, answer=_answer(study))
+    return replace(study, answer=_answer(study, settings.healthy))
 
 
 def _fleet(
-    recordings: Sequence[Recording] | None, rig_version: str, seed: int
+    recordings: Sequence[Recording] | None, settings: ZeroShotSettings, seed: int
 ) -> tuple[list[Trial], ZeroShotSplit, str]:
-    pistons: dict[str, int] = {}
+    pistons, most = dict[str, int](), None
     if recordings is None:
-        size, points = SIZES["small"], len(VERSIONS[rig_version].speeds)
-        healthy = replace(size, repeats=HEALTHY * points * 3 // 2)
+        size, points = SIZES["small"], len(VERSIONS[settings.rig].speeds)
+        most = HEALTHY * points // 2
+        healthy = replace(size, repeats=max(settings.healthy, default=HEALTHY) * points + most)
         pairs = [
             pair
             for labels, plan in ((CLASSES[:1], healthy), (CLASSES[1:], size))
-            for pair in rig_recordings(seed, plan, labels=labels, version=rig_version)
+            for pair in rig_recordings(seed, plan, labels=labels, version=settings.rig)
         ]
         recordings = [recording for recording, _ in pairs]
-        if rig_version in OTHER_DESIGNS:
+        if settings.rig in OTHER_DESIGNS:
             pistons = {run.specimen.name: len(run.specimen.clearances) for _, run in pairs}
-    split = split_zero_shot(recordings, seed)
-    return list(prior_trials(recordings, split, seed, pistons=pistons)), split, origin_of(recordings)
+    split = split_zero_shot(recordings, seed, most=most)
+    if settings.healthy:
+        trials = healthy_trials(recordings, split, seed, settings.healthy, pistons)
+    else:
+        trials = prior_trials(recordings, split, seed, pistons=pistons)
+    return list(trials), split, origin_of(recordings)
 
 
-def _answer(study: StudyTable) -> tuple[str, ...]:
+def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:
     """What came out, in sentences."""
     rows = {(row["training_set"], row["test"]): row["recording_balanced_accuracy"]["mean"] for row in study.rows()}
 
@@ -206,10 +235,14 @@ def _answer(study: StudyTable) -> tuple[str, ...]:
         means = [rows.get((training_set, test)) for test in tests]
         return " / ".join("no number" if mean is None else f"{mean:.3f}" for mean in means)
 
+    where = "Balanced accuracy by recording on the same pumps / on pumps held out"
+    if healthy:
+        sets = [adapted_to(count, alone=alone) for alone in (False, True) for count in healthy]
+        return (f"{where}: {'; '.join(f'{name} {pair(name)}' for name in sets)}.",)
     shots = ", ".join(f"{count} of each {pair(few_shot(count))}" for count in SHOTS)
     return (
-        f"Balanced accuracy by recording on the same pumps / on pumps held out: {PRIOR}, no measured fault "
-        f"{pair(PRIOR)}; all measured faults {pair(ORACLE)}; the prior and measured recordings of each fault: {shots}.",
+        f"{where}: {PRIOR}, no measured fault {pair(PRIOR)}; all measured faults {pair(ORACLE)}; the prior and "
+        f"measured recordings of each fault: {shots}.",
     )
 
 
@@ -230,20 +263,14 @@ def prior_trials(
     pistons : number of pistons by specimen where they are not of the prior's design.
     """
     by_id = {recording.recording_id: recording for recording in recordings}
-    shipped, pistons = prior or PriorClassifier.load("25scy14-1b"), pistons or {}
+    shipped, pistons = prior or PriorClassifier.load(DESIGN), pistons or {}
     classes = shipped.classes[:-1]
     labels = {name: str(recording.label) for name, recording in by_id.items()}
     pool = {label: [name for name in sorted(split.faulty) if labels[name] == label] for label in classes[1:]}
     faulty = [name for names in pool.values() for name in names]
 
     def adapted(prior: PriorClassifier, taught: Sequence[str] = ()) -> dict[str, PriorClassifier]:
-        """By specimen the classifier of its design."""
-        by_design: dict[int | None, PriorClassifier] = {}
-        specimens = {name: str(by_id[name].specimen) for name in [*sorted(split.healthy), *taught]}
-        for count in sorted({pistons.get(specimen) for specimen in specimens.values()}, key=str):
-            known = [by_id[name] for name, specimen in specimens.items() if pistons.get(specimen) == count]
-            by_design[count] = prior.fit(known, pistons=count)
-        return {specimen: by_design[pistons.get(specimen)] for specimen in specimens.values()}
+        return _adapted(prior, [by_id[name] for name in [*sorted(split.healthy), *taught]], pistons)
 
     own = adapted(shipped)
     classifiers = {PRIOR: own, **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]}}
@@ -253,24 +280,66 @@ def prior_trials(
         names = [name for drawn in draws.values() for name in drawn[:count]]
         if all(len(drawn) >= count for drawn in draws.values()) and names:
             classifiers[few_shot(count)] = adapted(shipped, names)
+    tests = {test: [by_id[name] for name in sorted(ids)] for test, ids in split.tests.items()}
     for training_set, by_specimen in classifiers.items():
-        for test, ids in split.tests.items():
-            answers = [by_specimen[str(by_id[name].specimen)].diagnose(by_id[name]) for name in sorted(ids)]
-            probability = np.array([[answer.probabilities.get(name, 0.0) for name in classes] for answer in answers])
-            unknown = np.array([answer.unknown for answer in answers])
-            target = np.array([classes.index(labels[name]) for name in sorted(ids)])
-            factors = {"training_set": training_set, "test": test}
-            yield Trial(factors, seed, recording_scores(probability, target, classes, unknown))
+        yield from _scored(training_set, by_specimen, tests, seed)
     moves = np.concatenate([part.healthy_changes() for part in {id(part): part for part in own.values()}.values()])
     if faulty and len(moves):
         changes = {name: own[str(by_id[name].specimen)].change(by_id[name])[0] for name in sorted(by_id)}
         values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(moves) + len(faulty), -1)
         rows = np.array([0] * len(moves) + [classes.index(labels[name]) for name in faulty])
         forest = _forest(values, rows, len(classes), seed)
-        for test, ids in split.tests.items():
-            probability = forest(np.stack([changes[name] for name in sorted(ids)]))
-            target = np.array([classes.index(labels[name]) for name in sorted(ids)])
+        for test, tested in tests.items():
+            probability = forest(np.stack([changes[item.recording_id] for item in tested]))
+            target = np.array([classes.index(str(item.label)) for item in tested])
             yield Trial({"training_set": ORACLE, "test": test}, seed, recording_scores(probability, target, classes))
+
+
+def healthy_trials(
+    recordings: Sequence[Recording], split: ZeroShotSplit, seed: int, counts: Sequence[int], pistons: Mapping[str, int]
+) -> Iterator[Trial]:
+    """Scores of the shipped prior adapted to fewer healthy recordings at each point, of the fleet or of a pump alone.
+
+    Parameters
+    ----------
+    split, seed, pistons : as those of `prior_trials`.
+    counts : numbers of recordings.
+    """
+    shipped = PriorClassifier.load(DESIGN)
+    healthy = [item for item in recordings if item.recording_id in split.healthy]
+    tests = {name: [item for item in recordings if item.recording_id in ids] for name, ids in split.tests.items()}
+    for alone in (False, True):
+        for count in counts:
+            by_specimen = _adapted(shipped, few_healthy(healthy, count, seed), pistons, alone=alone)
+            yield from _scored(adapted_to(count, alone=alone), by_specimen, tests, seed)
+
+
+def _adapted(
+    prior: PriorClassifier, learned: Sequence[Recording], pistons: Mapping[str, int], *, alone: bool = False
+) -> dict[str, PriorClassifier]:
+    """By specimen the classifier of its design, or of it `alone`."""
+    specimens = dict.fromkeys(str(item.specimen) for item in learned)
+    group_of = {specimen: specimen if alone else pistons.get(specimen) for specimen in specimens}
+    fitted = {}
+    for group in sorted(set(group_of.values()), key=str):
+        known = [item for item in learned if group_of[str(item.specimen)] == group]
+        fitted[group] = prior.fit(known, pistons=pistons.get(str(known[0].specimen)))
+    return {specimen: fitted[group] for specimen, group in group_of.items()}
+
+
+def _scored(
+    training_set: str,
+    by_specimen: Mapping[str, PriorClassifier],
+    tests: Mapping[str, Sequence[Recording]],
+    seed: int,
+) -> Iterator[Trial]:
+    for test, recordings in tests.items():
+        answers = [by_specimen[str(item.specimen)].diagnose(item) for item in recordings]
+        probability = np.array([[answer.probabilities.get(name, 0.0) for name in CLASSES] for answer in answers])
+        unknown = np.array([answer.unknown for answer in answers])
+        target = np.array([CLASSES.index(str(item.label)) for item in recordings])
+        factors = {"training_set": training_set, "test": test}
+        yield Trial(factors, seed, recording_scores(probability, target, CLASSES, unknown))
 
 
 def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -> Callable[[np.ndarray], np.ndarray]:

@@ -26,6 +26,9 @@ from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
 RIG_VERSION = "1"
 """Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
 
+OTHER_DESIGNS = ("3",)
+"""Versions whose pumps are not of the design 25scy14-1b, so that a prior is told their pistons."""
+
 DEEP_VERSION = "1-deep"
 """Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version 1."""
 

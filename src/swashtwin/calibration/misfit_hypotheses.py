@@ -23,7 +23,7 @@ from swashtwin.calibration.measurement import GRAVITY
 from swashtwin.calibration.posterior import LARGE, is_in_doubt, misfit_of
 from swashtwin.calibration.search import GaussNewton
 from swashtwin.calibration.spectrum_objective import Objective
-from swashtwin.calibration.unknowns import SCALES, Nuisances, Unknowns
+from swashtwin.calibration.unknowns import SCALES, Nuisances
 from swashtwin.physics import Topology
 
 EXPLAINED = 0.7
@@ -179,7 +179,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         is_unit = name == "sensor" and _is_gravity(factor)
         advice = IN_G if is_unit else ": search it from there, or correct the pump file"
         mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        yield MisfitHypothesis(mistake, misfit, before, _start(objective.unknowns, unknowns, point))
+        yield MisfitHypothesis(mistake, misfit, before, point if unknowns.names == objective.unknowns.names else None)
 
 
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -194,12 +194,7 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
     factor = float(gains[index] / np.median(gains))
     unit = IN_G if _is_gravity(factor) else ""
     mistake = f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}"
-    yield MisfitHypothesis(mistake, misfit, before, _start(objective.unknowns, unknowns, point))
-
-
-def _start(searched: Unknowns, unknowns: Unknowns, point: np.ndarray) -> np.ndarray | None:
-    """A point of a search with wider priors as one of the search itself; None where that searches fewer constants."""
-    return point if searched.names == unknowns.names else None
+    yield MisfitHypothesis(mistake, misfit, before, point if unknowns.names == objective.unknowns.names else None)
 
 
 def _is_gravity(factor: float) -> bool:

@@ -2,8 +2,10 @@
 
 import json
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +17,12 @@ from watched_pumps import LEARNING, hum, watch_config, write_hum
 
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import DataError, to_table
-from swashtwin.monitoring import History, PointMonitor, PointState, run_watch
+from swashtwin.monitoring import History, PointMonitor, PointState, WatchConfig, run_watch
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, read_baseline
 from swashtwin.monitoring.alarms.suspect import FaultSize, Suspect, Suspects, UnadaptedError
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.service import judging
 from swashtwin.recordings import Recording, write_recording
 
 POINT = OperatingPoint(157.08, None)
@@ -46,13 +49,20 @@ def named(machine: Machine, recording: Recording, state: PointState, point: Oper
         return suspects.name(machine, point, state.baseline, recording)
 
 
-def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(tmp_path: Path) -> None:
+def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_prior(tmp_path / "prior.safetensors", at_speed(98), at_speed(99, 6.0))
     (tmp_path / "damaged.json").write_text("{}", encoding="utf-8")
     facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"\ncalibration = "damaged.json"'
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
     for number in range(LEARNING + 10):
         write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
+    run_watch(config, once=True)
+    measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
+    measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
+    measure_again(config, 1, "Severity: 30 um.", monkeypatch, verdict="weak")
+    measure_again(config, 0, "Severity: 99 um.", monkeypatch, verdict="weak")
     run_watch(config, once=True)
     words = ("watch", "event", config.path, "pump-1", "--found", "piston 3, 30 um", "--maintenance", "--json")
     assert json.loads(run(*words).stdout)["found"] == "piston 3, 30 um"
@@ -69,13 +79,33 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(tmp_path
     assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
     page = TestClient(build_app(config, history), base_url="http://127.0.0.1:8642")
     shown = page.get("/alarms/1").text
-    assert shown.index("Suspect: piston") < shown.index("Severity is not measured: ") < shown.index("Found: piston 3")
+    assert shown.index("Suspect: piston") < shown.index("Severity: 30 um.") < shown.index("Found: piston 3")
     assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
     history.close()
-    opened, measured = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
+    opened, *measured = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
     assert "Suspect: piston (" in opened
-    assert "alarm measured (" in measured
-    assert "Severity is not measured: " in measured
+    assert all("alarm measured (" in line for line in measured)
+    reasons = ("Severity is not measured: ", "not measured: killed.", "Severity: 30 um.")
+    assert all(reason in line for reason, line in zip(reasons, measured, strict=True))
+
+
+def measure_again(
+    config: WatchConfig, times: int, sentence: str, monkeypatch: pytest.MonkeyPatch, **answer: str
+) -> None:
+    """A watch that starts anew measures the severity so many times, however often it looks."""
+    asked = []
+
+    def measured_severity(question: FaultSize) -> dict[str, Any]:
+        asked.append(question)
+        return {"label": question.label, "sentence": sentence, "notes": [], **answer}
+
+    monkeypatch.setattr(judging, "measured_severity", measured_severity)
+    history = History.open("", config.folder)
+    pipeline = judging.Pipeline(config, history)
+    pipeline.measure_severities(threading.Event())
+    pipeline.measure_severities(threading.Event())
+    history.close()
+    assert len(asked) == times
 
 
 def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tmp_path: Path) -> None:
@@ -132,8 +162,8 @@ def test_where_no_suspect_can_be_named_it_is_said_why(tmp_path: Path, monkeypatc
     for machine, recording, known, point, words in (
         (Machine(name="pump-1"), loud, state, POINT, "add pump or pistons"),
         (pump, loud, state, OperatingPoint(None, None), "its speed is not known"),
-        (pump, loud, learned(None), POINT, "learned without its number of pistons"),
-        (pump, loud, learned(9), POINT, "learned without its number of pistons"),
+        (pump, loud, learned(None), POINT, "learned without its pistons"),
+        (pump, loud, learned(9), POINT, "learned without its pistons"),
         (pump, loud.slice(0, 1024), learned(9), POINT, "lasts 0.2 s"),
         (pump, loud, state, POINT, "has no x but cover_z"),
         (Machine(name="pump-1", pistons=PISTONS, prior=damaged), loud, state, POINT, "damaged.safetensors"),

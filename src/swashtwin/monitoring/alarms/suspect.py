@@ -205,10 +205,7 @@ class Suspects:
             return _none("its speed is not known, and a prior compares orders of the shaft.")
         rows = baseline.orders[np.isfinite(baseline.orders).any(axis=1)]
         if baseline.pistons != machine.piston_count or not len(rows):
-            reason = (
-                "its healthy recordings were learned without its number of pistons; note a maintenance to learn them "
-            )
-            reason += "anew."
+            reason = "its healthy recordings were learned without its pistons; note a maintenance to learn them anew."
             try:
                 order_levels(recording, OrderBands(machine.piston_count))
             except DataError as cause:

@@ -223,9 +223,12 @@ class MachineTransaction:
         alarm.evidence = {**alarm.evidence, "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()}}
 
     def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
-        """An alarm, in whose evidence the severity of its suspect is kept now; None where another watch kept it."""
+        """An alarm, in whose evidence the severity of its suspect is kept now; None where one or the same reason is."""
         stored = self._alarm(alarm)
-        if stored.evidence.get("severity", {}).get("label") == severity["label"]:
+        before = stored.evidence.get("severity", {})
+        if before.get("label") == severity["label"] and (
+            "verdict" in before or before["sentence"] == severity["sentence"]
+        ):
             return None
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored

@@ -63,6 +63,8 @@ class Pipeline:
         self._config = config
         self._history = history
         self._model, self._suspects = cache(_load), Suspects()
+        self._tried: set[int] = set()
+        """Alarms whose severity this process tried to measure."""
         self._pistons = {machine.name: machine.piston_count for machine in config.machines}
         self._rejected = RejectedFiles(config.folder / "rejected")
         self._tags = {machine.name: Tags(machine.tags) for machine in config.machines if machine.tags is not None}
@@ -102,7 +104,7 @@ class Pipeline:
             return self._reject(file, "error", reason)
 
     def measure_severities(self, stop: threading.Event) -> None:
-        """Measure the severity of each suspect that is sure and was not measured, which takes minutes.
+        """Measure the severity of each suspect that is sure, which takes minutes; where that failed, after a restart.
 
         Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or `stop` interrupts
         is measured after the next start.
@@ -117,7 +119,8 @@ class Pipeline:
             machine = self._config.machine(alarm.machine)
             if machine is None or machine.calibration is None or alarm.closed is not None or suspect is None:
                 continue
-            if suspect["certainty"] != "sure" or before.get("label") == suspect["label"]:
+            is_known = "verdict" in before or alarm.id in self._tried
+            if suspect["certainty"] != "sure" or (is_known and before.get("label") == suspect["label"]):
                 continue
             judgment = self._history.read.recording(suspect["recording"])
             assert judgment is not None
@@ -131,6 +134,7 @@ class Pipeline:
                 return
             with self._history.machine(alarm.machine) as transaction:
                 stored = transaction.note_severity(alarm.id, {**severity, "recording": judgment.id})
+                self._tried.add(alarm.id)
                 is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()
                 if stored and is_told and not transaction.silenced(datetime.now(UTC)):
                     self._post(transaction, "measured", stored, judgment, stored.evidence["severity"]["notes"])
@@ -287,7 +291,7 @@ class Pipeline:
     def _post(
         self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
     ) -> None:
-        known: list[str] = []
+        known, is_measured = list[str](), "verdict" in alarm.evidence.get("severity", {})
         if event in ("opened", "measured"):
             known = [alarm.evidence[name]["sentence"] for name in ("suspect", "severity") if alarm.evidence.get(name)]
         message = AlarmMessage(
@@ -296,7 +300,7 @@ class Pipeline:
             kind=alarm.kind,
             event=event,
             time=judgment.time.isoformat(),
-            identity=f"alarm-{alarm.id}-{event}-{judgment.content[:16]}",
+            identity=f"alarm-{alarm.id}-{event}{'-with-severity' if is_measured else ''}-{judgment.content[:16]}",
             reasons=(*known, *reasons),
             link=f"{self._config.page.address}/alarms/{alarm.id}",
         )

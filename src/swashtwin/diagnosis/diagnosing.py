@@ -50,7 +50,7 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
         An error rate that the classifier's validation recordings are too few for, or that it knows none of.
     """
     require_recording(recording)
-    reference = classifier.training_reference
+    recording, reference = recording.unloaded(), classifier.training_reference  # what is read here is not kept
     confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:
         raise InputError(

@@ -51,7 +51,8 @@ def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line
 def tapered_transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.ndarray, "*batch line"]:
     """`transform` of a signal without its mean, times `hann_taper`; of the signal's precision."""
     taper = hann_taper(signal.shape[-1]).astype(signal.dtype, copy=False)
-    return transform((signal - signal.mean(axis=-1, keepdims=True)) * taper)
+    moving = signal - signal.mean(axis=-1, keepdims=True)
+    return transform(np.multiply(moving, taper, out=moving))
 
 
 def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch time"]:

@@ -109,13 +109,13 @@ class RecordingLevels:
         analytic = scipy.fft.ifft(lines[:, first:last], count, axis=1)
         square = analytic.real**2 + analytic.imag**2
         square /= np.maximum(square.mean(axis=1, keepdims=True), 1e-30)
-        sums = running_sums(line_powers(square - 1))
         number = np.arange(1, _ENVELOPE_ORDERS + 1)
         if self.n_orders:
             edges = (number - _LINE) * per_order, (number + _LINE) * per_order
         else:
             bands = np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * (lines.shape[1] - 1) / 2**_OCTAVES
             edges = bands[:-1], bands[1:]
+        sums = running_sums(line_powers(square - 1)[:, : int(edges[1][-1]) + 2])
         return np.maximum(between(sums, *edges), 1e-12)
 
     def shapes(self, levels: Float[np.ndarray, "*row channel level"]) -> Float[np.ndarray, "*row channel level"]:

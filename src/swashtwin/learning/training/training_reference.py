@@ -78,12 +78,12 @@ def signal_facts(
     for channel, power in enumerate(window_powers(windows) if powers is None else powers):
         n_lines = power.shape[1]
         quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
-        density = np.partition(power, (quietest, first_strong), axis=1) * (windows.length / windows.sample_rate)
-        strongest = density[:, first_strong:].sum(axis=1)
+        floor = np.partition(power, quietest, axis=1)[:, quietest] * (windows.length / windows.sample_rate)
+        strongest = np.partition(power, first_strong, axis=1)[:, first_strong:].sum(axis=1)  # one by one in a third
         ratios = (
             variance[:, channel],
-            density[:, quietest],
-            strongest / np.maximum(density.sum(axis=1), _LEAST_POWER),
+            floor,
+            strongest / np.maximum(power.sum(axis=1), _LEAST_POWER),
             np.maximum(mean[:, channel] ** 2 / variance[:, channel], _LEAST_OFFSET),
             1 / share_alone[:, channel],
         )

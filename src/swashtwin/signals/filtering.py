@@ -76,7 +76,7 @@ def _pink(white: Float[np.ndarray, "*axes time"]) -> Float[np.ndarray, "*axes ti
     sides = np.full(len(weight), 2.0)  # lines of both signs, but for that at half the rate
     sides[-1] -= white.shape[-1] % 2 == 0
     variance = float((sides * weight**2).sum()) / white.shape[-1]
-    return inverse_transform(spectrum * weight / np.sqrt(variance), white.shape[-1])
+    return inverse_transform(spectrum * (weight / np.sqrt(variance)), white.shape[-1])
 
 
 def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "..."]:
@@ -91,8 +91,8 @@ def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -
     phase = rng.uniform(0, 2 * np.pi, (*shape[:-1], len(harmonics)))
     turning = np.exp(2j * np.pi * mains / sample_rate * np.arange(shape[-1]))
     powers = np.multiply.accumulate(np.tile(turning, (len(harmonics), 1)), axis=0)
-    waves = ((np.exp(1j * phase) / harmonics) @ powers).imag
-    return waves * np.sqrt(2 / (1 / harmonics**2).sum())
+    starts = np.exp(1j * phase) * (np.sqrt(2 / (1 / harmonics**2).sum()) / harmonics)
+    return starts.real @ powers.imag + starts.imag @ powers.real
 
 
 def band_limited(

@@ -8,10 +8,11 @@ from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
 from swashtwin.learning.choice.choice import CANDIDATES, Candidate, Choice, Trial
-from swashtwin.learning.networks.level_network import mean_of_heads
-from swashtwin.learning.networks.window_levels import gain_response, levels_along
-from swashtwin.learning.training.classifier import TOGETHER, Normalization
+from swashtwin.learning.networks.level_network import mean_of_heads, solve_alike
+from swashtwin.learning.networks.window_levels import levels_along
+from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
+from swashtwin.learning.training.fitting import Seen
 from swashtwin.learning.training.settings import TrainingSettings, at_other_speeds, transform_windows, with_gains
 from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
 from swashtwin.learning.windows.window_set import WindowSet
@@ -42,6 +43,8 @@ class FoldAnswers:
     """Recording of each window, in order of time."""
     fold: Int64[np.ndarray, " window"]
     """Fold that left it out."""
+    seen: Seen | None = None
+    """What the chosen candidate sees of all windows in its training; None where the trial had others."""
 
 
 def choose(
@@ -104,13 +107,16 @@ def choose(
     chosen = min(tied, key=lambda candidate: candidate.rank) if 0 < n_machines <= FEW_MACHINES else tied[0]
     tested = np.sort(np.concatenate([rows for _, rows in folds]))
     fold = np.full(len(measured), -1)
-    for number, (_, rows) in enumerate(folds):
-        fold[rows] = number
+    for number, (_, left_out) in enumerate(folds):
+        fold[left_out] = number
+    is_all = len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
+    levels, rows = views.training(chosen.axis, chosen.training)
     answers = FoldAnswers(
         probability=np.exp(log_probability[chosen.name][0][tested]),
         target=measured.target[tested],
         recording_id=measured.recording_id[tested],
         fold=fold[tested],
+        seen=(chosen.network(windows).shaped(levels), rows) if is_all else None,
     )
     choice = Choice(chosen.name, tuple(trials), group, len(folds), len(tested), reason, n_machines)
     return chosen, choice, answers
@@ -169,7 +175,7 @@ class _Views:
         self.windows, self.measured, self.synthetic = measured + synthetic, measured, synthetic
         self._seed = seed
         self._normalization = Normalization.fit("set", self.windows)
-        views = {"clean": measured, "synthetic": synthetic}
+        views = {"clean": self.windows}
         noise, moved = (stream(seed, "trial", view) for view in _VIEWS[1:])
         noisy = measured.signal.copy()
         scale = np.sqrt(noisy.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
@@ -181,31 +187,21 @@ class _Views:
         faster = at_other_speeds(measured.signal, STRETCH, moved)
         views["gain and speed"] = replace(measured, signal=with_gains(faster, GAIN, moved))
         self.levels = {name: self._computed(view) for name, view in views.items()}
-        """Levels by view, of the measured windows or those ``"synthetic"``, then by axis."""
-        self._changed: dict[TrainingSettings, tuple[list[dict[str, _Levels]], list[np.ndarray]]] = {}
+        """Levels by view, of the measured windows and, where clean, of the synthetic ones after them; then by axis."""
+        self._changed: dict[TrainingSettings, list[tuple[dict[str, _Levels], np.ndarray]]] = {}
 
     def training(self, axis: str, training: TrainingSettings) -> tuple[_Levels, np.ndarray]:
         """(levels of every training pass, index of the window behind each row)."""
         if training not in self._changed:
-            passes = [transform_windows(self.windows, training, self._seed, n + 1) for n in range(training.epochs)]
-            levels = [self._computed(changed) for which, changed in passes if len(which)]
-            self._changed[training] = levels, [which for which, _ in passes if len(which)]
-        levels, rows = self._changed[training]
-        clean = self.levels["clean"][axis], self.levels["synthetic"][axis]
-        return (
-            np.concatenate([*clean, *(part[axis] for part in levels)]),
-            np.concatenate([np.arange(len(self.windows)), *rows]),
-        )
+            passes = (transform_windows(self.windows, training, self._seed, n + 1) for n in range(training.epochs))
+            self._changed[training] = [(self._computed(changed), which) for which, changed in passes if len(which)]
+        levels, rows = zip((self.levels["clean"], np.arange(len(self.windows))), *self._changed[training], strict=True)
+        return np.concatenate([part[axis] for part in levels]), np.concatenate(rows)
 
     def _computed(self, windows: WindowSet) -> dict[str, _Levels]:
-        if not len(windows):
-            shapes = {axis: (0, windows.n_channels, len(gain_response(axis == "order"))) for axis in self._axes}
-            return {axis: np.zeros(shape, dtype=np.float32) for axis, shape in shapes.items()}
-        samples, turns = self._normalization.apply(windows), windows.turns_per_sample
-        parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
         computed = [
-            levels_along(samples[part], [turns[part] if axis == "order" else None for axis in self._axes])
-            for part in parts
+            levels_along(samples, [turns if axis == "order" else None for axis in self._axes])
+            for samples, turns in self._normalization.blocks(windows)
         ]
         return {axis: np.concatenate(part) for axis, part in zip(self._axes, zip(*computed, strict=True), strict=True)}
 
@@ -227,19 +223,19 @@ def _answers(
         tell("trying candidates", number, len(paths))
         levels, rows = views.training(axis, training)
         tests = [views.levels[view][axis] for view in _VIEWS]
-        for shape in dict.fromkeys(c.shape for c in candidates if (c.axis, c.training) == (axis, training)):
-            members = [c for c in candidates if (c.axis, c.training, c.shape) == (axis, training, shape)]
-            heads = tuple(dict.fromkeys(head for candidate in members for head in candidate.heads))
-            network = replace(members[0], heads=heads).network(views.windows)
-            shaped, shaped_tests = network.shaped(levels), [network.shaped(test) for test in tests]
-            for fold, (trained, tested) in enumerate(folds):
-                chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
-                network.solve(shaped[chosen], views.windows.target[rows[chosen]], derive_seed(seed, "trial", fold))
-                for view, test in enumerate(shaped_tests):
-                    by_head = network.log_probabilities(test[tested])
-                    for candidate in members:
-                        mean = mean_of_heads([by_head[head] for head in candidate.heads])
-                        answers[candidate.name][view][tested] = mean
+        members = [candidate for candidate in candidates if (candidate.axis, candidate.training) == (axis, training)]
+        heads = tuple(dict.fromkeys(head for candidate in members for head in candidate.heads))
+        networks = {each.shape: replace(each, heads=heads).network(views.windows) for each in members}
+        for fold, (trained, tested) in enumerate(folds):
+            chosen = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
+            values = [network.shaped(levels[chosen]) for network in networks.values()]
+            target = views.windows.target[rows[chosen]]
+            solve_alike(list(networks.values()), values, target, derive_seed(seed, "trial", fold))
+            for view, test in enumerate(tests):
+                by_head = {shape: net.log_probabilities(net.shaped(test[tested])) for shape, net in networks.items()}
+                for candidate in members:
+                    mean = mean_of_heads([by_head[candidate.shape][head] for head in candidate.heads])
+                    answers[candidate.name][view][tested] = mean
     tell("trying candidates", len(paths), len(paths))
     return answers
 

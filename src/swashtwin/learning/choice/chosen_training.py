@@ -55,7 +55,8 @@ def fit_chosen(
         require_enough(n_recordings, error_rate)
     require_trainable(windows)
     candidate, choice, answers = choose(windows, budget=budget, seed=seed, progress=progress)
-    fitted = fit(candidate.network(windows), windows, settings=candidate.training, seed=seed, manifest=manifest)
+    network, seen = candidate.network(windows), answers.seen if answers else None
+    fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest, seen=seen)
     reference, leaves_out_machines = fitted.training_reference, choice.group == "specimen"
     whole, own = None, None
     if answers is not None and leaves_out_machines:

@@ -127,17 +127,7 @@ class LevelNetwork(SolvedNetwork):
 
     def solve(self, values: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], seed: int) -> None:
         """Find the weights from levels and classes."""
-        deviation = values.std(axis=0, ddof=1, dtype=np.float64) if len(values) > 1 else np.ones(values.shape[1])
-        self.weights = {
-            "mean": values.mean(axis=0, dtype=np.float64).astype(np.float32),
-            "deviation": np.maximum(deviation, _LEAST_DEVIATION).astype(np.float32),
-        }
-        levels = self.encode(values)
-        if "discriminant" in self.settings["heads"]:
-            self.weights |= discriminant(levels, target, self.n_classes)
-        if "hidden" in self.settings["heads"]:
-            size, dropout, noise = (self.settings[name] for name in ("hidden", "dropout", "noise"))
-            self.weights |= fit_hidden(levels, target, self.n_classes, size, dropout=dropout, noise=noise, seed=seed)
+        solve_alike([self], [values], target, seed)
 
     def log_probabilities(
         self, values: Float32[np.ndarray, "window level"]
@@ -215,6 +205,30 @@ class LevelNetwork(SolvedNetwork):
         return x @ self.weights[layer].T + self.weights[f"{layer}.bias"]
 
 
+def solve_alike(
+    networks: Sequence[LevelNetwork],
+    values: Sequence[Float32[np.ndarray, "window level"]],
+    target: Int[np.ndarray, " window"],
+    seed: int,
+) -> None:
+    """Find the weights of networks that differ in `shape` only, each from its levels; noise is drawn once for all."""
+    heads, levels = networks[0].settings["heads"], []
+    for network, part in zip(networks, values, strict=True):
+        deviation = part.std(axis=0, ddof=1, dtype=np.float64) if len(part) > 1 else np.ones(part.shape[1])
+        network.weights = {
+            "mean": part.mean(axis=0, dtype=np.float64).astype(np.float32),
+            "deviation": np.maximum(deviation, _LEAST_DEVIATION).astype(np.float32),
+        }
+        levels.append(network.encode(part))
+        if "discriminant" in heads:
+            network.weights |= discriminant(levels[-1], target, network.n_classes)
+    if "hidden" in heads:
+        size, dropout, noise = (networks[0].settings[name] for name in ("hidden", "dropout", "noise"))
+        found = fit_hidden(np.stack(levels), target, network.n_classes, size, dropout=dropout, noise=noise, seed=seed)
+        for index, network in enumerate(networks):
+            network.weights |= {name: part[index] for name, part in found.items()}
+
+
 def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> Float64[np.ndarray, "window class"]:
     """Logarithm of the mean of probabilities whose logarithms these are."""
     return np.asarray(np.logaddexp.reduce(np.stack(logarithms), axis=0) - np.log(len(logarithms)))
@@ -242,7 +256,7 @@ _MOMENTUM, _LEAST_VARIANCE = 0.1, 1e-5
 
 
 def fit_hidden(
-    levels: Float32[np.ndarray, "window level"],
+    levels: Float32[np.ndarray, "*alike window level"],
     target: Int[np.ndarray, " window"],
     n_classes: int,
     size: int,
@@ -256,90 +270,77 @@ def fit_hidden(
     Trained by Adam (Kingma and Ba 2015, arXiv:1412.6980), its derivatives written out, for the cross-entropy, classes
     weighted alike, in ten passes with a rate that falls by a cosine. Before the ReLU stands batch normalization (Ioffe
     and Szegedy 2015, arXiv:1502.03167), which the weights given hold already, and after it dropout of a share of the
-    `size` units; in each step noise of deviation `noise` is added to the levels.
+    `size` units; in each step noise of deviation `noise` is added to the levels; all kinds of these share the draws.
     """
     rng = stream(seed, "hidden layer")
-    n, n_levels = levels.shape
+    n, n_levels = levels.shape[-2:]
+    alike = (*levels.shape[:-2], 1, 1)
     weights = {
-        "first": _uniform(rng, (size, n_levels), n_levels),
-        "gain": np.ones(size, dtype=np.float32),
-        "shift": np.zeros(size, dtype=np.float32),
-        "second": _uniform(rng, (n_classes, size), size),
-        "bias": _uniform(rng, (n_classes,), size),
+        "first": np.tile(_uniform(rng, (size, n_levels), n_levels), alike),
+        "gain": np.ones((*alike[:-1], size), dtype=np.float32),
+        "shift": np.zeros((*alike[:-1], size), dtype=np.float32),
+        "second": np.tile(_uniform(rng, (n_classes, size), size), alike),
+        "bias": np.tile(_uniform(rng, (1, n_classes), size), alike),
     }
-    adam = _Adam(weights)
+    moments = {name: (np.zeros_like(value), np.zeros_like(value)) for name, value in weights.items()}
     class_weight = (n / (n_classes * np.maximum(np.bincount(target, minlength=n_classes), 1))).astype(np.float32)
-    mean, variance = np.zeros(size, dtype=np.float32), np.ones(size, dtype=np.float32)
+    mean, variance = np.zeros_like(weights["gain"]), np.ones_like(weights["gain"])
     starts = list(range(0, n, _BATCH))
     if len(starts) > 1 and n - starts[-1] == 1:
         del starts[-1]  # a last step of one window joins the one before: one window has no deviation
     steps, step, keep = _PASSES * len(starts), 0, np.float32(1 - dropout)
     for _ in range(_PASSES):
         order = rng.permutation(n)
-        for first, last in zip(starts, [*starts[1:], n], strict=True):
-            rows = order[first:last]
-            x = levels[rows]
+        for start, last in zip(starts, [*starts[1:], n], strict=True):
+            rows = order[start:last]
+            x = levels[..., rows, :]
             if noise:
-                x = x + np.float32(noise) * rng.standard_normal(x.shape, dtype=np.float32)
-            sums = x @ weights["first"].T
-            center, spread = sums.mean(axis=0), sums.var(axis=0)
+                x += np.float32(noise) * rng.standard_normal(x.shape[-2:], dtype=np.float32)
+            sums = x @ weights["first"].swapaxes(-1, -2)
+            center, spread = sums.mean(axis=-2, keepdims=True), sums.var(axis=-2, keepdims=True)
             unbiased = spread * (len(rows) / max(len(rows) - 1, 1))
             mean += _MOMENTUM * (center - mean)
             variance += _MOMENTUM * (unbiased - variance)
             inverse = 1 / np.sqrt(spread + np.float32(_LEAST_VARIANCE))
             scaled = (sums - center) * inverse
-            kept = rng.random(sums.shape, dtype=np.float32) < keep if dropout else True
+            kept = rng.random(sums.shape[-2:], dtype=np.float32) < keep if dropout else True
             before = scaled * weights["gain"] + weights["shift"]
             passing = ((before > 0) & kept) / keep
             active = before * passing
-            scores = active @ weights["second"].T + weights["bias"]
-            slope = scipy.special.softmax(scores, axis=1)
-            slope[np.arange(len(rows)), target[rows]] -= 1
+            scores = active @ weights["second"].swapaxes(-1, -2) + weights["bias"]
+            slope = scipy.special.softmax(scores, axis=-1)
+            slope[..., np.arange(len(rows)), target[rows]] -= 1
             share = class_weight[target[rows]]
             slope *= (share / share.sum())[:, None]
             back = (slope @ weights["second"]) * passing
             gradient = {
-                "gain": (back * scaled).sum(axis=0), "shift": back.sum(axis=0),
-                "second": slope.T @ active, "bias": slope.sum(axis=0),
+                "gain": (back * scaled).sum(axis=-2, keepdims=True), "shift": back.sum(axis=-2, keepdims=True),
+                "second": slope.swapaxes(-1, -2) @ active, "bias": slope.sum(axis=-2, keepdims=True),
             }  # fmt: skip
             back = (back - gradient["shift"] / len(rows) - scaled * (gradient["gain"] / len(rows))) * (
                 weights["gain"] * inverse
             )
-            gradient["first"] = back.T @ x
-            adam.step(gradient, _RATE * (1 + np.cos(np.pi * step / steps)) / 2)
-            step += 1
+            gradient["first"] = back.swapaxes(-1, -2) @ x
+            rate, step = _RATE * (1 + np.cos(np.pi * step / steps)) / 2, step + 1
+            first_bias, second_bias = (1 - decay**step for decay in _DECAYS)
+            for name, slope in gradient.items():
+                first, second = moments[name]
+                first += (1 - _DECAYS[0]) * (slope - first)
+                second += (1 - _DECAYS[1]) * (slope * slope - second)
+                change = np.sqrt(second / np.float32(second_bias))
+                change += np.float32(_LEAST)
+                np.divide(first, change, out=change)
+                change *= np.float32(rate / first_bias)
+                weights[name] -= change
     scale = weights["gain"] / np.sqrt(variance + np.float32(_LEAST_VARIANCE))
     return {
-        "hidden": weights["first"] * scale[:, None],
-        "hidden.bias": weights["shift"] - mean * scale,
+        "hidden": weights["first"] * scale.swapaxes(-1, -2),
+        "hidden.bias": (weights["shift"] - mean * scale)[..., 0, :],
         "output": weights["second"],
-        "output.bias": weights["bias"],
+        "output.bias": weights["bias"][..., 0, :],
     }
 
 
 def _uniform(rng: np.random.Generator, shape: tuple[int, ...], n_inputs: int) -> Float32[np.ndarray, "..."]:
     """First weights, uniform within one over the root of the number of inputs."""
     return ((2 * rng.random(shape, dtype=np.float32) - 1) / np.float32(np.sqrt(n_inputs))).astype(np.float32)
-
-
-class _Adam:
-    """Adam's moments of weights, which `step` changes in place."""
-
-    def __init__(self, weights: dict[str, np.ndarray]) -> None:
-        self._weights = weights
-        self._moments = {name: (np.zeros_like(value), np.zeros_like(value)) for name, value in weights.items()}
-        self._count = 0
-
-    def step(self, gradient: dict[str, np.ndarray], rate: float) -> None:
-        """Go on by one step against the gradient."""
-        self._count += 1
-        first_bias, second_bias = (1 - decay**self._count for decay in _DECAYS)
-        for name, slope in gradient.items():
-            mean, square = self._moments[name]
-            mean += (1 - _DECAYS[0]) * (slope - mean)
-            square += (1 - _DECAYS[1]) * (slope * slope - square)
-            change = np.sqrt(square / np.float32(second_bias))
-            change += np.float32(_LEAST)
-            np.divide(mean, change, out=change)
-            change *= np.float32(rate / first_bias)
-            self._weights[name] -= change

@@ -1,6 +1,6 @@
 """Ensembles of decision trees on vibration features, kept as arrays that are read without running code."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -31,9 +31,8 @@ class Forest:
         """Leaf to which each row comes in each tree."""
         node = np.repeat(self.root[None], len(values), axis=0)
         rows = np.arange(len(values))[:, None]
-        while (inner := self.column[node] >= 0).any():
-            goes_left = values[rows, np.maximum(self.column[node], 0)] <= self.threshold[node]
-            node = np.where(inner, self.left[node] + ~goes_left, node)
+        while (inner := (column := self.column[node]) >= 0).any():
+            node = self.left[node] + (inner & ~(values[rows, column] <= self.threshold[node]))
         return node
 
     def predict_proba(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row class"]:
@@ -65,18 +64,17 @@ class Forest:
         return cls(root, column, threshold, left, probability)
 
 
-def forest_of(fitted: Any, n_classes: int) -> Forest:
-    """The trees of a fitted forest of scikit-learn, whose classes are some of the numbers below `n_classes`."""
+def forest_of(grown: Sequence[Any], classes: Int[np.ndarray, " class"], n_classes: int) -> Forest:
+    """The forest of trees that scikit-learn grew, whose classes are some of the numbers below `n_classes`."""
     parts: list[tuple[np.ndarray, ...]] = []
     roots, first = [], 0
-    for estimator in fitted.estimators_:
-        tree = estimator.tree_
+    for tree in (estimator.tree_ for estimator in grown):
         parts.append(_in_pairs(tree, first))
         roots.append(first)
         first += tree.node_count
     column, threshold, left, probability = (np.concatenate(part) for part in zip(*parts, strict=True))
     of_all = np.zeros((len(probability), n_classes))
-    of_all[:, fitted.classes_] = probability
+    of_all[:, classes] = probability
     return Forest(np.array(roots), column.astype(np.int64), threshold, left.astype(np.int64), of_all)
 
 
@@ -143,7 +141,8 @@ class ExtraTrees(SolvedNetwork):
 
         state = derive_seed(seed, self.name.replace("_", " ")) % 2**32
         grown: Any = getattr(sklearn.ensemble, self.estimator)(self.settings["trees"], random_state=state, n_jobs=1)
-        self.loaded(forest_of(grown.fit(values, target), self.n_classes).tensors(np.float32))
+        grown.fit(values, target)
+        self.loaded(forest_of(grown.estimators_, grown.classes_, self.n_classes).tensors(np.float32))
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "ExtraTrees":
         """These trees with the nodes of saved ones; a `ValueError` where those contradict each other."""

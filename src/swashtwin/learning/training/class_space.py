@@ -26,11 +26,11 @@ def shrinkage(
     The rows are coordinates along some orthonormal axes that hold all that differs between them, out of `n_features`.
     """
     centered = rows - rows.mean(axis=0)
-    squares = (centered**2).sum(axis=1)
+    squares = np.einsum("ij,ij->i", centered, centered)
     covariance = centered.T @ centered / len(rows)
     trace = squares.sum() / len(rows)
     mean = trace / n_features
-    norm = float((covariance**2).sum())
+    norm = float(np.vdot(covariance, covariance))
     beta = (float((squares**2).sum()) / len(rows) - norm) / (n_features * len(rows))
     delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
     share = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0

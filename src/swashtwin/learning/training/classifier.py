@@ -1,6 +1,6 @@
 """A trained network together with everything needed to use it honestly."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,6 +17,9 @@ from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.cutting import cut_windows
 from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
+
+TOGETHER = 32
+"""Windows that pass a network together where nothing is learned: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,23 +54,22 @@ class Normalization:
 
     def apply(self, windows: WindowSet) -> Float32[np.ndarray, "window channel time"]:
         """The samples of `windows`, scaled."""
-        if self.kind == "window":
-            mean = windows.signal.mean(axis=2, dtype=np.float64)
-            deviation = windows.signal.std(axis=2, dtype=np.float64)
-        elif self.kind == "set":
-            mean, deviation = self.mean[None], self.deviation[None]
-        else:
-            return windows.signal
-        scaled = (windows.signal - mean[:, :, None]) / _not_zero(deviation)[:, :, None]
-        return scaled.astype(np.float32)
+        return np.concatenate([samples for samples, _ in self.blocks(windows)])
+
+    def blocks(self, windows: WindowSet) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """(samples, scaled; turns of the shaft per sample) of `TOGETHER` windows at a time."""
+        turns = windows.turns_per_sample
+        for at in range(0, len(windows), TOGETHER):
+            part, mean, deviation = windows.signal[at : at + TOGETHER], self.mean, self.deviation
+            if self.kind == "window":
+                mean, deviation = part.mean(axis=2, dtype=np.float64), part.std(axis=2, dtype=np.float64)
+            scaled = part - mean[..., None]
+            scaled /= _not_zero(deviation)[..., None]
+            yield scaled.astype(np.float32), turns[at : at + TOGETHER]
 
 
 def _not_zero(deviation: Float64[np.ndarray, "*axes"]) -> Float64[np.ndarray, "*axes"]:
     return np.where(deviation > 0, deviation, 1.0)
-
-
-TOGETHER = 32
-"""Windows that pass a network together where nothing is learned: they stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,8 @@ class FittedClassifier:
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)
         with np.errstate(over="ignore"):
-            probability[~np.isfinite(np.square(samples)).all(axis=(1, 2))] = np.nan
+            peak = np.maximum(samples.max(axis=(1, 2)), -samples.min(axis=(1, 2)))
+            probability[~np.isfinite(np.square(peak))] = np.nan
         return probability
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
@@ -183,10 +186,7 @@ class FittedClassifier:
     ) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
-        samples, turns = self.normalization.apply(windows), windows.turns_per_sample
-        return np.concatenate(
-            [step(samples[at : at + TOGETHER], turns[at : at + TOGETHER]) for at in range(0, len(samples), TOGETHER)]
-        )
+        return np.concatenate([step(*block) for block in self.normalization.blocks(windows)])
 
 
 def require_verdicts(probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]) -> None:

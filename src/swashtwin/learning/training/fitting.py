@@ -1,21 +1,24 @@
 """`fit`: from an untrained network and windows to a classifier."""
 
 from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int
 
 from swashtwin.foundation import DataError, InputError, one_thread
 from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.networks.solved_network import SolvedNetwork
-from swashtwin.learning.training.classifier import TOGETHER, FittedClassifier, Normalization
+from swashtwin.learning.training.classifier import FittedClassifier, Normalization
 from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings, transform_windows
 from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
+Seen = tuple[Float32[np.ndarray, "row value"], Int[np.ndarray, " row"]]
+"""What a network sees of windows as they are and as each epoch changes them, and the window behind each row."""
 _LARGEST = 1e16
 """Magnitude of a sample from which the power of a window is no finite number in single precision."""
 
@@ -31,6 +34,7 @@ def fit(
     resume: bool = False,
     progress: Callable[[Epoch], None] | None = None,
     device: str = "cpu",
+    seen: Seen | None = None,
 ) -> FittedClassifier:
     """Classifier trained on `windows`, as it stands after the last epoch.
 
@@ -51,6 +55,7 @@ def fit(
     resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
     progress : called after each epoch.
     device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
+    seen : what a network that is solved for sees of these windows and settings, where it is at hand.
 
     Raises
     ------
@@ -66,7 +71,9 @@ def fit(
     if isinstance(network, SolvedNetwork):
         if device != "cpu":
             raise InputError(f"device {device!r}: the network {network.name!r} is solved for on the cpu.")
-        trained, history = _solved(network, windows, normalization, settings, seed)
+        with one_thread():
+            seen = seen or _seen(network, windows, normalization, settings, seed)
+            trained, history = _solved(network, windows, seen, seed)
     else:
         from swashtwin.learning.training.loop import train_epochs
 
@@ -97,37 +104,27 @@ def fit(
     )
 
 
+def _seen(
+    network: SolvedNetwork, windows: WindowSet, normalization: Normalization, settings: TrainingSettings, seed: int
+) -> Seen:
+    values, rows, clean = list[np.ndarray](), list[np.ndarray](), (np.arange(len(windows)), windows)
+    changed = (transform_windows(windows, settings, seed, number + 1) for number in range(settings.epochs))
+    for which, part in chain([clean], changed):
+        values += [network.represent_at(*block) for block in normalization.blocks(part)]
+        rows.append(which)
+    return np.concatenate(values), np.concatenate(rows)
+
+
 def _solved(
-    network: SolvedNetwork,
-    windows: WindowSet,
-    normalization: Normalization,
-    settings: TrainingSettings,
-    seed: int,
+    network: SolvedNetwork, windows: WindowSet, seen: Seen, seed: int
 ) -> tuple[SolvedNetwork, tuple[Epoch, ...]]:
-    """(the network with weights from the windows as they are and as each epoch would change them, how it fares)."""
-    with one_thread():
-        solved = type(network)(**network.settings)
-        clean = represented(solved, windows, normalization)
-        values, target = [clean], [windows.target]
-        for number in range(1, settings.epochs + 1):
-            which, changed = transform_windows(windows, settings, seed, number)
-            if len(which):
-                values.append(represented(solved, changed, normalization))
-                target.append(changed.target)
-        solved.solve(np.concatenate(values), np.concatenate(target), seed)
-        scores = solved.scores(clean)
+    """(the network with weights from what it sees of the windows, how it fares)."""
+    solved = type(network)(**network.settings)
+    solved.solve(seen[0], windows.target[seen[1]], seed)
+    scores = solved.scores(seen[0][: len(windows)])
     loss = -scores[np.arange(len(scores)), windows.target].mean()
     accuracy = (scores.argmax(axis=1) == windows.target).mean()
     return solved, (Epoch(1, float(loss), float(accuracy)),)
-
-
-def represented(
-    network: SolvedNetwork, windows: WindowSet, normalization: Normalization
-) -> Float32[np.ndarray, "window value"]:
-    """What a network sees of windows."""
-    samples, turns = normalization.apply(windows), windows.turns_per_sample
-    parts = [slice(at, at + TOGETHER) for at in range(0, len(samples), TOGETHER)]
-    return np.concatenate([network.represent_at(samples[part], turns[part]) for part in parts])
 
 
 def require_trainable(windows: WindowSet) -> None:

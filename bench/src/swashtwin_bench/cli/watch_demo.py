@@ -1,9 +1,11 @@
 """``swashtwin watch demo``: a pump of the virtual rig that wears over weeks, watched in some minutes."""
 
+import itertools
 import os
 import threading
 import time
 import webbrowser
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +14,12 @@ import typer
 from swashtwin.cli import Json, as_folder, note, say, tell
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring import Outcome, WatchConfig
+    from swashtwin.monitoring import Outcome
+    from swashtwin.recordings import Recording
 
 RECORDINGS, ONSET, PER_DAY, LEARNING = 90, 36, 3, 20
+_CALIBRATED = 6
+"""First recordings that the twin is calibrated on."""
 _CONFIG = f"""\
 # What swashtwin watch demo watches: a pump of the virtual rig whose pistons wear.
 folder = "watch-data"
@@ -22,6 +27,7 @@ folder = "watch-data"
 [[machine]]
 name = "rig-pump"
 pump = "25scy14-1b"
+calibration = "calibration.json"
 
 [[source]]
 kind = "folder"
@@ -48,16 +54,25 @@ def demo(
     end: Annotated[bool, typer.Option("--end", help="End after the last recording instead of at Ctrl-C.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, history and alarm."""
+    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, alarm, suspect and severity."""
+    from swashtwin.calibration import calibrate
     from swashtwin.cli import require_extra, stop_signals
     from swashtwin.foundation import InputError, write_text
     from swashtwin.monitoring import load_watch_config, run_watch
+    from swashtwin_bench import PlantCourse, plant_course
 
     require_extra()
     if (out / "watch-data").exists():
         raise InputError(f"{out} holds an earlier demo; remove it, or name another folder with --out.")
+    month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
+    course = (recording for recording, _ in plant_course(0, "A", month, batch=3))
+    first = list(itertools.islice(course, _CALIBRATED))
+    note(f"Calibrating the pump's twin on its first {_CALIBRATED} recordings, for the severity.")
+    out.mkdir(parents=True, exist_ok=True)
+    calibrate("25scy14-1b", first).save(out / "calibration.json")
     config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
-    course = threading.Thread(target=_write_course, args=(config,), daemon=True)
+    incoming = config.path.parent / "incoming"
+    writer = threading.Thread(target=_write, args=(itertools.chain(first, course), incoming), daemon=True)
     alarms: list[int] = []
     counts = {"judged": 0}
 
@@ -65,7 +80,7 @@ def demo(
         note(f"The page is at {address}. Weeks pass in minutes; Ctrl-C ends.")
         if address is not None and not end:
             webbrowser.open(address)
-        course.start()
+        writer.start()
 
     def show(outcome: "Outcome") -> None:
         counts["judged"] += 1
@@ -95,15 +110,12 @@ def demo(
     )
 
 
-def _write_course(config: "WatchConfig") -> None:
+def _write(recordings: "Iterable[Recording]", folder: Path) -> None:
     """Write the recordings of a month into the folder that is watched, as fast as they are computed."""
     from swashtwin.recordings import write_recording
-    from swashtwin_bench import PlantCourse, plant_course
 
-    folder = config.path.parent / "incoming"
-    course = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
     first = time.time() - 86400 * RECORDINGS / PER_DAY
-    for number, (recording, _) in enumerate(plant_course(0, "A", course, batch=3)):
+    for number, recording in enumerate(recordings):
         path = write_recording(recording.relabeled(None), folder / f".{number + 1:03}.h5")
         os.utime(path, (first + 86400 * number / PER_DAY,) * 2)
         path.rename(folder / f"{number + 1:03}.h5")

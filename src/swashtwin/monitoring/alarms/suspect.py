@@ -143,7 +143,8 @@ class FaultSize:
         own = pump.name if name is None else load_pump(name).name
         if (own, self.machine.piston_count) != (pump.name, pump.rotating_group.piston_count):
             raise DataError(f"the calibration is of another pump, {pump.name}.")
-        if (fault := FAULT_KINDS.get(self.label)) is None:
+        kinds = {name: fault for name, fault in FAULT_KINDS.items() if fault is not None and fault.label == self.label}
+        if not kinds:
             raise DataError("the twin has no such fault.")
         if self.recording is None:
             raise DataError("the samples of the recording are not kept any more.")
@@ -155,14 +156,16 @@ class FaultSize:
         if worn.condition is not None and not any(worn.condition.matches(point) for point in points):
             at = " and ".join(OperatingPoint(point.speed, point.discharge_pressure).name for point in points)
             raise DataError(f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}.")
-        trend = estimate_severity(calibration, [worn], fault, healthy=healthy)
+        trends = {name: estimate_severity(calibration, [worn], fault, healthy=healthy) for name, fault in kinds.items()}
+        kind, trend = min(trends.items(), key=lambda item: item[1].estimates[0].misfit)
         (estimate,) = trend.estimates
         severity, limit = estimate.severity, estimate.detection_limit
+        best = [f"Of {len(kinds)} kinds of {_class_words(self.label)} fault this fits best."] if len(kinds) > 1 else []
         unit, least = severity.dimension.per_unit, "none" if limit is None else severity.dimension.words(limit)
         return {
-            "sentence": f"Severity, if {_class_words(self.label)}: {severity.dimension.name} {severity.words}, "
+            "sentence": f"Severity, if {_class_words(kind)}: {_class_words(severity.dimension.name)} {severity.words}, "
             f"{severity.verdict}; detection limit {least}.",
-            "notes": [*trend.notes, *estimate.notes],
+            "notes": [*best, *trend.notes, *estimate.notes],
             "verdict": severity.verdict,
             "dimension": severity.dimension.name,
             "unit": severity.dimension.unit,

@@ -104,7 +104,8 @@ class Pipeline:
             return self._reject(file, "error", reason)
 
     def measure_severities(self, stop: threading.Event) -> None:
-        """Measure the severity of each suspect that is sure, which takes minutes; where that failed, after a restart.
+        """Measure the severity of each alarm's suspect, which takes minutes; where that failed, again after a restart.
+        That of a suspect that is not sure is measured once, of one that is, once a class.
 
         Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or `stop` interrupts
         is measured after the next start.
@@ -120,7 +121,8 @@ class Pipeline:
             if machine is None or machine.calibration is None or alarm.closed is not None or suspect is None:
                 continue
             is_known = "verdict" in before or alarm.id in self._tried
-            if suspect["certainty"] != "sure" or (is_known and before.get("label") == suspect["label"]):
+            is_new = before.get("label") != suspect["label"] and suspect["certainty"] == "sure"
+            if suspect["certainty"] not in ("sure", "unsure") or (is_known and not is_new):
                 continue
             judgment = self._history.read.recording(suspect["recording"])
             assert judgment is not None

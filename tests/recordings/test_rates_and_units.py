@@ -78,6 +78,13 @@ def test_two_rates_for_the_same_vector_are_refused_by_name(tmp_path: Path) -> No
         load_recording(tmp_path / "a.h5", unit="g")
 
 
+@pytest.mark.parametrize("rate", [0.0, -5.0])
+def test_a_rate_that_is_none_is_refused(rate: float, tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"x": X, "fs": rate})
+    with pytest.raises(DataError, match=rf"a\.mat states a sample rate of {rate:g} Hz"):
+        load_recording(tmp_path / "a.mat", unit="g", sample_rate="1 kHz")
+
+
 def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}})
     with pytest.raises(DataError, match="different units"):

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import re
+import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -33,6 +34,7 @@ _KINDS = {
     "object": "a table", "null": "nothing",
 }  # fmt: skip
 _UNKNOWN = re.compile(r"Object contains unknown field `(.+)`")
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
 
 
 def to_table(thing: Any, *, of_array: Callable[[Any], Any] = lambda array: array.tolist()) -> Any:
@@ -80,14 +82,13 @@ def from_table(
     --------
     >>> from_table(["a", 1], list[str], "card.json")
     Traceback (most recent call last):
-    swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number.
+    swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number: 1.
     """
     try:
         return msgspec.convert(table, form, dec_hook=to_array or _array_of_list, str_keys=True)
     except msgspec.ValidationError as cause:
-        raise InputError(
-            f"{where}: {_misfit(str(cause), form)}." if where else f"{_misfit(str(cause), form)}."
-        ) from cause
+        misfit = _misfit(str(cause), form, table)
+        raise InputError(f"{where}: {misfit}." if where else f"{misfit}.") from cause
 
 
 def _array_of_list(kind: type, values: Any) -> Any:
@@ -97,7 +98,7 @@ def _array_of_list(kind: type, values: Any) -> Any:
     return kind(array) if kind in (dict, tuple, list) else array
 
 
-def _misfit(message: str, form: Any) -> str:
+def _misfit(message: str, form: Any, table: Any) -> str:
     text, _, path = message.partition(" - at `$")
     path = path.rstrip("`").lstrip(".")
     if match := _UNKNOWN.fullmatch(text):
@@ -109,6 +110,10 @@ def _misfit(message: str, form: Any) -> str:
         text = f"{text[13:]} is none of {', '.join(map(repr, allowed))}" if allowed else f"i{text[1:]}"
     elif text.startswith("Expected"):
         text = re.sub("`([^`]*)`", _in_words, f"e{text[1:]}")
+        if path and "[...]" not in path:
+            for number, name in _STEP.findall(path):
+                table = table[int(number) if number else name]
+            text += f"{':' if ', got ' in text else ', got'} {reprlib.repr(table)}"
     else:
         text = text[:1].lower() + text[1:].rstrip(".")
     return f"{path}: {text}" if path else text

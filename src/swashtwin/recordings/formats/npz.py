@@ -30,6 +30,7 @@ _STARTS = ("start_time", "starttime", "wf_start_time", "t0", "start")
 _PARTS = re.compile(r"[./]")
 _CELL = re.compile(r"(.*)\((\d+)\)")
 _INDEX = re.compile(r"\(.*\)$")
+_NO_RATE = re.compile(r"-\d+(\.\d+)?(e[+-]?\d+)?|0(\.0)?")
 
 
 def read(path: Path, options: Options) -> RawFile:
@@ -90,8 +91,10 @@ def with_facts(
         scopes.setdefault(scope, {})[last] = value
 
     def rate_of(name: str, text: Any) -> float | None:
-        is_meant = isinstance(text, str) and (sources is not None or not BARE_RATE.fullmatch(name))
-        return header_rate([(name, text)]) if is_meant else None
+        if not isinstance(text, str) or (sources is None and BARE_RATE.fullmatch(name)):
+            return None
+        is_none = _NO_RATE.fullmatch(text) and header_rate([(name, "1")])
+        return float(text) if is_none else header_rate([(name, text)])  # what is none is refused where all files are
 
     def unit_of(name: str, text: Any) -> str | None:
         return known_unit(text) if name in LISTS[1] and isinstance(text, str) else None

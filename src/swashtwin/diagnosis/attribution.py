@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 
 from swashtwin.foundation import DataError
-from swashtwin.learning import FittedClassifier, LevelNetwork, SolvedNetwork, WindowLevel, WindowSet
+from swashtwin.learning import FittedClassifier, Level, LevelNetwork, SolvedNetwork, WindowSet
 from swashtwin.signals import line_frequencies, transform
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def hertz(frequency: float) -> str:
 
 
 def level_shares(
-    levels: tuple[WindowLevel, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
+    levels: tuple[Level, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
 ) -> Float64[np.ndarray, "level band"]:
     """Share of each level in each of `level_bands`, by overlap in frequency; those of a level sum to 1.
 

@@ -25,7 +25,6 @@ from swashtwin.diagnosis.prior_head import (
     VirtualChanges,
     fit_head,
     order_levels,
-    shaft_frequency,
 )
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
@@ -39,7 +38,7 @@ from swashtwin.recordings import (
     manifest_of,
     stated_pressure,
 )
-from swashtwin.signals import OrderBands
+from swashtwin.signals import OrderBands, shaft_frequency
 
 _ANY = (0.0, 1e12)
 

@@ -54,7 +54,6 @@ from .networks.registry import rebuild_network as rebuild_network
 from .networks.registry import register_network as register_network
 from .networks.solved_network import SolvedNetwork as SolvedNetwork
 from .networks.tree_network import Forest as Forest
-from .networks.window_levels import WindowLevel as WindowLevel
 from .onnx_graph import onnx_model as onnx_model
 from .recordings.recording_model import RecordingModel as RecordingModel
 from .training.classifier import FittedClassifier as FittedClassifier

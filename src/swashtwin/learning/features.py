@@ -32,32 +32,36 @@ def line_powers(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "
 def running_sums(power: Float[np.ndarray, "*batch line"]) -> Float64[np.ndarray, "*batch edge"]:
     """Power of all lines before each edge between two lines."""
     sums = np.zeros((*power.shape[:-1], power.shape[-1] + 1))
-    np.cumsum(power, axis=-1, dtype=np.float64, out=sums[..., 1:])
-    return sums
+    sums[..., 1:] = power  # summed in place: to convert while summing takes twice as long
+    return np.cumsum(sums, axis=-1, out=sums)
 
 
-def between(
-    sums: Float64[np.ndarray, "*batch edge"], low: Float[np.ndarray, "*band"], high: Float[np.ndarray, "*band"]
-) -> Float64[np.ndarray, "..."]:
-    """Power between two edges, in lines; a line at an edge counts by its share.
+def up_to(
+    sums: Float64[np.ndarray, "*batch edge"], edge: Float[np.ndarray, "*row place"]
+) -> Float64[np.ndarray, "*batch place"]:
+    """Power below edges, in lines; a line that an edge cuts counts by its share.
 
     Parameters
     ----------
     sums : `running_sums` of the lines 1, 2, ...
+    edge : the same for all rows of `sums`, or with an axis for each of theirs.
 
     Examples
     --------
-    >>> sums = running_sums(np.array([1.0, 2.0, 3.0]))
-    >>> between(sums, np.array([0.5, 2.5]), np.array([2.0, 9.0])).tolist()
-    [2.0, 3.0]
+    >>> up_to(running_sums(np.array([1.0, 2.0, 3.0])), np.array([0.5, 2.0, 9.0])).tolist()
+    [0.0, 2.0, 6.0]
     """
+    place = np.clip(edge - 0.5, 0, sums.shape[-1] - 1)
+    line = np.minimum(place.astype(np.int64), sums.shape[-1] - 2)
+    left, right = (sums[..., at] if edge.ndim == 1 else np.take_along_axis(sums, at, -1) for at in (line, line + 1))
+    return np.asarray(left + (place - line) * (right - left))
 
-    def up_to(edge: np.ndarray) -> np.ndarray:
-        place = np.clip(edge - 0.5, 0, sums.shape[-1] - 1)
-        line = np.minimum(place.astype(np.int64), sums.shape[-1] - 2)
-        return np.asarray(sums[..., line] + (place - line) * (sums[..., line + 1] - sums[..., line]))
 
-    return up_to(high) - up_to(low)
+def between(
+    sums: Float64[np.ndarray, "*batch edge"], low: Float[np.ndarray, " band"], high: Float[np.ndarray, " band"]
+) -> Float64[np.ndarray, "*batch band"]:
+    """Power between two edges, in lines (`up_to`)."""
+    return up_to(sums, high) - up_to(sums, low)
 
 
 def common_shift(change: Float[np.ndarray, "*channel band"]) -> Float[np.ndarray, "*channel"]:

@@ -22,7 +22,10 @@ from .indicators import FAMILIES as FAMILIES
 from .indicators import Band as Band
 from .indicators import Indicator as Indicator
 from .levels import TIME_STATISTICS as TIME_STATISTICS
+from .levels import TURNS as TURNS
 from .levels import OrderBands as OrderBands
+from .levels import recording_density as recording_density
+from .levels import shaft_frequency as shaft_frequency
 from .levels import time_statistics as time_statistics
 from .shaft_angle import ShaftAngle as ShaftAngle
 from .shaft_angle import resampled_by_angle as resampled_by_angle

@@ -5,6 +5,7 @@ removed), the taper's noise bandwidth corrected: a sine of amplitude 1 reads 0.7
 spectral line that a band's edge cuts is shared in proportion.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -12,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Float64
 
-from swashtwin.foundation import InputError
-from swashtwin.recordings import Recording
+from swashtwin.foundation import DataError, InputError
+from swashtwin.recordings import Recording, refuse_unfit, stated_speed
 from swashtwin.signals.spectra import power_density
 
 TIME_STATISTICS = (
@@ -138,6 +139,56 @@ def band_rms(
     if of_velocity:
         share[1:] /= (2 * np.pi * frequency[1:]) ** 2  # the first line is below the band
     return np.sqrt(density @ share)
+
+
+TURNS = 8
+"""Revolutions in each segment of a spectrum by orders, so that eight spectral lines lie from order to order."""
+_STRETCH = 1 << 18
+"""Samples of a channel that are transformed together; a longer recording is read in such stretches."""
+
+
+def shaft_frequency(recording: Recording) -> float:
+    """Shaft frequency [Hz] that a recording states; a `DataError` where it states none."""
+    shaft = stated_speed(recording)
+    if not shaft:
+        raise DataError(
+            f"{recording.recording_id} states no speed, and shaft orders are compared; state it in the index, or with "
+            "--speed."
+        )
+    return shaft
+
+
+def recording_density(
+    recording: Recording,
+    length: int,
+    *,
+    least: float = 0,
+    of: Callable[[np.ndarray], np.ndarray] = lambda signal: signal,
+) -> Float64[np.ndarray, "*batch frequency"]:
+    """Power density [unit^2/Hz] of a recording in segments of `length` samples; it is never whole in memory.
+
+    Parameters
+    ----------
+    least : samples that it must have, beside those of a segment.
+    of : what of the samples (channel, time) of each stretch, such as their envelope, `power_density` is taken.
+
+    Raises
+    ------
+    DataError
+        It is unfit or too short.
+    """
+    refuse_unfit(recording)
+    if recording.n_samples < max(length, least):
+        raise DataError(
+            f"{recording.recording_id} lasts {recording.duration:.3g} s; to compare its levels takes "
+            f"{max(length, least) / recording.sample_rate:.3g} s at least: record longer."
+        )
+    counts, densities = [], []
+    for start in range(0, recording.n_samples - length + 1, max(length, _STRETCH)):
+        signal = recording.slice(start, min(start + max(length, _STRETCH), recording.n_samples)).signal
+        counts.append(signal.shape[1])
+        densities.append(power_density(of(signal), recording.sample_rate, length)[1])
+    return np.asarray(np.einsum("p,p...->...", np.array(counts) / sum(counts), np.stack(densities)))
 
 
 _WANDERING = 0.004

@@ -88,8 +88,6 @@ LEAST_HEALTHY = 5
 """Healthy recordings that levels are compared with at least: of fewer, no spread can be told."""
 USUAL_ERROR_RATE = 0.05
 """False-alarm rate of a detector where none is asked for and the recordings allow it."""
-_SHORTEST = 0.5
-"""Length of a recording over that of the shortest healthy one, at least: levels of a shorter one scatter more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,14 +147,8 @@ class HealthyLevels:
         DataError
             It is unfit, much shorter than the healthy ones, or of a machine or operating point that has none.
         """
-        if recording.n_samples < _SHORTEST * self.shortest:
-            raise DataError(
-                f"{recording.recording_id} is {recording.duration:.3g} s long, the shortest healthy recording "
-                f"{self.shortest / self.layout.sample_rate:.3g} s: the levels of so short a one scatter more; record "
-                "longer."
-            )
         index, notes = self._point_of(recording)
-        return self.deviation_of(self.layout.measure(recording), index, notes)
+        return self.deviation_of(self.layout.measure(recording, self.shortest), index, notes)
 
     def deviation_of(self, levels: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()) -> Deviation:
         """How far `levels` [dB] are from those of the healthy recordings of a point, by its index."""

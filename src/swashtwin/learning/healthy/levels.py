@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import DataError, InputError
+from swashtwin.foundation import InputError
 from swashtwin.learning.features import between, running_sums
 from swashtwin.learning.windows.window_set import WindowLayout
-from swashtwin.recordings import Recording, refuse_unfit, stated_speed
-from swashtwin.signals import power_density, signal_envelope
+from swashtwin.recordings import Recording, stated_speed
+from swashtwin.signals import TURNS, recording_density, shaft_frequency, signal_envelope
 
 MOST_ORDERS = 40
 """Shaft orders that have levels, at most."""
@@ -23,21 +23,21 @@ _RATIO = 2 ** (1 / 3)
 """Upper over lower edge of a wide band: a third octave."""
 _ORDER_WIDTH = 0.5
 """Width of the band around a shaft order, in orders; a wandering speed smears the line within it."""
-_STRETCH = 1 << 18
-"""Samples of a channel that are transformed together; a longer recording is read in such stretches."""
 _FAINTEST = 1e-12
 """Power of a level over that of its channel, at least: the converter's steps are far above it."""
-_TURNS = 8
-"""Revolutions in each segment where the speed is known, so that eight spectral lines lie from order to order."""
 _SEGMENT = 8192
-"""Samples of each segment otherwise, at most."""
+"""Samples of each segment at most, where the speed is not known."""
+_SHORTEST = 0.5
+"""Length of a recording over that of the shortest one it is compared with, at least: levels of a shorter one scatter
+more."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """What one level is the power of."""
+    """What one level is the power of; or another `quantity`."""
 
     channel: str
+    """Channel; empty where it is of each."""
     is_envelope: bool
     """Whether it is of the envelope rather than of the signal."""
     order: int | None
@@ -45,6 +45,8 @@ class Level:
     """Lower edge: in Hz, or in shaft orders for an order."""
     high: float
     """Upper edge, likewise."""
+    quantity: str = "power"
+    """``"power"`` of a band, ``"deviation"`` of the whole, or ``"shape"`` of the waveform."""
 
     @property
     def is_band(self) -> bool:
@@ -98,40 +100,27 @@ class LevelLayout(WindowLayout):
             )
         )
 
-    def measure(self, recording: Recording) -> Float64[np.ndarray, " level"]:
+    def measure(self, recording: Recording, shortest: int = 0) -> Float64[np.ndarray, " level"]:
         """The recording's `levels` [dB of the squared unit]; it is never whole in memory.
 
         10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The envelope is the magnitude
         of the analytic signal of the whole band.
 
+        Parameters
+        ----------
+        shortest : samples of the shortest recording that it is compared with.
+
         Raises
         ------
         DataError
-            The recording is unfit, shorter than a segment, or states no speed where orders have levels.
+            The recording is unfit, too short, or states no speed where orders have levels.
         """
-        refuse_unfit(recording)
-        if recording.n_samples < self.length:
-            raise DataError(
-                f"{recording.recording_id} has {recording.n_samples} samples, and its levels take {self.length} "
-                f"({self.length / self.sample_rate:.3g} s) at least; record longer."
-            )
-        shaft = stated_speed(recording) if self.n_orders else None
-        if self.n_orders and not shaft:
-            raise DataError(
-                f"{recording.recording_id} states no speed, and levels at shaft orders need it; state it in the index, "
-                "or with --speed."
-            )
-        counts, densities = [], []
-        step = max(self.length, _STRETCH)
-        for start in range(0, recording.n_samples, step):
-            stop = min(start + step, recording.n_samples)
-            if stop - start < self.length:
-                break
-            signal = recording.slice(start, stop).signal
-            pair = np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
-            counts.append(stop - start)
-            densities.append(power_density(pair, self.sample_rate, self.length)[1])
-        density = np.einsum("p,pcef->cef", np.array(counts) / sum(counts), np.stack(densities))
+        shaft = shaft_frequency(recording) if self.n_orders else None
+
+        def with_envelope(signal: np.ndarray) -> np.ndarray:
+            return np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
+
+        density = recording_density(recording, self.length, least=_SHORTEST * shortest, of=with_envelope)
         low, high = np.array([level.edges(shaft) for level in self.levels[: self._n_each]]).T
         sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
         power = between(sums, low * per_hertz, high * per_hertz)
@@ -190,10 +179,10 @@ def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[st
     segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
     if len(stated) < len(shafts):
         reason = f"{recordings[shafts.index(None)].recording_id} states no speed"
-    elif shortest / first.sample_rate * min(stated) < _TURNS:
-        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {_TURNS} turns"
+    elif shortest / first.sample_rate * min(stated) < TURNS:
+        reason = f"the shortest recording covers {shortest / first.sample_rate * min(stated):.3g} of {TURNS} turns"
     else:
-        segment = min(round(_TURNS * first.sample_rate / min(stated)), shortest)
+        segment = min(round(TURNS * first.sample_rate / min(stated)), shortest)
         n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
     notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
     return LevelLayout(float(first.sample_rate), first.channels, first.unit, segment, n_orders), notes

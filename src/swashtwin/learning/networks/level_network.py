@@ -8,8 +8,9 @@ import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import InputError, stream
+from swashtwin.learning.healthy.levels import Level
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
-from swashtwin.learning.networks.window_levels import WindowLevel, gain_response, level_catalogue, window_levels
+from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
 from swashtwin.learning.training.class_space import shrunk_covariance
 
 HEADS = ("discriminant", "hidden")
@@ -103,7 +104,7 @@ class LevelNetwork(SolvedNetwork):
         """Whether narrow lines are orders of the shaft."""
         return bool(self.settings["axis"] == "order")
 
-    def catalogue(self, length: int) -> tuple[WindowLevel, ...]:
+    def catalogue(self, length: int) -> tuple[Level, ...]:
         """What each level of a channel is of, in windows of `length` samples; a feature is level after level, channel
         after channel."""
         return level_catalogue(length, self.uses_speed)

@@ -6,14 +6,15 @@ much a gain changes it is its gain response, so that a gain can be applied to, o
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Complex64, Float, Float32, Int
 
-from swashtwin.learning.features import running_sums
-from swashtwin.signals import hann_taper, inverse_transform, transform
+from swashtwin.learning.features import running_sums, up_to
+from swashtwin.learning.healthy.levels import Level
+from swashtwin.signals import band_shares, hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7
 """Added to each power before its logarithm, in the square of the scaled unit; windows are expected scaled
@@ -28,53 +29,31 @@ LEAST_DEVIATION, NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of 
 _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
 
 
-@dataclass(frozen=True)
-class WindowLevel:
-    """What a level of a channel is of."""
-
-    quantity: str
-    """``"power"`` of a band, ``"deviation"`` of the whole, or ``"shape"`` of the waveform."""
-    is_envelope: bool = False
-    """Whether it is of an envelope rather than of the signal."""
-    low: float = 0.0
-    """Lower edge of the band: in periods per sample, or in orders of the shaft."""
-    high: float = 0.5
-    """Upper edge, likewise."""
-    is_order: bool = False
-    """Whether the edges are in orders."""
-
-    def edges(self, turns: float) -> tuple[float, float]:
-        """Its edges in periods per sample, where the shaft turns so far per sample; at most 0.5."""
-        factor = turns if self.is_order else 1.0
-        return min(self.low * factor, 0.5), min(self.high * factor, 0.5)
-
-
-def level_catalogue(length: int, orders: bool) -> tuple[WindowLevel, ...]:
+@lru_cache(maxsize=4)
+def level_catalogue(length: int, orders: bool) -> tuple[Level, ...]:
     """What each level of a channel is of, in the order of `window_levels`, for windows of `length` samples.
+
+    Edges are in periods per sample, or in orders.
 
     Examples
     --------
-    >>> level_catalogue(2048, True)[5].edges(turns=0.01)
+    >>> level_catalogue(2048, True)[5].edges(0.01)
     (0.005, 0.015)
     """
 
-    def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[WindowLevel]:
-        n = length // 2
+    def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[Level]:
+        n, level = length // 2, partial(Level, "", is_envelope)
         if orders:
-            lines = [(order - 0.5, order + 0.5) for order in range(1, n_lines + 1)]
+            lines = [level(order, order - 0.5, order + 0.5) for order in range(1, n_lines + 1)]
         else:
-            first, last = ((edge + 0.5) / length for edge in narrow_edges(n, n_lines, share))
-            lines = list(zip(first.tolist(), last.tolist(), strict=True))
+            edges = (((edge + 0.5) / length).tolist() for edge in narrow_edges(n, n_lines, share))
+            lines = [level(None, *pair) for pair in zip(*edges, strict=True)]
         bands = pairwise((np.geomspace(0.5, n + 0.5, n_bands + 1) / length).tolist())  # the edges of `band_shares`
-        return [
-            WindowLevel("deviation", is_envelope),
-            *[WindowLevel("shape", is_envelope)] * (_N_SHAPE - 1),
-            *(WindowLevel("power", is_envelope, *edges, is_order=orders) for edges in lines),
-            *(WindowLevel("power", is_envelope, *edges) for edges in bands),
-        ]
+        whole = [level(None, 0.0, 0.5, name) for name in ("deviation", *["shape"] * (_N_SHAPE - 1))]
+        return [*whole, *lines, *(level(None, *pair) for pair in bands)]
 
     counts = line_counts(orders)
-    envelope = [*of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), WindowLevel("deviation", True)]
+    envelope = [*of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), Level("", True, None, 0.0, 0.5, "deviation")]
     return (*of(False, counts[0], LINE_SHARE, BANDS), *envelope * len(ENVELOPE_FROM))
 
 
@@ -135,11 +114,8 @@ def gain_response(orders: bool) -> Float32[np.ndarray, " level"]:
     >>> gain_response(True)[:6].tolist()
     [1.0, 0.0, 0.0, 0.0, 0.0, 2.0]
     """
-    counts = line_counts(orders)
-    shape = [1.0] + [0.0] * (_N_SHAPE - 1)
-    envelope = [*shape, *[2.0] * (counts[1] + ENVELOPE_BANDS), 1.0]
-    response = [*shape, *[2.0] * (counts[0] + BANDS), *envelope * len(ENVELOPE_FROM)]
-    return np.array(response, dtype=np.float32)
+    decades = {"power": 2.0, "deviation": 1.0, "shape": 0.0}
+    return np.array([decades[level.quantity] for level in level_catalogue(2, orders)], dtype=np.float32)
 
 
 def _mean_product(x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "window channel 1"]:
@@ -170,18 +146,20 @@ def _levels(
     """Shape of the waveform, levels of narrow lines, levels of logarithmic bands along each axis; the mean of `x` is
     0."""
     lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
-    power = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1])
-    floor = np.float32(FLOOR)
-    banded = np.log10(_band_powers(power, n_bands) + floor)
+    power, n = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1]), x.shape[-1] // 2
+    banded = power @ band_shares(n, n_bands).astype(np.float32)
     shape, along = _waveform_shape(x), []
     for turns, count in zip(axes, n_lines, strict=True):
         if turns is None:
-            first, last = narrow_edges(power.shape[-1], count, share)
-            total = running_sums(power[..., : last[-1]])
-            narrow = ((total[..., last] - total[..., first]) / (last - first)).astype(np.float32)
+            first, last = narrow_edges(n, count, share)
+            sums = running_sums(power[..., : last[-1]])
+            narrow = (sums[..., last] - sums[..., first]) / (last - first)
         else:
-            narrow = _order_powers(power, turns * x.shape[-1], count)
-        along.append([*shape, np.log10(narrow + floor), banded])
+            edges = np.clip((np.arange(count + 1) + 0.5) * (turns * x.shape[-1])[:, None], 0.5, n + 0.5)[:, None]
+            width, sums = np.diff(edges), running_sums(power[..., : int(edges.max() + 0.5)])
+            narrow = np.diff(up_to(sums, edges)) / np.maximum(width, 1e-6)
+            narrow = np.where(width < NARROWEST, power[..., -1:], narrow)  # beyond the spectrum
+        along.append([*shape, *(np.log10(np.float32(power) + np.float32(FLOOR)) for power in (narrow, banded))])
     return along
 
 
@@ -200,36 +178,3 @@ def _waveform_shape(
         np.log(magnitude.max(axis=-1, keepdims=True) + least),
         magnitude.mean(axis=-1, keepdims=True),
     )
-
-
-def _band_powers(
-    power: Float32[np.ndarray, "window channel line"], n_bands: int
-) -> Float32[np.ndarray, "window channel band"]:
-    """Power of each band of `band_shares`, which a product with these shares gives in six times the time."""
-    n_lines = power.shape[-1]
-    edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)[:-1] - 0.5
-    line = edges.astype(np.int64)
-    before = power[..., line] * (edges - line).astype(np.float32)  # of the line that an edge cuts
-    total = np.add.reduceat(power, line, axis=-1)
-    total[..., :-1] *= np.diff(line) > 0  # where both edges cut the same line it would be whole
-    total -= before
-    total[..., :-1] += before[..., 1:]
-    return np.asarray(np.maximum(total, 0))
-
-
-def _order_powers(
-    power: Float32[np.ndarray, "window channel line"], lines_per_order: Float[np.ndarray, " window"], n_orders: int
-) -> Float32[np.ndarray, "window channel order"]:
-    """Mean power of the lines within half an order of each order; that of the last line beyond the spectrum.
-
-    `power` holds lines 1, 2, ... of the window; the edges between orders fall within lines, whose power is shared out.
-    """
-    n_lines = power.shape[-1]
-    edges = np.clip((np.arange(n_orders + 1) + 0.5) * lines_per_order[:, None] - 0.5, 0, n_lines)[:, None]
-    below = np.minimum(edges.astype(np.int64), n_lines - 1)
-    total = running_sums(power[..., : int(below.max()) + 1])
-    left, right = (np.take_along_axis(total, index, axis=-1) for index in (below, below + 1))
-    at_edges = left + (edges - below) * (right - left)
-    width = np.maximum(np.diff(edges, axis=-1), 1e-6)
-    mean = np.maximum(np.diff(at_edges, axis=-1) / width, 0.0)
-    return np.where(width < NARROWEST, power[..., -1:], mean).astype(np.float32)

@@ -142,8 +142,9 @@ def _bands(
 def _aligned(sums: Float64[np.ndarray, "channel edge"], order: Int64[np.ndarray, " order"], per_order: float) -> float:
     """Factor on the stated speed under which a comb of orders stands out most: what is stated is the set speed."""
     factor = np.linspace(1 - _SEARCH, 1 + _SEARCH, _STEPS)
-    teeth = factor[:, None] * order
-    line = between(sums, (teeth - _NARROW) * per_order, (teeth + _NARROW) * per_order)
+    teeth = np.outer(factor, order)
+    line = between(sums, (teeth - _NARROW).ravel() * per_order, (teeth + _NARROW).ravel() * per_order)
+    line = line.reshape(-1, *teeth.shape)
     around = between(sums, (order - 0.5) * per_order, (order + 0.5) * per_order)[:, None]
     return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])
 

@@ -107,8 +107,6 @@ _LEAST_SPREAD = 1.0
 """Standard deviation [dB] that every level has at least; added as a variance."""
 _LEAST_COMPARED = 5
 """Recordings from which on they are compared with each other while the baseline is learned."""
-_SHORTEST = 0.5
-"""Length of a recording over that of the shortest one of the baseline, at least."""
 _LEAST_CHANNEL_SPREAD = 3.0
 """Standard deviation [dB] of a level at least where channels are compared with each other."""
 
@@ -169,12 +167,7 @@ class PointBaseline:
                 f"{recording.recording_id} does not fit the baseline of its operating point ({difference}); restart "
                 "the baseline after a change of sensors."
             )
-        if recording.n_samples < _SHORTEST * self.shortest:
-            raise DataError(
-                f"{recording.recording_id} is {recording.duration:.3g} s long, the shortest recording of its baseline "
-                f"{self.shortest / self.layout.sample_rate:.3g} s; record longer."
-            )
-        levels = self.layout.measure(recording)
+        levels = self.layout.measure(recording, self.shortest)
         if not np.isfinite(levels).all():
             raise DataError(f"{recording.recording_id}: a sample is far too large; repair the file.")
         return levels

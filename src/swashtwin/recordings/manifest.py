@@ -8,9 +8,9 @@ import base64
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Complex64, Float
 from scipy import fft
-from scipy.ndimage import median_filter
 
 from swashtwin.recordings.recording import Recording
 
@@ -141,7 +141,7 @@ def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
         found = []
         for low in pair if pair[1] + _WIDTH <= 0.475 * rate else ():
             band = slice(low * seconds, (low + _WIDTH) * seconds)
-            noise = median_filter(size[band], near, mode="nearest")
+            noise = scipy.ndimage.median_filter(size[band], near, mode="nearest")
             if np.median(noise) > _SMALLEST * size.max():
                 flat = spectrum[band] / np.maximum(size[band], np.maximum(noise, 1e-300))
                 values = fft.ifft(flat, _RATE * seconds)[: int(duration * _RATE)]

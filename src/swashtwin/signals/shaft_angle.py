@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import scipy.signal
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator, make_interp_spline
-from scipy.ndimage import median_filter
 
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.recordings import Recording, stated_speed
@@ -129,7 +129,7 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         )
     time = pulses / recording.sample_rate
     interval = np.diff(time)
-    ratio = interval / median_filter(interval, size=min(5, len(interval)), mode="nearest")
+    ratio = interval / scipy.ndimage.median_filter(interval, size=min(5, len(interval)), mode="nearest")
     odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
     if len(odd):
         raise DataError(

@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any, get_args
 
 import numpy as np
+import scipy
 from jaxtyping import Float32, Int
-from scipy.ndimage import map_coordinates
 
 from swashtwin.foundation import InputError, stream
 from swashtwin.learning.windows.window_set import WindowSet
@@ -208,7 +208,7 @@ def at_other_speeds(signal: Samples, largest: float, rng: np.random.Generator) -
     positions = middle + (1 + largest * rng.uniform(-1, 1, (len(signal), 1))) * time
     return np.stack(
         [
-            [map_coordinates(channel, position[None], order=3, mode="mirror") for channel in window]
+            [scipy.ndimage.map_coordinates(channel, position[None], order=3, mode="mirror") for channel in window]
             for window, position in zip(signal, positions, strict=True)
         ]
     )

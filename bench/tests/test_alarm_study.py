@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import MPa
-from swashtwin_bench import Work
+from swashtwin_bench import Work, run_study
 from swashtwin_bench.questions.alarms import AlarmStudySettings, alarms
 from swashtwin_bench.rigs.courses import TRENDS, PlantCourse, plant_course
 
@@ -30,6 +30,12 @@ def test_the_study_counts_false_alarms_says_when_each_alarm_came_and_reads_finis
     again = alarms(Work((100,), out=tmp_path), TINY)
     assert again.values("watched", course="healthy") == [77.0]
     assert again.values("delay", course="piston") == pytest.approx(study.values("delay", course="piston"), nan_ok=True)
+
+
+@pytest.mark.nightly
+def test_the_study_of_the_detector_counts_the_odd_recordings_that_were_left_out() -> None:
+    study = run_study("detector", work=Work((100,)), settings={"pumps": 1, "duration": 0.7})
+    assert [study.values(name, **{"two odd ones": "bursts"}) for name in ("healthy", "left_out")] == [[32.0], [2.0]]
 
 
 def test_the_recordings_of_a_course_do_not_depend_on_the_batch() -> None:

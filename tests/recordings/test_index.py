@@ -139,7 +139,6 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
          "unknown class 'swashplate'; did you mean 'swash_plate'"),
         (f'format = 1\nclasses = ["normal"]\n[[recording]]\nfile = "a.csv"\nlabel = "xyz"\n{FACTS}', "classes = "),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),
-        (f'format = 1\n[[recording]]\nfile = "a.csv"\nnames = [1, 2]\n{FACTS}', r"names\[0\]: expected text"),
         ("format = 1\nclasses = [1, 2]\n[[recording]]\nfile = 'a.csv'", r"classes\[0\]: .*whole number: 1"),
         ("format = 1\nx = " + "[" * 5000, "is not valid TOML: "),
         ("format = " + "9" * 1_000_000, "is not valid TOML: .*digits"),

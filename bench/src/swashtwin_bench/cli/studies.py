@@ -36,6 +36,7 @@ STUDIES = {
     "augmentation": "every filler of the scarce cell, by the number of synthetic windows",
     "fair-test": "calibrated twins with the law of the recess against nominal ones (docs/bench/fair-test.md)",
     "alarms": "false alarms on healthy pumps that drift, severity and delay where faults grow",
+    "detector": "false alarms and faults caught from healthy recordings alone, with two odd ones among twenty",
     "calibration": "errors on recordings held out, coverage and cost of every way to calibrate",
     "severity": "severity by inversion against the hidden truth, by fault and dimension",
     "wrong-twins": "wrong twins and odd truths: do values called identified hold, and is one warned?",

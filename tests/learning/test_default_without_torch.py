@@ -17,7 +17,7 @@ from swashtwin.recordings import load_recordings
 folder = sys.argv[1]
 recordings = load_recordings(folder + "/set.h5")
 old, new = ([r for r in recordings if r.recording_id.endswith(n)] for n in ("old", "new"))
-classifier = FaultClassifier(budget=2.0).fit(old)
+classifier = FaultClassifier().fit(old)
 classifier.save(folder + "/model.safetensors")
 classifier = load_model(folder + "/model.safetensors")
 print(classifier.evaluate(new))

@@ -92,7 +92,7 @@ def machine(name: str, labels: str = "nnnppp") -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def classifier() -> FaultClassifier:
-    return FaultClassifier(budget=5).fit([item for name in "ABC" for item in machine(name)])
+    return FaultClassifier().fit([item for name in "ABC" for item in machine(name)])
 
 
 def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they_would_buy(
@@ -142,6 +142,6 @@ def test_a_class_that_nobody_measured_is_told_by_levels_alone() -> None:
         made, classes=("valve_plate",), synthetic=np.ones(len(made), dtype=bool), specimen=np.full(len(made), "twin"),
         recording_id=np.array([f"made {number}" for number in range(len(made))]), content={},
     )  # fmt: skip
-    fitted = fit_chosen(measured.with_classes(classes) + made.with_classes(classes), budget=3)
+    fitted = fit_chosen(measured.with_classes(classes) + made.with_classes(classes))
     assert fitted.recordings.on_changes is None
     assert np.isfinite(fitted.predict_proba(measured.with_classes(classes))).all()

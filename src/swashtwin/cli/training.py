@@ -67,10 +67,6 @@ def train(
             "goes on when the same command is given again."
         ),
     ] = None,
-    budget: Annotated[
-        str | None,
-        typer.Option(help='Computing time that choosing may take on one core, such as "5 min"; 10 min by default.'),
-    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -105,16 +101,9 @@ def train(
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     is_chosen = network is None and preset is Preset.recommended
-    given = {"--budget": budget} if not is_chosen else {"--set": settings}
-    for name in (name for name, value in given.items() if value):
-        advice = (
-            "belongs to a network; name it with --network, such as bitcn."
-            if is_chosen
-            else "belongs to the training that chooses; leave it out, or leave out --network and --preset."
-        )
-        raise typer.BadParameter(advice, param_hint=name)
+    if is_chosen and settings:
+        raise typer.BadParameter("belongs to a network; name it with --network, such as bitcn.", param_hint="--set")
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
-    from swashtwin.foundation import parse
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
     from swashtwin.recordings import declared_classes, declared_faults, load_recordings, several_healthy
@@ -122,15 +111,13 @@ def train(
     require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
     require_files(add or [])
     recipe = {} if is_chosen else _recipe(network, settings, preset, window)
-    if budget is not None:
-        recipe["budget"] = parse(budget, "s", name="--budget")
     added = [load_windows(path) for path in add or ()]
     recordings = load_recordings(source)
     if not added and recordings and all(map(is_healthy, recordings.labels)):
         classifier_options = {
             "--test-fraction": test_fraction, "--validation-fraction": validation_fraction, "--network": network,
             "--set": settings, "--window": window,
-            "--budget": budget, "--prior": prior, "--preset": preset is Preset.paper, "--group": group != "recording",
+            "--prior": prior, "--preset": preset is Preset.paper, "--group": group != "recording",
         }  # fmt: skip
         for name, value in classifier_options.items():
             if value:

@@ -61,7 +61,6 @@ class FaultClassifier(Estimator):
     epochs, batch_size, learning_rate, decay, normalization : see `TrainingSettings`; for networks only.
     training_settings : other fields of `TrainingSettings` by name, such as ``{"noise_snr": 0.0}``.
     network_settings : settings of the network by name, such as ``{"dropout": 0.2}``.
-    budget : computing time [s] on one core that choosing may take.
     test_fraction : share of the windows whose recordings are held out (`held_out_`); 0 trains on all.
     validation_fraction : share of the remaining recordings that calibrate its confidence (`learn_confidence`) instead;
         0 for none. A network that is named has no confidence without.
@@ -109,7 +108,6 @@ class FaultClassifier(Estimator):
     normalization: str = RECOMMENDED_TRAINING.normalization
     training_settings: Mapping[str, Any] | None = None
     network_settings: Mapping[str, Any] | None = None
-    budget: float = 600.0
     test_fraction: float = 0.0
     validation_fraction: float = 0.0
     group: str | Mapping[str, str] = "recording"
@@ -182,9 +180,7 @@ class FaultClassifier(Estimator):
         fitted: FittedClassifier
         if self.network is None:
             rate_of_folds = None if validation is not None else self.error_rate
-            fitted = learning.fit_chosen(
-                training, budget=self.budget, error_rate=rate_of_folds, seed=self.seed, progress=tell
-            )
+            fitted = learning.fit_chosen(training, error_rate=rate_of_folds, seed=self.seed, progress=tell)
         else:
             shape = dict(self.network_settings or {}, length=training.length)
             fitted = learning.fit(

@@ -3,7 +3,6 @@
 from .choice.choice import CANDIDATES as CANDIDATES
 from .choice.choice import Choice as Choice
 from .choice.choice import Trial as Trial
-from .choice.choosing import BUDGET as BUDGET
 from .choice.choosing import choose as choose
 from .choice.chosen_training import fit_chosen as fit_chosen
 from .data_check import DataCheck as DataCheck

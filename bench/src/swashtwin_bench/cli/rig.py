@@ -64,7 +64,7 @@ def _next_commands(demo: "Demo") -> dict[str, str]:
         "diagnose another recording": _command("diagnose", demo.model, demo.other, "--report", out / "another.html"),
         f"look at the twin of pump {demo.pump}": _command("report", demo.twin, "--out", out / "twin"),
         "train on recordings; name the folder of your own": _command(
-            "train", demo.rig, "--budget", "1 min", "--out", out / "own.safetensors"
+            "train", demo.rig, "--out", out / "own.safetensors"
         ),
     }
 

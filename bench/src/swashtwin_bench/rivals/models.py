@@ -11,7 +11,6 @@ from typing import Any
 
 from swashtwin.foundation import InputError
 from swashtwin.learning import (
-    BUDGET,
     CANDIDATES,
     NETWORKS,
     RECOMMENDED_TRAINING,
@@ -45,7 +44,7 @@ class Model:
     def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
         if self.kind == CHOSEN:
-            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES], "budget": BUDGET}
+            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES]}
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
         return {"kind": self.kind, "network": network, "training": self.training.to_dict()}

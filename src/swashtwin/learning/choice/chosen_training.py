@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from swashtwin.foundation import InputError, one_thread
-from swashtwin.learning.choice.choosing import BUDGET, FoldAnswers, choose
+from swashtwin.learning.choice.choice import DISTURBED_TRAINING
+from swashtwin.learning.choice.choosing import FoldAnswers, choose
 from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
 from swashtwin.learning.recordings.recording_fitting import fit_recordings
 from swashtwin.learning.training.classifier import FittedClassifier
@@ -24,7 +25,6 @@ def fit_chosen(
     windows: WindowSet,
     *,
     manifest: Manifest | Iterable[str] = (),
-    budget: float = BUDGET,
     error_rate: float | None = None,
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
@@ -39,7 +39,7 @@ def fit_chosen(
     ----------
     windows : training windows with labels, measured and synthetic.
     manifest : further recordings, as a manifest or by their ids, that had a part in the windows.
-    budget, progress : as in `choose`.
+    progress : as in `choose`.
     error_rate : share of recordings whose prediction set may miss the true class; by default as
         `cross_fitted_confidence` takes it.
 
@@ -48,15 +48,15 @@ def fit_chosen(
     DataError
         A class has no window, a window has no label, or a sample is far too large.
     InputError
-        Too few recordings for the error rate, or a negative budget or seed.
+        Too few recordings for the error rate, or a negative seed.
     """
     n_recordings = np.unique(windows.recording_id[~windows.synthetic]).size
     if error_rate is not None:
         require_enough(n_recordings, error_rate)
     require_trainable(windows)
-    candidate, choice, answers = choose(windows, budget=budget, seed=seed, progress=progress)
+    candidate, choice, answers = choose(windows, seed=seed, progress=progress)
     network, seen = candidate.network(windows), answers.seen if answers else None
-    fitted = fit(network, windows, settings=candidate.training, seed=seed, manifest=manifest, seen=seen)
+    fitted = fit(network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen)
     reference, leaves_out_machines = fitted.training_reference, choice.group == "specimen"
     whole, own = None, None
     if answers is not None and leaves_out_machines:

@@ -5,7 +5,6 @@ much a gain changes it is its gain response, so that a gain can be applied to, o
 """
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache, partial
 from itertools import pairwise
 
@@ -65,32 +64,20 @@ def window_levels(
     Narrow lines are orders of the shaft, which turns so far per sample in each window; without `turns` they are of
     equal width over the lowest fifth of the spectrum.
     """
-    return levels_along(windows, [turns])[0]
-
-
-def levels_along(
-    windows: Float32[np.ndarray, "window channel time"], axes: Sequence[Float[np.ndarray, " window"] | None]
-) -> list[Float32[np.ndarray, "window channel _"]]:
-    """`window_levels` for each of several `turns`, whose spectra and envelopes are the same."""
     x = windows - windows.mean(axis=-1, keepdims=True)
     deviation = np.maximum(np.sqrt(_mean_product(x, x)), np.float32(LEAST_DEVIATION))
     x /= deviation
-    length = x.shape[-1]
-    counts = [line_counts(turns is not None) for turns in axes]
-    parts = _levels(x, axes, [count[0] for count in counts], LINE_SHARE, BANDS)
+    length, counts = x.shape[-1], line_counts(turns is not None)
+    parts = _levels(x, turns, counts[0], LINE_SHARE, BANDS)
     spectrum = transform(x)
     for above in ENVELOPE_FROM:
         envelope = _envelope(x, spectrum, math.floor(above * (length // 2)) + 1)
         mean = envelope.mean(axis=-1, keepdims=True)
         envelope -= mean
-        further = _levels(envelope, axes, [count[1] for count in counts], ENVELOPE_SHARE, ENVELOPE_BANDS)
-        parts = [[*part, *more, np.log10(mean + FLOOR)] for part, more in zip(parts, further, strict=True)]
-    along = []
-    for turns, part in zip(axes, parts, strict=True):
-        levels = np.concatenate(part, axis=-1, dtype=np.float32)
-        levels += gain_response(turns is not None) * np.log10(deviation)
-        along.append(levels)
-    return along
+        parts += [*_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), np.log10(mean + FLOOR)]
+    levels = np.concatenate(parts, axis=-1, dtype=np.float32)
+    levels += gain_response(turns is not None) * np.log10(deviation)
+    return levels
 
 
 def line_counts(orders: bool) -> tuple[int, int]:
@@ -138,29 +125,25 @@ def _envelope(
 
 def _levels(
     x: Float32[np.ndarray, "window channel time"],
-    axes: Sequence[Float[np.ndarray, " window"] | None],
-    n_lines: Sequence[int],
+    turns: Float[np.ndarray, " window"] | None,
+    n_narrow: int,
     share: float,
     n_bands: int,
-) -> list[list[np.ndarray]]:
-    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands along each axis; the mean of `x` is
-    0."""
+) -> list[np.ndarray]:
+    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands; the mean of `x` is 0."""
     lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
     power, n = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1]), x.shape[-1] // 2
-    banded = power @ band_shares(n, n_bands).astype(np.float32)
-    shape, along = _waveform_shape(x), []
-    for turns, count in zip(axes, n_lines, strict=True):
-        if turns is None:
-            first, last = narrow_edges(n, count, share)
-            sums = running_sums(power[..., : last[-1]])
-            narrow = (sums[..., last] - sums[..., first]) / (last - first)
-        else:
-            edges = np.clip((np.arange(count + 1) + 0.5) * (turns * x.shape[-1])[:, None], 0.5, n + 0.5)[:, None]
-            width, sums = np.diff(edges), running_sums(power[..., : int(edges.max() + 0.5)])
-            narrow = np.diff(up_to(sums, edges)) / np.maximum(width, 1e-6)
-            narrow = np.where(width < NARROWEST, power[..., -1:], narrow)  # beyond the spectrum
-        along.append([*shape, *(np.log10(np.float32(power) + np.float32(FLOOR)) for power in (narrow, banded))])
-    return along
+    if turns is None:
+        first, last = narrow_edges(n, n_narrow, share)
+        sums = running_sums(power[..., : last[-1]])
+        narrow = (sums[..., last] - sums[..., first]) / (last - first)
+    else:
+        edges = np.clip((np.arange(n_narrow + 1) + 0.5) * (turns * x.shape[-1])[:, None], 0.5, n + 0.5)[:, None]
+        width, sums = np.diff(edges), running_sums(power[..., : int(edges.max() + 0.5)])
+        narrow = np.diff(up_to(sums, edges)) / np.maximum(width, 1e-6)
+        narrow = np.where(width < NARROWEST, power[..., -1:], narrow)  # beyond the spectrum
+    bands = narrow, power @ band_shares(n, n_bands).astype(np.float32)
+    return [*_waveform_shape(x), *(np.log10(np.float32(part) + np.float32(FLOOR)) for part in bands)]
 
 
 def _waveform_shape(

@@ -117,16 +117,16 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
     np.add.at(pooled, index, _logarithm(answers.probability))
     pooled /= np.bincount(index)[:, None]
     parts = [tables.on_levels] + ([] if tables.on_changes is None else [tables.on_changes])
-    logarithms = [np.full((len(tested), n_classes), np.nan) for _ in range(2 * len(parts))]
+    logarithms = [np.full((len(tested), n_classes), np.nan) for _ in parts]
     for number in np.unique(fold):
         members = fold == number
         used = tables.training(tested[members])
         for part, values in enumerate(parts):
             heads = tables.heads(values, used, n_classes, derive_seed(seed, "trial", int(number)))
-            for head, answer in enumerate(heads.log_probabilities(values[0, tested[members]])):
-                logarithms[2 * part + head][members] = answer
+            logarithms[part][members] = heads.log_probabilities(values[0, tested[members]])[1]
     target = tables.target[tested]
-    heard = (pooled, *logarithms, *[None] * (len(HEAD_NAMES) - len(logarithms)))
+    on_levels, on_changes = (*logarithms, None)[:2]
+    heard = (pooled, None, on_levels, None, on_changes)
     temperatures = np.array(
         [
             1.0 if part is None else fit_pooling(list(scipy.special.softmax(part, axis=1)[:, None]), target)[0]

@@ -1,4 +1,4 @@
-"""What whole recordings say of their class: heads on levels, and on changes from the machine's own healthy ones."""
+"""What whole recordings say of their class: trees on levels, and on changes from the machine's own healthy ones."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,35 +10,38 @@ import scipy
 from jaxtyping import Float, Float64, Int
 
 from swashtwin.foundation import derive_seed
-from swashtwin.learning.networks.level_network import discriminant
 from swashtwin.learning.networks.tree_network import Forest, forest_of
 from swashtwin.learning.recordings.recording_levels import RecordingLevels, RecordingTable
 from swashtwin.learning.windows.window_set import WindowSet
 
 _TREES = 150
-_LEAST_DEVIATION = 0.1
-"""Least deviation that a level is divided by [dB]; less is rounding."""
 _SOFT = 1e-3
 """Least probability by trees, whose leaves are certain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """A discriminant and trees on the same rows."""
+    """Trees, and in models of earlier versions a discriminant on the same rows, which went too far on machines unlike
+    those of the training."""
 
     mean: Float64[np.ndarray, " level"]
     deviation: Float64[np.ndarray, " level"]
-    weight: Float64[np.ndarray, "class level"]
-    bias: Float64[np.ndarray, " class"]
+    weight: Float64[np.ndarray, "linear_class level"]
+    bias: Float64[np.ndarray, " linear_class"]
     trees: Mapping[str, np.ndarray]
     """`Forest.tensors`."""
 
     def __post_init__(self) -> None:
-        classes, levels = self.weight.shape
-        if self.mean.shape != (levels,) or self.deviation.shape != (levels,) or self.bias.shape != (classes,):
+        count, levels = self.weight.shape
+        if self.mean.shape != (levels,) or self.deviation.shape != (levels,) or self.bias.shape != (count,):
             raise ValueError("a head on whole recordings does not fit itself")
-        if self._forest.probability.shape[1] != classes or self._forest.column.max(initial=-1) >= levels:
+        if count not in (0, self.n_classes) or self._forest.column.max(initial=-1) >= levels:
             raise ValueError("the trees on whole recordings do not fit the classes and levels")
+
+    @property
+    def n_classes(self) -> int:
+        """Classes told apart."""
+        return int(self._forest.probability.shape[1])
 
     @cached_property
     def _forest(self) -> Forest:
@@ -46,11 +49,13 @@ class Head:
 
     def log_probabilities(
         self, values: Float[np.ndarray, "recording level"]
-    ) -> tuple[Float64[np.ndarray, "recording class"], Float64[np.ndarray, "recording class"]]:
-        """(logarithms of the discriminant's probabilities, of those of the trees)."""
+    ) -> tuple[Float64[np.ndarray, "recording class"] | None, Float64[np.ndarray, "recording class"]]:
+        """(logarithms of the discriminant's probabilities or None, of those of the trees)."""
+        of_trees = np.log(np.maximum(self._forest.predict_proba(values.astype(np.float32)), _SOFT))
+        if not len(self.weight):
+            return None, of_trees
         scores = ((values - self.mean) / self.deviation) @ self.weight.T + self.bias
-        of_trees = self._forest.predict_proba(values.astype(np.float32))
-        return scipy.special.log_softmax(scores, axis=1), np.log(np.maximum(of_trees, _SOFT))
+        return scipy.special.log_softmax(scores, axis=1), of_trees
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +74,14 @@ class Heads:
 
     def log_probabilities(
         self, values: Float[np.ndarray, "recording level"]
-    ) -> tuple[Float64[np.ndarray, "recording class"], Float64[np.ndarray, "recording class"]]:
-        """(logarithms of the discriminants' probabilities, of those of the trees)."""
+    ) -> list[Float64[np.ndarray, "recording class"] | None]:
+        """[logarithms of the discriminants' probabilities or None, of those of the trees]."""
         noise = self.gate.log_probabilities(values)[1]
         pairs = zip(self.clean.log_probabilities(values), self.noisy.log_probabilities(values), strict=True)
-        first, second = (np.logaddexp(noise[:, :1] + clean, noise[:, 1:] + noisy) for clean, noisy in pairs)
-        return first, second
+        return [
+            None if clean is None or noisy is None else np.logaddexp(noise[:, :1] + clean, noise[:, 1:] + noisy)
+            for clean, noisy in pairs
+        ]
 
 
 def fit_heads(
@@ -98,16 +105,13 @@ def _fit_head(
     from sklearn.tree import ExtraTreeClassifier
     from sklearn.utils.class_weight import compute_sample_weight
 
-    values = values.astype(np.float64)
-    mean, deviation = values.mean(axis=0), np.maximum(values.std(axis=0), _LEAST_DEVIATION)
-    linear = discriminant(((values - mean) / deviation).astype(np.float32), target, n_classes)
     rows, share = values.astype(np.float32), compute_sample_weight("balanced", target)
     states = np.random.RandomState(seed % 2**32).randint(2**31 - 1, size=_TREES).tolist()
     with config_context(skip_parameter_validation=True):  # as `ExtraTreesClassifier` in three quarters of its time
         grown = [ExtraTreeClassifier(random_state=each).fit(rows, target, share, check_input=False) for each in states]
     trees = forest_of(grown, grown[0].classes_, n_classes).tensors(np.float32)
-    weight, bias = (linear[name].astype(np.float64) for name in ("discriminant", "discriminant.bias"))
-    return Head(mean, deviation, weight, bias, trees)
+    n_levels = rows.shape[1]
+    return Head(np.zeros(n_levels), np.ones(n_levels), np.zeros((0, n_levels)), np.zeros(0), trees)
 
 
 HEAD_NAMES = ("levels, discriminant", "levels, trees", "changes, discriminant", "changes, trees")
@@ -141,11 +145,8 @@ class RecordingModel:
         """Raise a `ValueError` where heads or healthy recordings are of other channels, levels or classes."""
         shape = (n_channels, self.layout.n_levels)
         for heads in filter(None, (self.on_levels, self.on_changes)):
-            sizes = [
-                (head.weight.shape, count)
-                for head, count in zip((heads.clean, heads.noisy, heads.gate), (n_classes, n_classes, 2), strict=True)
-            ]
-            if any(size != (count, math.prod(shape)) for size, count in sizes):
+            counts = ((heads.clean, n_classes), (heads.noisy, n_classes), (heads.gate, 2))
+            if any((head.n_classes, len(head.mean)) != (count, math.prod(shape)) for head, count in counts):
                 raise ValueError("heads on whole recordings do not fit the channels and classes")
         if self.healthy.levels.shape[1:] != shape:
             raise ValueError("healthy recordings do not fit the channels and levels")
@@ -184,7 +185,7 @@ class RecordingModel:
         flat = self.healthy.changes(self.layout, replace(table, specimen=named)).reshape(len(levels), -1)
         known = np.isfinite(flat).all(axis=1)
         on_changes = self.on_changes.log_probabilities(np.where(known[:, None], flat, 0))
-        return [*answers, *(np.where(known[:, None], part, np.nan) for part in on_changes)]
+        return [*answers, *(None if part is None else np.where(known[:, None], part, np.nan) for part in on_changes)]
 
 
 def joint(

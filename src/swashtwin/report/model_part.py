@@ -103,10 +103,6 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     return (Table("Measured recordings of the training, by class and machine.", header, rows), facts)
 
 
-_FEW_TRIALS = 12
-"""Candidates whose table is not folded away."""
-
-
 def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
     """How a model was chosen, where training chose it."""
     if choice is None:
@@ -126,8 +122,7 @@ def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
     )
     header = ("candidate", "as measured", "with noise, gain, speed", "as good as the best")
     table = Table(caption, header, rows)
-    tried = (Group(f"All {len(rows)} candidates", (table,), is_open=False),) if len(rows) > _FEW_TRIALS else (table,)
-    return (choice.sentence(), *(tried if rows else ()))
+    return (choice.sentence(), *((table,) if rows else ()))
 
 
 _METRICS = {

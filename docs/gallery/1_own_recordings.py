@@ -44,8 +44,8 @@ print(len(train), "recordings to train,", len(test), "to test")
 # %%
 # Train
 # -----
-# Without further arguments, training tries a list of candidate models on parts of your training recordings: as
-# measured, and with noise, gain and speed changed. It takes one of the best. On the command line:
+# Without further arguments, training tries two candidates on parts of your training recordings: as
+# measured, and with noise, gain and speed changed. It takes the better. On the command line:
 # ``swashtwin train rig --out pump.safetensors``.
 
 classifier = st.FaultClassifier(seed=0).fit(train)

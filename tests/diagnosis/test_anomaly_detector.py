@@ -175,7 +175,7 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(detector: st
         ({"pressure": 7.0}, "no healthy recording is at the pressure 7 MPa (5 MPa, 10 MPa were recorded)"),
         ({"specimen": "B"}, "no healthy recording is of specimen B (A was recorded)"),
         ({"condition": None}, "does not state its speed and pressure"),
-        ({"length": 900}, "lasts 0.45 s; to compare its levels takes 0.5 s"),
+        ({"length": 900}, "lasts 0.45 s (900 samples); to compare its levels takes 0.5 s"),
         ({"signal": 1e200}, "larger than a window can hold"),
     ],
 )

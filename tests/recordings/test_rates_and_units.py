@@ -80,6 +80,8 @@ def test_two_rates_for_the_same_vector_and_one_that_is_none_are_refused_by_name(
         savemat(tmp_path / "a.mat", {"x": X, "fs": rate})
         with pytest.raises(DataError, match=rf"a\.mat states a sample rate of {rate:g} Hz"):
             load_recording(tmp_path / "a.mat", unit="g", sample_rate="1 kHz")
+    savemat(tmp_path / "b.mat", {"x": X, "fs": rate, "sample_rate": 2e3})
+    assert load_recording(tmp_path / "b.mat", unit="g").sample_rate == 2e3
 
 
 def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:

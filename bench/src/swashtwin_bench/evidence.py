@@ -33,7 +33,7 @@ HEAD = f"""# The evidence
 
 One table for each question, misses included. Most figures are of the [virtual rig](rig.md), **no machine**; none is of
 a real axial piston pump. Commands run at the tag `{USUAL}` unless a commit is named.
-Before `7e53817c` the default chose among 24 candidates. ± is the standard deviation over
+Before `8fad2e1b` the default chose among 24 candidates. ± is the standard deviation over
 what n counts, brackets are 95 % intervals, of differences paired, unless said. L0: random windows; L1: later time; L2:
 other recordings; L3: another pressure; L4: other pumps; L5: synthetic to measured. *Scarce cell*: the swash plate fault
 at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, by recordings. *Trees*: extra

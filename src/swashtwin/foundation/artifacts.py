@@ -113,7 +113,8 @@ def _misfit(message: str, form: Any, table: Any) -> str:
         if path and "[...]" not in path:
             for number, name in _STEP.findall(path):
                 table = table[int(number) if number else name]
-            text += f"{':' if ', got ' in text else ', got'} {reprlib.repr(table)}"
+            if isinstance(table, str | int | float | None):  # a list or table may hold a password
+                text += f"{':' if ', got ' in text else ', got'} {reprlib.repr(table)}"
     else:
         text = text[:1].lower() + text[1:].rstrip(".")
     return f"{path}: {text}" if path else text

@@ -1,6 +1,7 @@
 """Names that other rooms import, and where each lives."""
 
 from .choice.choice import CANDIDATES as CANDIDATES
+from .choice.choice import DISTURBED_TRAINING as DISTURBED_TRAINING
 from .choice.choice import Choice as Choice
 from .choice.choice import Trial as Trial
 from .choice.choosing import choose as choose

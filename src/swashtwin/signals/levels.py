@@ -178,10 +178,10 @@ def recording_density(
         It is unfit or too short.
     """
     refuse_unfit(recording)
-    if recording.n_samples < max(length, least):
+    if recording.n_samples < (needed := max(length, least)):
         raise DataError(
-            f"{recording.recording_id} lasts {recording.duration:.3g} s; to compare its levels takes "
-            f"{max(length, least) / recording.sample_rate:.3g} s at least: record longer."
+            f"{recording.recording_id} lasts {recording.duration:.3g} s ({recording.n_samples} samples); to compare "
+            f"its levels takes {needed / recording.sample_rate:.3g} s ({needed:.0f}): record longer."
         )
     counts, densities = [], []
     for start in range(0, recording.n_samples - length + 1, max(length, _STRETCH)):

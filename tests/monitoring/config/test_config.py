@@ -87,7 +87,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[page]\nsecure=1", "expected true or false"),
         ("[page]\nproxy='proxy.example'", "must be an IP address"),
         ("[[alarms]]\n", "alarms: expected a table, got a list"),
-        ("[channel]\nkind='log'", "channel: expected a list, got a table"),
+        ("[channel]\nkind='log'\npassword='clear'", "channel: expected a list, got a table"),
     ],
 )
 def test_a_wrong_entry_is_named_in_one_line(write, addition: str, message: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from swashtwin.foundation import InputError
 from swashtwin.learning import (
     CANDIDATES,
+    DISTURBED_TRAINING,
     NETWORKS,
     RECOMMENDED_TRAINING,
     Epoch,
@@ -44,7 +45,8 @@ class Model:
     def describe(self) -> dict[str, Any]:
         """Settings as JSON can hold them, a network's own defaults among them."""
         if self.kind == CHOSEN:
-            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES]}
+            return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES],
+                    "training": DISTURBED_TRAINING.to_dict()}  # fmt: skip
         settings = build_network(self.kind, 1, 2, **self.network).settings
         network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
         return {"kind": self.kind, "network": network, "training": self.training.to_dict()}

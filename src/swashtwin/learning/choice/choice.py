@@ -24,7 +24,7 @@ channel and speeds to 2 % on half of them each."""
 
 @dataclass(frozen=True)
 class Candidate:
-    """A `LevelNetwork` in hertz of both heads, trained on disturbed windows."""
+    """A `LevelNetwork` with lines in hertz and both heads, trained as in `DISTURBED_TRAINING`."""
 
     shape: bool
     """Whether each channel's own level is subtracted, so that no gain changes anything."""
@@ -79,7 +79,7 @@ class Choice:
     n_windows: int
     """Measured windows that were tested on."""
     reason: str
-    """Why there was no trial, or why candidates were left out; empty where all were tried."""
+    """Why there was no trial; empty where there was one."""
     n_machines: int = 0
     """Machines that it rests on; 0 where folds did not leave machines out."""
     whole: Mapping[str, float] = field(default_factory=dict)

@@ -42,7 +42,7 @@ class Level:
     """Whether it is of the envelope rather than of the signal."""
     order: int | None
     low: float
-    """Lower edge: in Hz, or in shaft orders for an order."""
+    """Lower edge: in Hz, of short windows in periods per sample; in shaft orders for an order."""
     high: float
     """Upper edge, likewise."""
     quantity: str = "power"
@@ -51,7 +51,7 @@ class Level:
     @property
     def is_band(self) -> bool:
         """Whether it is a band of the signal."""
-        return self.order is None and not self.is_envelope
+        return self.order is None and not self.is_envelope and self.quantity == "power"
 
     def edges(self, shaft: float | None) -> tuple[float, float]:
         """Its edges [Hz] at a shaft frequency [Hz]."""

@@ -156,16 +156,23 @@ class FaultSize:
         if worn.condition is not None and not any(worn.condition.matches(point) for point in points):
             at = " and ".join(OperatingPoint(point.speed, point.discharge_pressure).name for point in points)
             raise DataError(f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}.")
-        trends = {name: estimate_severity(calibration, [worn], fault, healthy=healthy) for name, fault in kinds.items()}
-        kind, trend = min(trends.items(), key=lambda item: item[1].estimates[0].misfit)
+        trends = [
+            (_class_words(name), estimate_severity(calibration, [worn], fault, healthy=healthy))
+            for name, fault in kinds.items()
+        ]
+        trends.sort(key=lambda item: item[1].estimates[0].misfit)
+        kind, trend = trends[0]
         (estimate,) = trend.estimates
         severity, limit = estimate.severity, estimate.detection_limit
-        best = [f"Of {len(kinds)} kinds of {_class_words(self.label)} fault this fits best."] if len(kinds) > 1 else []
+        others = [
+            f"{name} fits worse ({other.misfit:.2g} instead of {estimate.misfit:.2g}): {other.severity.words}."
+            for name, (other,) in ((name, item.estimates) for name, item in trends[1:])
+        ]
         unit, least = severity.dimension.per_unit, "none" if limit is None else severity.dimension.words(limit)
         return {
-            "sentence": f"Severity, if {_class_words(kind)}: {_class_words(severity.dimension.name)} {severity.words}, "
+            "sentence": f"Severity, if {kind}: {_class_words(severity.dimension.name)} {severity.words}, "
             f"{severity.verdict}; detection limit {least}.",
-            "notes": [*best, *trend.notes, *estimate.notes],
+            "notes": [*others, *trend.notes, *estimate.notes],
             "verdict": severity.verdict,
             "dimension": severity.dimension.name,
             "unit": severity.dimension.unit,

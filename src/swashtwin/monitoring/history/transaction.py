@@ -226,9 +226,8 @@ class MachineTransaction:
         """An alarm, in whose evidence the severity of its suspect is kept now; None where one or the same reason is."""
         stored = self._alarm(alarm)
         before = stored.evidence.get("severity", {})
-        if before.get("label") == severity["label"] and (
-            "verdict" in before or before["sentence"] == severity["sentence"]
-        ):
+        same = all(before.get(name) == severity.get(name) for name in ("label", "certainty"))
+        if same and ("verdict" in before or before["sentence"] == severity["sentence"]):
             return None
         stored.evidence = {**stored.evidence, "severity": dict(severity)}
         return stored

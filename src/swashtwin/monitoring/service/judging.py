@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +106,7 @@ class Pipeline:
 
     def measure_severities(self, stop: threading.Event) -> None:
         """Measure the severity of each alarm's suspect, which takes minutes; where that failed, again after a restart.
-        That of a suspect that is not sure is measured once, of one that is, once a class.
+        That of an unsure suspect is measured once, of a sure one once a class.
 
         Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or `stop` interrupts
         is measured after the next start.
@@ -120,9 +121,10 @@ class Pipeline:
             machine = self._config.machine(alarm.machine)
             if machine is None or machine.calibration is None or alarm.closed is not None or suspect is None:
                 continue
+            certainty, was_sure = suspect["certainty"], before.get("certainty") != "unsure"
             is_known = "verdict" in before or alarm.id in self._tried
-            is_new = before.get("label") != suspect["label"] and suspect["certainty"] == "sure"
-            if suspect["certainty"] not in ("sure", "unsure") or (is_known and not is_new):
+            is_new = certainty == "sure" and not (was_sure and before.get("label") == suspect["label"])
+            if certainty not in ("sure", "unsure") or (is_known and not is_new):
                 continue
             judgment = self._history.read.recording(suspect["recording"])
             assert judgment is not None
@@ -135,7 +137,9 @@ class Pipeline:
             if stop.is_set():  # which may have ended the process that measures, too
                 return
             with self._history.machine(alarm.machine) as transaction:
-                stored = transaction.note_severity(alarm.id, {**severity, "recording": judgment.id})
+                stored = transaction.note_severity(
+                    alarm.id, {**severity, "certainty": certainty, "recording": judgment.id}
+                )
                 self._tried.add(alarm.id)
                 is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()
                 if stored and is_told and not transaction.silenced(datetime.now(UTC)):
@@ -293,7 +297,7 @@ class Pipeline:
     def _post(
         self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
     ) -> None:
-        known, is_measured = list[str](), "verdict" in alarm.evidence.get("severity", {})
+        known, severity = list[str](), alarm.evidence.get("severity", {}).get("sentence", "")
         if event in ("opened", "measured"):
             known = [alarm.evidence[name]["sentence"] for name in ("suspect", "severity") if alarm.evidence.get(name)]
         message = AlarmMessage(
@@ -302,7 +306,7 @@ class Pipeline:
             kind=alarm.kind,
             event=event,
             time=judgment.time.isoformat(),
-            identity=f"alarm-{alarm.id}-{event}{'-with-severity' if is_measured else ''}-{judgment.content[:16]}",
+            identity=f"alarm-{alarm.id}-{event}-{sha256(severity.encode()).hexdigest()[:8]}-{judgment.content[:16]}",
             reasons=(*known, *reasons),
             link=f"{self._config.page.address}/alarms/{alarm.id}",
         )

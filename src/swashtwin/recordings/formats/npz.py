@@ -151,6 +151,8 @@ def _nearest(
     """The value that `read` finds for a vector in the nearest level that has one."""
     for level in levels:
         found = {key: value for key, text in level.items() if (value := read(key, text)) is not None}
+        meant = {key: value for key, value in found.items() if isinstance(value, str) or value > 0}
+        found = meant or found  # a rate of none is refused only where no other is stated
         if len(set(found.values())) > 1:
             listed = ", ".join(f"{key} = {value}" for key, value in found.items())
             raise DataError(f"{path} states two {what} for {name} ({listed}); remove the wrong one from the file.")

@@ -1,6 +1,7 @@
 """The watch of a pump that wears, from the rig's course to the history."""
 
 import json
+import socket
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,11 @@ from swashtwin_bench.cli import watch_demo
 
 
 def test_the_demo_ends_with_a_history_of_all_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        result = run("watch", "demo", "--out", tmp_path, "--port", port, code=3)
+    assert f"no page at 127.0.0.1:{port}" in result.stderr
+    assert not list(tmp_path.iterdir())
     monkeypatch.setattr(watch_demo, "RECORDINGS", 4)
     monkeypatch.setattr(watch_demo, "ONSET", 2)
     answer = json.loads(run("watch", "demo", "--out", tmp_path, "--port", free_port(), "--end", "--json").stdout)

@@ -235,7 +235,7 @@ def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved
         save_classifier(damaged, tmp_path / "model.safetensors")
 
 
-def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved, tmp_path):
+def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved, tmp_path, monkeypatch):
     for name, item in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
         write_recording(item, tmp_path / f"{name}.h5")
     words = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
@@ -247,6 +247,15 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     text = run(*words, code=4).output
     assert "note: spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
     run(*words[:3])
+
+    def explain_late(*arguments):
+        (tmp_path / "good.h5").unlink()
+        return explain(*arguments)
+
+    monkeypatch.setattr("swashtwin.diagnosis.explain", explain_late)
+    late = run(*words[:3], "--report", tmp_path / "page")
+    assert "good.h5: the file is gone since it was loaded" in late.stderr
+    assert "piston" in late.stdout
 
 
 def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_is_refused(classifier, saved, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swashtwin.foundation import InputError
+from swashtwin.foundation import DataError, InputError
 from swashtwin.learning import LevelNetwork
 from swashtwin.learning.networks.level_network import HEADS, fit_hidden
 from swashtwin.learning.networks.window_levels import gain_response, window_levels
@@ -32,6 +32,13 @@ def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
     assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
     loudest = [np.sort(levels[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist() for levels in (slow, fast)]
     assert loudest == [[0, 8, 17], [0, 8, 17]]
+
+
+def test_orders_need_a_speed_only_where_a_window_states_none() -> None:
+    network = LevelNetwork(2, 2, axis="order")
+    assert np.isfinite(network.represent_at(signal(), np.full(3, 0.01))).all()
+    with pytest.raises(DataError, match="state the speed, or train with turns"):
+        network.represent_at(signal(), np.array([0.01, np.nan, 0.01]))
 
 
 def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
@@ -102,7 +109,6 @@ def test_the_slopes_of_the_hidden_layer_find_what_only_two_levels_together_tell(
     ("settings", "reason"),
     [
         ({"axis": "angle"}, "axis 'angle' is none of"),
-        ({"axis": "order"}, "needs turns"),
         ({"heads": ("trees",)}, "heads .trees. are some of"),
         ({"noise": -1.0}, "must not be negative"),
     ],

@@ -93,8 +93,10 @@ def test_a_recording_too_short_for_one_window_is_named():
 
 
 def test_a_window_shorter_than_one_revolution_needs_permission_and_the_least_length_is_told():
-    with pytest.raises(InputError, match="take length 70 or more"):
+    with pytest.raises(InputError, match="take a window of 70 or more"):
         cut_windows([recording("a")], length=69)
+    with pytest.raises(InputError, match="it has 60 samples only: record longer"):
+        cut_windows([recording("a", samples=60)], length=50)
     assert cut_windows([recording("a")], length=70).length == 70
     assert cut_windows([recording("a")], length=69, allow_partial_revolution=True).length == 69
     assert cut_windows([recording("a", condition=None)], length=69).length == 69

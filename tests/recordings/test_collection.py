@@ -143,7 +143,7 @@ def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> N
             with pytest.raises(DataError, match=r"a\.h5: the file has changed since it was loaded"):
                 recordings[0].slice(0, 10)
     path.unlink()
-    with pytest.raises(DataError, match="does not exist"):
+    with pytest.raises(DataError, match="the file is gone since it was loaded; put it back"):
         _ = recordings[0].signal
 
 

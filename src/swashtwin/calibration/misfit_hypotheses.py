@@ -179,7 +179,7 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         is_unit = name == "sensor" and _is_gravity(factor)
         advice = IN_G if is_unit else ": search it from there, or correct the pump file"
         mistake = f"{NAMES[name]} is {factor:.2g} times the twin's{advice}"
-        yield MisfitHypothesis(mistake, misfit, before, point if unknowns.names == objective.unknowns.names else None)
+        yield MisfitHypothesis(mistake, misfit, before, _start(objective, unknowns.names, point))
 
 
 def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -194,7 +194,12 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
     factor = float(gains[index] / np.median(gains))
     unit = IN_G if _is_gravity(factor) else ""
     mistake = f"{channels[index]} reads {factor:.2g} times what it should beside the others{unit}"
-    yield MisfitHypothesis(mistake, misfit, before, point if unknowns.names == objective.unknowns.names else None)
+    yield MisfitHypothesis(mistake, misfit, before, _start(objective, unknowns.names, point))
+
+
+def _start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
+    """The point as a start of the objective's search; None where that searches others than the names."""
+    return point if names == objective.unknowns.names else None
 
 
 def _is_gravity(factor: float) -> bool:

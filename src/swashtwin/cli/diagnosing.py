@@ -9,13 +9,7 @@ import typer
 
 from swashtwin.cli.console import NO_VERDICT, class_words, note, note_merged, require_files, say, table, tell, with_bar
 from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
-from swashtwin.cli.options import (
-    Json,
-    ModelFile,
-    Reading,
-    Sources,
-    reads_files,
-)
+from swashtwin.cli.options import Json, ModelFile, Reading, Sources, reads_files
 from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
@@ -119,6 +113,7 @@ def _evidence_of(
 ) -> dict[str, "Evidence"]:
     """What the first verdicts rest on, by recording; none of a network that has no gradients."""
     from swashtwin.diagnosis import explain
+    from swashtwin.foundation import DataError
 
     if not classifier.network.has_gradients:
         note(
@@ -126,10 +121,13 @@ def _evidence_of(
         )
         return {}
     pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
-    return {
-        verdict.recording_id: explain(classifier, recording, verdict)
-        for recording, verdict in with_bar(pairs, "collecting evidence")
-    }
+    evidence = {}
+    for recording, verdict in with_bar(pairs, "collecting evidence"):
+        try:
+            evidence[verdict.recording_id] = explain(classifier, recording, verdict)
+        except DataError as cause:  # such as a file that is gone meanwhile; the verdicts stay
+            note(f"note: the page says no lines that speak for the verdict on {verdict.recording_id}: {cause}")
+    return evidence
 
 
 _HEADERS = {

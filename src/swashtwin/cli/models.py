@@ -130,7 +130,8 @@ def export(
 
     def show() -> None:
         shape = f"(any, {len(layout.channels)}, {layout.length})"
-        speed = ", speed (any) in rad/s, NaN if unknown" if classifier.network.uses_speed else ""
+        usual = ", NaN if unknown" if classifier.network.settings.get("turns") else ""
+        speed = f", speed (any) in rad/s{usual}" if classifier.network.uses_speed else ""
         rate = f"{layout.sample_rate:g} Hz"
         say(f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class")
         if classifier.recordings is not None:

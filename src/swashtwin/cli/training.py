@@ -177,10 +177,11 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window or 2048, **shape)
     training = replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults})
-    own = {key: getattr(training, key) for key in defaults_of(training) if key in FaultClassifier().get_params()}
-    other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in own}
+    names = defaults_of(training).keys() & FaultClassifier().get_params().keys()
+    parameters = {key: getattr(training, key) for key in names}
+    other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in parameters}
     settings = {"training_settings": other or None, "network_settings": shape or None}
-    return {"network": name, "device": device, **own, **settings}
+    return {"network": name, "device": device, **parameters, **settings}
 
 
 def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:

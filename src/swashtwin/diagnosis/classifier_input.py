@@ -133,6 +133,7 @@ def synthetic_sets(synthetic: WindowSet | Iterable[WindowSet] | None) -> list[Wi
     for windows in sets:
         if not isinstance(windows, WindowSet):
             raise InputError(f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize.")
+        windows.require_any("in synthetic")
         if not windows.synthetic.all():
             raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
     return sets

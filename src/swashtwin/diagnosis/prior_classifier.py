@@ -19,13 +19,7 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
 from swashtwin.diagnosis.prior_file import load_prior, save_prior
-from swashtwin.diagnosis.prior_head import (
-    UNKNOWN_RATE,
-    PriorHead,
-    VirtualChanges,
-    fit_head,
-    order_levels,
-)
+from swashtwin.diagnosis.prior_head import UNKNOWN_RATE, PriorHead, VirtualChanges, fit_head, order_levels
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, canonical_label, is_healthy, values_match
@@ -145,10 +139,10 @@ class PriorClassifier:
         adapted = replace(self.narrowed(sound[0].channels, sound[0].unit, pistons), fault_of=dict(fault_of or {}))
         for recording in recordings:
             adapted._require_fit(recording, sound[0].unit)
-        known = {str(item.label): adapted.class_of(str(item.label)) for item in faulty}
-        for label in (label for label, name in known.items() if name is None):
+        classes = {str(item.label): adapted.class_of(str(item.label)) for item in faulty}
+        for label in (label for label, name in classes.items() if name is None):
             raise DataError(f"the prior knows {', '.join(self.classes[:-1])}, and no {label!r}; leave it out.")
-        target = [str(known[str(item.label)]) for item in faulty]
+        target = [str(classes[str(item.label)]) for item in faulty]
         adapted = replace(
             adapted,
             **adapted._points(sound),
@@ -236,10 +230,10 @@ class PriorClassifier:
         self._require_fit(recording, self.unit)
         members, notes = self._members(recording)
         change = order_levels(recording, self.bands) - self.levels[members].mean(axis=0)
-        known = np.isfinite(self.levels).all(axis=0)
-        if np.isnan(change[known]).any():
+        measured = np.isfinite(self.levels).all(axis=0)
+        if np.isnan(change[measured]).any():
             raise DataError(f"{recording.recording_id} is sampled at a lower rate than the healthy recordings.")
-        return np.where(known, change, 0.0), notes
+        return np.where(measured, change, 0.0), notes
 
     def predict_proba(self, recordings: Sequence[Recording]) -> Float64[np.ndarray, "recording class"]:
         """Probability of each class, of each recording; raises as `change` does."""

@@ -164,9 +164,9 @@ class PriorHead:
         scaled = _scaled(_lines(change[None], bands), self.line_scale)[0, self.line_scale > 0]
         return bool(np.mean(scaled**2) > MOVED**2)
 
-    def p_value(self, strangeness: float) -> float:
-        """Share of virtual recordings of the classes whose probability of being none of them is as high."""
-        above = self.strange.size - int(np.searchsorted(self.strange, strangeness * (1 - 1e-9)))
+    def p_value(self, probability: float) -> float:
+        """Share of virtual recordings of the classes whose probability of being none of them is as high as this one."""
+        above = self.strange.size - int(np.searchsorted(self.strange, probability * (1 - 1e-9)))
         return (above + 1) / (self.strange.size + 1)
 
 

@@ -51,10 +51,10 @@ def up_to(
     >>> up_to(running_sums(np.array([1.0, 2.0, 3.0])), np.array([0.5, 2.0, 9.0])).tolist()
     [0.0, 2.0, 6.0]
     """
-    place = np.clip(edge - 0.5, 0, sums.shape[-1] - 1)
-    line = np.minimum(place.astype(np.int64), sums.shape[-1] - 2)
+    position = np.clip(edge - 0.5, 0, sums.shape[-1] - 1)
+    line = np.minimum(position.astype(np.int64), sums.shape[-1] - 2)
     left, right = (sums[..., at] if edge.ndim == 1 else np.take_along_axis(sums, at, -1) for at in (line, line + 1))
-    return np.asarray(left + (place - line) * (right - left))
+    return np.asarray(left + (position - line) * (right - left))
 
 
 def between(

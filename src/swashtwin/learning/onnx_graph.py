@@ -104,7 +104,7 @@ def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: Level
     layout, turns = classifier.layout, None
     if network.uses_speed:
         stated = graph("Mul", "speed", 1 / (2 * math.pi * layout.sample_rate))
-        turns = graph("Where", graph("IsNaN", stated), network.settings["turns"], stated)
+        turns = graph("Where", graph("IsNaN", stated), network.settings["turns"] or math.nan, stated)
     features = _levels(graph, network, _scaled(graph, classifier), layout.length, turns)
     weights = network.weights
     encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])

@@ -214,10 +214,12 @@ def window_findings(
     partial = [recording for recording in recordings if recording.condition and _turn(recording) > length]
     if partial and not allow_partial_revolution:
         slowest = max(partial, key=_turn)
+        advice = f"take a window of {_turn(slowest)} or more"
+        if slowest.n_samples < _turn(slowest):
+            advice = f"it has {slowest.n_samples} samples only: record longer, or leave it out"
         message = (
             f"a window of {length} samples is shorter than one revolution of {slowest.recording_id}{_more(partial)} "
-            f"({60 * (stated_speed(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); take length "
-            f"{_turn(slowest)} or more."
+            f"({60 * (stated_speed(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); {advice}."
         )
         yield Finding("partial_turn", "warning", None, message)
 

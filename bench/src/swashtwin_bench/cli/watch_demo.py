@@ -58,12 +58,16 @@ def demo(
     from swashtwin.calibration import calibrate
     from swashtwin.cli import require_extra, stop_signals
     from swashtwin.foundation import InputError, write_text
-    from swashtwin.monitoring import load_watch_config, run_watch
+    from swashtwin.monitoring import PageSettings, load_watch_config, run_watch, serving_page
     from swashtwin_bench import PlantCourse, plant_course
 
     require_extra()
+    from fastapi import FastAPI
+
     if (out / "watch-data").exists():
         raise InputError(f"{out} holds an earlier demo; remove it, or name another folder with --out.")
+    with serving_page(FastAPI(), PageSettings().host, port):
+        pass  # a port that is taken is refused here, before minutes of work
     month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
     course = (recording for recording, _ in plant_course(0, "A", month, batch=3))
     first = list(itertools.islice(course, _CALIBRATED))

@@ -121,13 +121,13 @@ def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) 
         note = f"{sizes}; the lines are those of the first"
         return replace(best, notes=(*best.notes, note))
     dimensions = []
-    for one, another in zip(best.dimensions, other.dimensions, strict=True):  # the interval of both, the lesser verdict
-        low, high = min(one.interval[0], another.interval[0]), max(one.interval[1], another.interval[1])
+    for first, second in zip(best.dimensions, other.dimensions, strict=True):  # the wider interval, the lesser verdict
+        low, high = min(first.interval[0], second.interval[0]), max(first.interval[1], second.interval[1])
         log_std = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
-        verdict = max(one.verdict, another.verdict, key=_VERDICTS.index)
+        verdict = max(first.verdict, second.verdict, key=_VERDICTS.index)
         if verdict == "identified" and log_std > IDENTIFIED_STD:
             verdict = "weak"
-        dimensions.append(replace(one, interval=(low, high), log_std=log_std, verdict=verdict))
+        dimensions.append(replace(first, interval=(low, high), log_std=log_std, verdict=verdict))
     return replace(best, dimensions=tuple(dimensions), notes=(*best.notes, f"{sizes}; the lines do not tell which"))
 
 

@@ -8,13 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.measurement import (
-    Lines,
-    Measurement,
-    measure,
-    place_single_channels,
-    select_agreeing,
-)
+from swashtwin.calibration.measurement import Lines, Measurement, measure, place_single_channels, select_agreeing
 from swashtwin.calibration.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
@@ -35,14 +29,7 @@ from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objectiv
 from swashtwin.calibration.unknowns import VALUES
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
-from swashtwin.pump import (
-    Fault,
-    InterfaceValue,
-    OperatingCondition,
-    SwashPlateDefect,
-    is_healthy,
-    propose_class,
-)
+from swashtwin.pump import Fault, InterfaceValue, OperatingCondition, SwashPlateDefect, is_healthy, propose_class
 from swashtwin.recordings import Recording
 
 TRADED = 0.7

@@ -98,9 +98,9 @@ class Choice:
             f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."
         )
         if self.whole:
-            alone, own = (self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with"))
-            text += f" With heads on whole recordings {100 * (alone or 0):.0f} %"
-            text += "." if own is None else f", and {100 * own:.0f} % with healthy recordings of the same machine."
+            unaided, aided = (self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with"))
+            text += f" With heads on whole recordings {100 * (unaided or 0):.0f} %"
+            text += "." if aided is None else f", and {100 * aided:.0f} % with healthy recordings of the same machine."
         if self.n_machines:
             text += f" This rests on {plural(self.n_machines, 'machine')}."
         return text

@@ -68,8 +68,8 @@ def choose(
     if len(measured) > MOST_WINDOWS:  # the first of each recording, in a row, whose dependence is that of a recording
         names, index = np.unique(measured.recording_id, return_inverse=True)
         share = max(1, MOST_WINDOWS // len(names))
-        kept = [np.flatnonzero(index == number)[:share] for number in range(len(names))]
-        measured = measured.subset(np.sort(np.concatenate(kept)))
+        leading_rows = [np.flatnonzero(index == number)[:share] for number in range(len(names))]
+        measured = measured.subset(np.sort(np.concatenate(leading_rows)))
     group, folds = _inner_folds(measured, seed)
     if not folds:
         reason = "there are too few recordings of a class to test on some of them; record more of each class"
@@ -184,14 +184,13 @@ def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np
 
 
 def made_without(
-    made: Shaped[np.ndarray, " synthetic"], specimens: Shaped[np.ndarray, " tested"]
+    synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
 ) -> Bool[np.ndarray, " synthetic"]:
-    """Whether each synthetic specimen was made without the others: what was made from windows of a specimen is called
-    "... of" it; a twin is called after its pump's type.
-    """
-    tested = set(specimens.tolist())
-    endings = tuple(f" of {name}" for name in tested)
-    return np.array([not name or (name not in tested and not name.endswith(endings)) for name in made.tolist()], bool)
+    """Whether each synthetic specimen was made without the tested ones: "... of" a specimen is what was made from
+    windows of it; a twin is called after its pump's type."""
+    names = set(tested.tolist())
+    endings = tuple(f" of {name}" for name in names)
+    return np.array([not name or not (name in names or name.endswith(endings)) for name in synthetic.tolist()], bool)
 
 
 def _trials(

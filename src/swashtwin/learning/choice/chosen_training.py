@@ -57,9 +57,9 @@ def fit_chosen(
     candidate, choice, answers = choose(windows, seed=seed, progress=progress)
     network, seen = candidate.network(windows), answers.seen if answers else None
     fitted = fit(network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen)
-    reference, leaves_out_machines = fitted.training_reference, choice.group == "specimen"
-    whole, own = None, None
-    if answers is not None and leaves_out_machines:
+    reference, by_machine = fitted.training_reference, choice.group == "specimen"
+    whole, own_confidence = None, None
+    if answers is not None and by_machine:
         if progress is not None:
             progress("listening to whole recordings", 0, 1)
         with one_thread():
@@ -70,33 +70,33 @@ def fit_chosen(
         with_own = model.on_changes is not None
         choice = replace(choice, whole=trial.recalls(with_own))
         if with_own:
-            own = _confidence(reference, trial.answers(answers, own=True), error_rate, leaves_out_machines)
+            own_confidence = _confidence(reference, trial.answers(answers, own=True), error_rate, by_machine)
         answers = trial.answers(answers, own=False)
-    confidence = _confidence(reference, answers, error_rate, leaves_out_machines)
+    confidence = _confidence(reference, answers, error_rate, by_machine)
     if confidence is None and error_rate is not None:
         raise InputError(
             f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
             "leave error_rate out."
         )
-    return replace(fitted, choice=choice, confidence=confidence, own_confidence=own)
+    return replace(fitted, choice=choice, confidence=confidence, own_confidence=own_confidence)
 
 
 def _confidence(
     reference: TrainingReference | None,
     answers: FoldAnswers | None,
     error_rate: float | None,
-    left_out_machines: bool,
+    by_machine: bool,
 ) -> Confidence | None:
     """Confidence from the folds; None without a trial, or where no class has two recordings to compare.
 
-    Where folds left machines out it is that of the machine that was hardest to name: the next one may be as unlike the
+    Of folds by machine it is that of the machine that was hardest to name: the next one may be as unlike the
     others, and the mean over a few machines says nothing of how far machines differ.
     """
     if reference is None or answers is None:
         return None
     scores = reference.cross_fitted_scores()
     scored = np.isfinite(scores)
-    if left_out_machines and (machine := _hardest_machine(reference, answers)):
+    if by_machine and (machine := _hardest_machine(reference, answers)):
         scored &= np.array(reference.specimen) == machine
     chosen = np.isin(answers.recording_id, np.array(reference.recording_id)[scored])
     if not chosen.any():

@@ -304,8 +304,7 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
 def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) -> None:
     if level is not None and level not in LEVELS:
         raise InputError(f"level {level!r} is none of {', '.join(LEVELS)}.")
-    if len(test) == 0:
-        raise DataError("no window to test on.")
+    test.require_any("to test on")
     test.require_labels("an evaluation")
     if test.synthetic.any():
         raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; scores are of measured windows only.")

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import DataError, InputError, stream
 from swashtwin.learning.healthy.levels import Level
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
@@ -52,7 +52,7 @@ class LevelNetwork(SolvedNetwork):
     axis : one of `AXES`.
     shape : whether each channel's own level is subtracted.
     heads : some of `HEADS`.
-    turns : turns of the shaft per sample where a window's speed is not stated; 0 where no speed is.
+    turns : turns of the shaft per sample where a window's speed is not stated; 0 refuses such windows.
     hidden : size of the hidden layer.
     dropout : share of its features dropped in training.
     noise : deviation of the noise on the levels when the hidden layer is trained, over theirs.
@@ -60,7 +60,7 @@ class LevelNetwork(SolvedNetwork):
     Raises
     ------
     InputError
-        A setting cannot be, or orders are asked for without a speed.
+        A setting cannot be.
 
     Examples
     --------
@@ -91,8 +91,6 @@ class LevelNetwork(SolvedNetwork):
             raise InputError(f"{self.name}: heads ({', '.join(heads) or 'none'}) are some of {', '.join(HEADS)}.")
         if noise < 0 or turns < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) and turns ({turns:g}) must not be negative.")
-        if axis == "order" and not turns:
-            raise InputError(f"{self.name}: axis 'order' needs turns, those of the shaft per sample; state the speed.")
         super().__init__(
             n_channels=n_channels, n_classes=n_classes, axis=axis, shape=shape, heads=heads, turns=turns, hidden=hidden,
             dropout=dropout, noise=noise,
@@ -114,6 +112,8 @@ class LevelNetwork(SolvedNetwork):
     ) -> Float32[np.ndarray, "window level"]:
         """Levels of windows with so many turns of the shaft per sample; NaN takes the training's."""
         usual = self.settings["turns"]
+        if self.uses_speed and not usual and np.isnan(turns).any():
+            raise DataError("the model counts orders of the shaft: state the speed, or train with turns (per sample).")
         return self.shaped(window_levels(windows, np.where(np.isnan(turns), usual, turns) if self.uses_speed else None))
 
     def shaped(self, levels: Float32[np.ndarray, "window channel level"]) -> Float32[np.ndarray, "window value"]:

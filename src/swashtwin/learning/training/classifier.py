@@ -186,6 +186,7 @@ class FittedClassifier:
     ) -> Float[np.ndarray, "window value"]:
         if difference := self.layout.difference(windows.layout):
             raise InputError(f"the classifier was trained on other windows: {difference}.")
+        windows.require_any("to answer for")
         return np.concatenate([step(*block) for block in self.normalization.blocks(windows)])
 
 

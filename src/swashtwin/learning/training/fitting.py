@@ -130,8 +130,7 @@ def _solved(
 def require_trainable(windows: WindowSet) -> None:
     """Raise a `DataError` where there is no window, one without a label, one class, a class without a window, or a
     sample that is far too large."""
-    if len(windows) == 0:
-        raise DataError("no window to train on.")
+    windows.require_any("to train on")
     windows.require_labels("training")
     windows.require_two_classes()
     counts = np.bincount(windows.target, minlength=len(windows.classes))

@@ -195,6 +195,12 @@ class WindowSet:
         """Discharge pressure [Pa] of each window's operating point, the key of its cell; NaN where not stated."""
         return merge_close_values(self.discharge_pressure, PRESSURE_TOLERANCE)
 
+    def require_any(self, purpose: str) -> None:
+        """Raise a `DataError` where there is no window."""
+        if not len(self):
+            size = f"{self.length} samples ({self.length / self.sample_rate:.3g} s)"
+            raise DataError(f"no window of {size} {purpose}; give recordings that are longer, or more of them.")
+
     def require_labels(self, purpose: str) -> None:
         """Raise a `DataError` that names a recording without a class, if there is one."""
         unknown = np.flatnonzero(self.target < 0)

@@ -5,6 +5,7 @@ bodies, clients that send or take nothing. And the headers by which a browser re
 import asyncio
 import logging
 import re
+import socket
 import threading
 import time
 from collections.abc import Container, Iterator, Mapping, Sequence
@@ -243,12 +244,14 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
     Raises
     ------
     InputError
-        The port is taken.
+        The port is taken, or the host is not this computer.
     """
+    try:
+        listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+    except OSError as cause:
+        raise InputError(f"no page at {host}:{port}: {cause.strerror}; take another port or host.") from cause
     configuration = uvicorn.Config(
         application,
-        host=host,
-        port=port,
         http=ImpatientProtocol,
         ws="none",
         lifespan="off",
@@ -264,13 +267,11 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
     )
     logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
     server = uvicorn.Server(configuration)
-    thread = threading.Thread(target=server.run, name="page", daemon=True)
+    thread = threading.Thread(target=server.run, args=([listener],), name="page", daemon=True)
     thread.start()
     try:
         while thread.is_alive() and not server.started:
             time.sleep(0.01)
-        if not thread.is_alive():
-            raise InputError(f"the page cannot be served at {host}:{port}; is another program there?")
         yield
     finally:
         server.should_exit = True

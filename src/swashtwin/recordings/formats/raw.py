@@ -25,9 +25,11 @@ def file_stamp(path: Path) -> tuple[int, int, int]:
 
 
 def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
-    """Refuse a file whose `file_stamp` differs from the one that it had when it was loaded."""
-    if file_stamp(path) != stamp:
-        raise DataError(f"{path}: the file has changed since it was loaded; load it again.")
+    """Refuse a file that is gone, or whose `file_stamp` differs from the one that it had when it was loaded."""
+    is_there = path.is_file()
+    if not is_there or file_stamp(path) != stamp:
+        change = "has changed since it was loaded" if is_there else "is gone since it was loaded; put it back"
+        raise DataError(f"{path}: the file {change}, and load it again.")
 
 
 @runtime_checkable

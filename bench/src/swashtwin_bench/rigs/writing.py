@@ -278,8 +278,11 @@ def _measured(
 
 
 def _fleet(slots: Sequence[_Slot], seed: int) -> dict[str, Specimen]:
-    pumps = {slot.specimen: (VERSIONS[slot.version], load_pump(PUMPS[slot.sensors])) for slot in slots}
-    return {name: version.draw_specimen(nominal, name, seed) for name, (version, nominal) in pumps.items()}
+    pumps = {slot.specimen: slot for slot in slots}
+    return {
+        name: VERSIONS[slot.version].draw_specimen(load_pump(PUMPS[slot.sensors]), name, seed)
+        for name, slot in pumps.items()
+    }
 
 
 def _run_of(slot: _Slot, specimen: Specimen, seed: int) -> Run:

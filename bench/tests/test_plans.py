@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tiny_case import FOREST
 
 from swashtwin.calibration import GaussNewton
 from swashtwin.foundation import InputError
@@ -15,7 +16,6 @@ from swashtwin.recordings import Recording, load_recording, write_recording
 from swashtwin.signals import add_noise
 from swashtwin_bench import FILLERS, Plan, plan_of, run_plan
 from swashtwin_bench.rigs.version_two.fleet import draw_fault
-from swashtwin_bench.rivals.models import MODELS
 from swashtwin_bench.studies import plans
 from swashtwin_bench.studies.dataset import StudyDataset, calibration_tasks, prepare
 from swashtwin_bench.studies.perturbations import Perturbation
@@ -96,8 +96,9 @@ def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
 
 
 def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(recordings: list[Recording]) -> None:
-    trees = {"extra_trees": MODELS["quick"]["extra_trees"]}
-    study = run_plan(small("noise", models=trees, perturbations=(Perturbation("hum", 5.0),), draws=2), recordings)
+    study = run_plan(
+        small("noise", models={"extra_trees": FOREST}, perturbations=(Perturbation("hum", 5.0),), draws=2), recordings
+    )
     assert [(row["level"], row["perturbation"]) for row in study.rows()] == [
         (level, test) for level in ("L2", "L4") for test in ("clean", "hum 5 dB")
     ]

@@ -81,15 +81,6 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[st
     assert "g mean" in run("evaluate", chain["train"]["model"], rig).stdout
 
 
-def test_train_holds_whole_recordings_out(rig: Path, tmp_path: Path) -> None:
-    answer = run_json("train", rig, "--test-fraction", 0.5, "--out", tmp_path / "m.safetensors", *TINY)
-    manifest = load_classifier(Path(answer["model"])).manifest
-    assert answer["held_out"]
-    assert not set(answer["held_out"]) & set(manifest)
-    scores = run_json("evaluate", answer["model"], rig)
-    assert sorted(scores["recordings"]) == answer["held_out"]
-
-
 def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
     rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -108,7 +108,6 @@ OWN = {
     "signal spectrum a.h5 --out own.svg": "own-data.csv",
     "report healthy.json --out own": "own/results.json",
     "report healthy.json --out own.html": "own.html",
-    "model export model.safetensors --out own.onnx": "own.onnx",
     "synthesize healthy.json --like pair.toml --count 1 --out own.x --fault swash_plate --window 2048": "own.x",
 }
 """Commands that replace what they wrote themselves, and a file of it."""
@@ -116,10 +115,6 @@ OWN = {
 
 @pytest.mark.parametrize("line", OWN)
 def test_a_command_replaces_what_it_wrote_itself_but_no_other_file(line: str, files: Path) -> None:
-    run(*line.split())
-    run(*line.split())
-    for path in files.glob("own*"):
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
     target = files / OWN[line]
     target.parent.mkdir(exist_ok=True)
     target.write_text("mine")
@@ -127,3 +122,4 @@ def test_a_command_replaces_what_it_wrote_itself_but_no_other_file(line: str, fi
     assert target.read_text() == "mine"
     run(*line.split(), "--force")
     assert target.read_bytes() != b"mine"
+    run(*line.split())

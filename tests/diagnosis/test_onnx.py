@@ -101,7 +101,11 @@ def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
     classifier = fitted("bitcn", "window")
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
-    answer = run_json("model", "export", saved, "--out", tmp_path / "model.onnx")
+    words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
+    (tmp_path / "model.onnx").write_text("mine")
+    assert "replace it with --force" in one_line(run(*words, code=3))
+    run(*words, "--force")
+    answer = run_json(*words)  # replaces what it wrote itself
     assert (answer["network"], answer["classes"]) == ("bitcn", ["normal", "piston"])
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ FAULTS: dict[str, Fault | None] = {
 }
 
 
+@cache
 def recording(label: str, number: int = 0, *, condition: OperatingCondition = CONDITION) -> Recording:
     """What the nominal twin's sensors would read in noise, at slightly different damping from one to the next."""
     draw = np.random.default_rng([number, *label.encode()])
@@ -51,12 +52,12 @@ def recording(label: str, number: int = 0, *, condition: OperatingCondition = CO
     return replace(clean, signal=(clean.signal + noise).astype(np.float32), label=label, synthetic=False, specimen="A")
 
 
-@lru_cache(maxsize=1)
+@cache
 def changes() -> OrderChanges:
     return simulate_changes(PumpPrior(), 60, seed=3)
 
 
-@lru_cache(maxsize=1)
+@cache
 def trained() -> PriorClassifier:
     prior, drawn = PumpPrior(), changes()
     speed, pressure = operating_range(prior.pump, prior)
@@ -68,7 +69,7 @@ def healthy(count: int = 3) -> list[Recording]:
     return [recording("normal", number) for number in range(count)]
 
 
-@lru_cache(maxsize=1)
+@cache
 def adapted() -> PriorClassifier:
     return trained().fit(healthy())
 

@@ -5,7 +5,6 @@ import resource
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -205,31 +204,6 @@ def test_a_series_is_a_folder_with_an_index(tmp_path: Path) -> None:
     assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
     for number, recording in enumerate(loaded):
         np.testing.assert_array_equal(recording.signal, join_blocks(blocks_of((300, 200), seed=number)).signal)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-def test_an_interrupted_series_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
-    run = SeriesRun([])
-
-    def interrupted(number: int) -> Iterator[Recording]:
-        first, second = run.blocks_of(number)
-        yield first
-        if number == 2:
-            raise KeyboardInterrupt
-        yield second
-
-    settings = {"seed": 0}
-    with pytest.raises(KeyboardInterrupt):
-        write_series(tmp_path / "one" / "runs", 4, interrupted, settings=settings, bytes_each=9000)
-    assert sorted(contents(tmp_path / "one" / "runs")) == ["runs-0000.h5", "runs-0001.h5", "series.json"]
-    run.blocks.clear()
-    write_series(tmp_path / "one" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
-    assert run.blocks == [2, 3]
-    write_series(tmp_path / "two" / "runs", 4, run.blocks_of, settings=settings, bytes_each=9000)
-    assert contents(tmp_path / "one" / "runs") == contents(tmp_path / "two" / "runs")
 
 
 def test_a_disk_without_space_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

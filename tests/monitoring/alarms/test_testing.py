@@ -37,10 +37,10 @@ def run(scores: np.ndarray, is_large: np.ndarray, learning: int, rng: np.random.
 
 @pytest.mark.parametrize("large_share", [0.01, 0.05, 0.3, 0.6])
 def test_each_bet_pays_one_on_average_over_uniform_p_values(large_share: float) -> None:
-    p_values = (np.arange(100_000) + 0.5) / 100_000
+    p_values = (np.arange(40_000) + 0.5) / 40_000
     mean = np.mean([payoffs(p_value, large_share) for p_value in p_values.tolist()], axis=0)
     assert mean[1:] == pytest.approx([1.0] * (N_BETS - 1), abs=0.03)
-    assert mean[0] == pytest.approx(1 - 1e-5 ** POWERS[0], abs=0.2)  # the sum misses most of the pole at 0
+    assert mean[0] == pytest.approx(1 - 2.5e-5 ** POWERS[0], abs=0.2)  # the sum misses most of the pole at 0
 
 
 def test_bets_at_a_p_value_of_one_percent_have_the_values_of_a_hand_calculation() -> None:

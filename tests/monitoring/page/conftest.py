@@ -99,8 +99,8 @@ def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = load_watch_config(folder / "watch.toml")
     history = History.open("", config.folder)
     plant = Plant(config, history)
-    plant.add("pump-1", 40, wear_from=28)
-    plant.add("pump-2", 30)
+    plant.add("pump-1", 34, wear_from=22)
+    plant.add("pump-2", 18)
     plant.add("pump-3", 4)
     plant.add("presse-4", 16, flat_from=13)
     with history.machine("pump-2") as machine:

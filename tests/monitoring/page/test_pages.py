@@ -173,7 +173,7 @@ def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) ->
     evidence, level = drawings(reader.get("/machines/pump-1", params=query).text)
     assert field(evidence) == ["alarm", "alarm", "main", "dots"]
     assert field(level) == ["band", "median", "alarm", "main", "dots"]
-    assert len(points(level, "main")) == len(level.get("data-ids").split()) == 40
+    assert len(points(level, "main")) == len(level.get("data-ids").split()) == 34
     trend = reader.get("/api/machines/pump-1/trend", params=query).json()["values"]
     low, high = map(float, level.get("data-y").split())
     assert low + (1 - points(level, "main")[:, 1] / HEIGHT) * (high - low) == pytest.approx(trend, abs=0.05)

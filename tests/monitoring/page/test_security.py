@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from argon2 import PasswordHasher
 from msgspec.structs import replace
 from starlette.requests import HTTPConnection
 from starlette.testclient import TestClient
@@ -38,8 +39,9 @@ PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics")
 
 
 @pytest.fixture
-def users(tmp_path: Path) -> Path:
-    """A file with one person."""
+def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file with one person, whose hash takes the least time and memory that there are."""
+    monkeypatch.setattr(access_module, "_HASHER", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
     path = tmp_path / "users.json"
     add_user(path, "ada", PASSWORD)
     return path

@@ -61,6 +61,7 @@ def test_rooms_below_learning_import_nothing_that_the_base_install_lacks(room: s
 
 
 def test_every_package_that_is_imported_is_declared() -> None:
+    pytest.importorskip("torch", reason="a package that is not installed does not say what it is of")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = {name: needs for name, needs in project["optional-dependencies"].items() if name not in ("docs", "test")}
     needs = [need for listed in (project["dependencies"], *extras.values()) for need in listed]

@@ -270,8 +270,13 @@ def informed(**settings: Any) -> FaultClassifier:
     return FaultClassifier("levels", window=4096, **settings)
 
 
+@cache
+def without_pistons() -> FaultClassifier:
+    return informed().fit(heard())
+
+
 def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> None:
-    classifier = informed().fit(heard())
+    classifier = without_pistons()
     assert classifier.resemblance_ is not None
     assert classifier.resemblance_.classes == ("swash_plate", "piston")
     loaded = FaultClassifier.load(classifier.save(tmp_path / "model.safetensors"))
@@ -285,7 +290,7 @@ def test_a_fault_that_was_never_trained_is_unknown_and_named(tmp_path: Path) -> 
 
 
 def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_recordings() -> None:
-    classifier = informed().fit(heard())
+    classifier = without_pistons()
     resemblance = classifier.resemblance_
     assert resemblance is not None
     answer, new = classifier.diagnose(recording("piston", 20)), replace(recording("piston", 21), specimen="B")

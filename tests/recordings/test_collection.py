@@ -106,7 +106,7 @@ def test_a_loop_keeps_no_signal_in_memory(folder: Path) -> None:
     del recording
     gc.collect()
     assert recordings[0] is not recordings[0]
-    alive = [item for item in gc.get_objects() if type(item) is Samples and item.name.startswith(("A_", "B_"))]
+    alive = [item for item in gc.get_objects() if type(item) is Samples and item.name in recordings.recording_ids]
     assert all(samples._arrays is None for samples in alive if samples.open_columns is not None)
 
 

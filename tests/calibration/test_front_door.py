@@ -89,7 +89,7 @@ def test_recordings_without_a_condition_are_refused_with_the_way_to_give_it(reco
     with pytest.raises(DataError, match=r'unstated states no operating condition.* such as "860 rpm" and "10 MPa"'):
         calibrate("25scy14-1b", [unstated])
     calibration = calibrate("25scy14-1b", [unstated, recordings[1]], method=QUICK, **SIX_VALUES)
-    assert calibration.left_out == (("unstated", "the recording has no operating condition"),)
+    assert calibration.left_out == (("unstated", "it lacks speed or pressure; add them to the index"),)
 
 
 def test_what_cannot_be_calibrated_is_refused_before_a_recording_is_measured(recordings: list[Recording]) -> None:

@@ -244,6 +244,7 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     model = tmp_path / "model.safetensors"
     trained_by = run("model", "adapt", "25scy14-1b", folder, "--out", model, "--json")
     assert json.loads(trained_by.stdout)["healthy"] == 2
+    assert "adapt it to healthy recordings" in run("diagnose", "25scy14-1b", folder / "2.h5", code=3).stderr
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
     assert verdict["label"] == "piston"

@@ -184,7 +184,7 @@ def _disagreement(twin: Twin, recording: Recording) -> str | None:
     if not is_same_class(recording.label, twin.label):
         return f"the recording's label is {recording.label}, the twin's {twin.label}"
     if recording.condition is None:
-        return "the recording has no operating condition"
+        return "it lacks speed or pressure; add them to the index"
     if recording.condition.matches(twin.condition, speed=LINE_SPEED_TOLERANCE):
         return None
     measured, simulated = (condition.speed * 30 / math.pi for condition in (recording.condition, twin.condition))

@@ -210,7 +210,7 @@ def load_calibration(path: Path | str) -> Calibration:
             twins = {name: twin_from_dict(table.pop(name)) for name in ("twin", "nominal")}
             return from_table({**table, **twins}, Calibration)
     except (KeyError, TypeError, ValueError, RecursionError) as cause:
-        raise ArtifactError(f"{path}: not a calibration, or a damaged one: {str(cause)[:300]}.") from cause
+        raise ArtifactError(f"{path}: not a calibration, or a damaged one: {str(cause)[:300].rstrip('.')}.") from cause
     raise ArtifactError(f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again.")
 
 

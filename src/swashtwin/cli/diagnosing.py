@@ -9,7 +9,7 @@ import typer
 
 from swashtwin.cli.console import NO_VERDICT, class_words, note, note_merged, require_files, say, table, tell, with_bar
 from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
-from swashtwin.cli.options import Json, ModelFile, Reading, Sources, reads_files
+from swashtwin.cli.options import Json, ModelFile, Reading, Sources, as_index, reads_files
 from swashtwin.cli.training import confidence_advice
 from swashtwin.foundation import plural
 
@@ -36,6 +36,7 @@ def diagnose(
         typer.Option(
             metavar="FOLDER|INDEX",
             help="Healthy recordings of the machine, which a classifier then compares with; others in it are left out.",
+            callback=as_index,
         ),
     ] = None,
     pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
@@ -69,7 +70,9 @@ def diagnose(
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
             note(f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}.")
         said = {verdict: verdict.sentence() for verdict in verdicts if verdict.label is None or verdict.unknown}
-        note_merged([(verdict.recording_id, text) for verdict, text in said.items()])
+        note_merged(
+            [(item.recording_id, text.replace(f": {item.recording_id} ", ": it ", 1)) for item, text in said.items()]
+        )
         pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)
         note_merged([(verdict.recording_id, text) for verdict, text in pairs if text not in said.get(verdict, "")])
         if evidence and len(verdicts) > EXPLAINED:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swashtwin.cli.console import class_words, note, note_merged, progress, say, table, tell
+from swashtwin.cli.console import class_words, note, progress, say, table, tell
 from swashtwin.cli.files import Force, Report, artifact_marks, require_output, require_page, write_page
 from swashtwin.cli.options import Index, Json, ModelFile, PumpName, Seed
 from swashtwin.foundation import InputError, plural
@@ -74,9 +74,9 @@ def _show_alarms(scores: "AlarmScores") -> None:
     rate = "" if scores.error_rate is None else f" at a false-alarm rate of {scores.error_rate:g}"
     columns = len(header) if scores.error_rate is None else len(header) - 1
     table(f"Alarms{rate}", header[:columns], [row[:columns] for row in rows])
-    note_merged(
-        [(f"no verdict on {class_words(item.label)}", item.no_verdict) for item in scores.classes if item.no_verdict]
-    )
+    for text in dict.fromkeys(item.no_verdict for item in scores.classes if item.no_verdict):
+        classes = [class_words(item.label) for item in scores.classes if item.no_verdict == text]
+        note(f"note: no verdict on recordings of {', '.join(classes)}: {text}")
 
 
 def _name(score: str) -> str:

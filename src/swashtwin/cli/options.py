@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def _as_index(path: Path) -> Path:
+def as_index(path: Path | None) -> Path | None:
     """The same path, refused where it is a file that can be no index."""
-    if path.is_file() and path.suffix not in (".toml", ".h5", ".hdf5"):
+    if path is not None and path.is_file() and path.suffix not in (".toml", ".h5", ".hdf5"):
         raise typer.BadParameter(f"{path} is no index of labeled recordings; swashtwin index FOLDER writes one.")
     return path
 
@@ -28,7 +28,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on sta
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
 _INDEX = "Index file, the folder that holds recordings.toml, or a store."
-Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=_as_index)]
+Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=as_index)]
 Source = Annotated[Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.")]
 Sources = Annotated[
     list[Path],

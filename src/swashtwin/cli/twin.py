@@ -15,6 +15,7 @@ from swashtwin.cli.options import (
     Index,
     Json,
     Specimen,
+    as_index,
     fault_dimensions,
     present,
     read_words,
@@ -222,7 +223,10 @@ def severity(
     ],
     healthy: Annotated[
         Path | None,
-        typer.Option(help="Index of further healthy recordings; those of INDEX that are labeled normal always count."),
+        typer.Option(
+            help="Index of further healthy recordings; those of INDEX that are labeled normal always count.",
+            callback=as_index,
+        ),
     ] = None,
     specimen: Specimen = None,
     as_json: Json = False,

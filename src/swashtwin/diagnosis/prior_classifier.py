@@ -243,9 +243,10 @@ class PriorClassifier:
         """The likeliest class of a recording, or no verdict where it cannot be compared with healthy ones.
 
         It is unknown where at most `UNKNOWN_RATE` of the prior's own recordings are as unlike its classes, and where
-        only the noise floor changed.
+        only the noise floor changed. A `DataError` where the prior is of no machine yet.
         """
         require_recording(recording)
+        head = self._adapted()
         result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
         try:
             change, notes = self.change(recording)
@@ -254,7 +255,6 @@ class PriorClassifier:
             return replace(result, no_verdict=str(cause))
         if seen:
             notes = ("It is one of the recordings that the classifier learned from; this proves nothing.", *notes)
-        head = self._adapted()
         probability = head.predict_proba(change[None])[0]
         label = self.classes[int(probability[:-1].argmax())]
         p_value = head.p_value(float(probability[-1]))

@@ -7,17 +7,7 @@ from matplotlib.ticker import PercentFormatter
 
 from swashtwin.diagnosis import Diagnosis, HealthySpectrum, next_checks
 from swashtwin.foundation import plural
-from swashtwin.plot import (
-    CALIBRATED,
-    LIGHT,
-    MEASURED,
-    figure_style,
-    log_axis,
-    panels,
-    series_colors,
-    unit_words,
-    words,
-)
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, log_axis, panels, series_colors, unit_words, words
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.drawing import Cutaway, Drawing, cutaway_of, render_drawing

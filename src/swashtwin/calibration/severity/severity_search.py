@@ -117,7 +117,7 @@ def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recordi
     for recording in recordings:
         label = recording.label
         if recording.condition is None:
-            left_out.append((recording.recording_id, "the recording has no operating condition"))
+            left_out.append((recording.recording_id, "it lacks speed or pressure; add them to the index"))
         elif label in (None, fault.label) or is_healthy(label) or propose_class(str(label)) == fault.label:
             used.append(recording)
         else:

@@ -162,7 +162,7 @@ def require_enough(n_recordings: int, error_rate: float) -> None:
     if n_recordings < least:
         raise InputError(
             f"an error rate of {error_rate:g} needs {least} validation recordings at least, there are {n_recordings}; "
-            "keep more back for validation, or allow a larger error rate."
+            f"take more, or allow {allowed_error_rate(n_recordings, error_rate):g} or more."
         )
 
 

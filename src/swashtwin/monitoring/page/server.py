@@ -249,7 +249,8 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
     try:
         listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as cause:
-        raise InputError(f"no page at {host}:{port}: {cause.strerror}; take another port or host.") from cause
+        reason = str(cause.strerror).partition(" (")[0]
+        raise InputError(f"no page at {host}:{port}: {reason}; take another port or host.") from cause
     configuration = uvicorn.Config(
         application,
         http=ImpatientProtocol,

@@ -41,9 +41,9 @@ def windows(count: int = 12) -> WindowSet:
     return cut_windows(recordings, length=97)
 
 
-def fitted(name: str, normalization: str | None = None) -> FittedClassifier:
+def fitted(name: str) -> FittedClassifier:
     network = build_network(name, 2, 2, **SMALLER.get(name, {}))
-    scaling = normalization or NORMALIZATION.get(name, "window")
+    scaling = NORMALIZATION.get(name, "window")
     return fit(network, windows(), settings=TrainingSettings(epochs=2, normalization=scaling))
 
 
@@ -99,14 +99,14 @@ def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
 
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
-    classifier = fitted("bitcn", "window")
+    classifier = fitted("levels")
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
     words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
     (tmp_path / "model.onnx").write_text("mine")
     assert "replace it with --force" in one_line(run(*words, code=3))
     run(*words, "--force")
     answer = run_json(*words)  # replaces what it wrote itself
-    assert (answer["network"], answer["classes"]) == ("bitcn", ["normal", "piston"])
+    assert (answer["network"], answer["classes"]) == ("levels", ["normal", "piston"])
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
     probability = opened.run(None, {"windows": windows().signal})[0]

@@ -106,8 +106,8 @@ def test_no_command_replaces_what_it_reads(name: str, read: str, files: Path) ->
 OWN = {
     "signal features pair.toml --out own.csv": "own.csv",
     "signal spectrum a.h5 --out own.svg": "own-data.csv",
-    "report healthy.json --out own": "own/results.json",
-    "report healthy.json --out own.html": "own.html",
+    "report model.safetensors --out own": "own/results.json",
+    "report model.safetensors --out own.html": "own.html",
     "synthesize healthy.json --like pair.toml --count 1 --out own.x --fault swash_plate --window 2048": "own.x",
 }
 """Commands that replace what they wrote themselves, and a file of it."""

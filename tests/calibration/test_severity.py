@@ -282,6 +282,10 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
     assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
     run("twin", "severity", saved, index, "--fault", "normal", code=2)
     assert answer["healthy"] == [*(recording.recording_id for recording in healthy), "new and sound"]
+    files[-1] = write_recording(replace(recordings[-1], specimen="B"), tmp_path / "other.h5")
+    two = write_index([*recordings[:-1], replace(recordings[-1], specimen="B")], files, tmp_path / "two.toml")
+    other = run("twin", "severity", saved, two, "--specimen", "B", "--fault", "piston")
+    assert "is of machine A, these are of B: calibrate B" in other.stderr
     only = write_index(recordings[:-1], files[:-1], tmp_path / "sound.toml")
     refusal = run("twin", "severity", saved, only, "--fault", "piston", code=3).stderr
     assert "holds healthy recordings only" in refusal

@@ -251,6 +251,10 @@ def severity(
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
+    names = healthy_calibration.recording_ids
+    others = [item for item in load_recordings(source) if item.recording_id in names and item.specimen != specimen]
+    if specimen is not None and seen_recordings(healthy_calibration.recording_hashes, manifest_of(others)):
+        note(f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}.")
     sound: list[Recording] = []
     worn: list[Recording] = []
     for recording in recordings:  # healthy is what is labeled so or was calibrated on

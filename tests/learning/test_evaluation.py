@@ -73,7 +73,7 @@ def test_scores_of_a_confusion_worked_by_hand():
     assert (scores.n_windows, scores.n_recordings) == (10, 3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=40))
 def test_the_g_mean_is_imbalanced_learns_and_the_macro_recall_scikit_learns(pairs):
     target, predicted = map(np.array, zip(*pairs, strict=True))

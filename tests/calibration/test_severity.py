@@ -254,7 +254,7 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
 ) -> None:
     other = replace(healthy[0], label="piston", recording_id="other")
     unknown = replace(healthy[0], condition=None, recording_id="unknown")
-    with pytest.raises(DataError, match="label is piston, the fault's swash_plate; unknown: the recording has no"):
+    with pytest.raises(DataError, match="label is piston, the fault's swash_plate; unknown: it lacks speed"):
         estimate_severity(calibration, [other, unknown], LONG)
     with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
         estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)

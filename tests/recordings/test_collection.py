@@ -140,7 +140,7 @@ def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> N
             write(make("a"), path)
             recordings = load_recordings([path])
             write(replace(make("a"), signal=np.ones((2, count))), path)
-            with pytest.raises(DataError, match=r"a\.h5: the file has changed since it was loaded"):
+            with pytest.raises(DataError, match=r"a\.h5: the file has changed since it was loaded; load it again"):
                 recordings[0].slice(0, 10)
     path.unlink()
     with pytest.raises(DataError, match="the file is gone since it was loaded; put it back"):

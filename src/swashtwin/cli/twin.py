@@ -251,8 +251,8 @@ def severity(
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
-    names = healthy_calibration.recording_ids
-    others = [item for item in load_recordings(source) if item.recording_id in names and item.specimen != specimen]
+    names, whose = healthy_calibration.recording_ids, (None, specimen)
+    others = [item for item in load_recordings(source) if item.recording_id in names and item.specimen not in whose]
     if specimen is not None and seen_recordings(healthy_calibration.recording_hashes, manifest_of(others)):
         note(f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}.")
     sound: list[Recording] = []

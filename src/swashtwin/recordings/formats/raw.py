@@ -28,8 +28,8 @@ def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
     """Refuse a file that is gone, or whose `file_stamp` differs from the one that it had when it was loaded."""
     is_there = path.is_file()
     if not is_there or file_stamp(path) != stamp:
-        change = "has changed since it was loaded" if is_there else "is gone since it was loaded; put it back"
-        raise DataError(f"{path}: the file {change}, and load it again.")
+        change = "has changed since it was loaded;" if is_there else "is gone since it was loaded; put it back, and"
+        raise DataError(f"{path}: the file {change} load it again.")
 
 
 @runtime_checkable

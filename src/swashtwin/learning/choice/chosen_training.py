@@ -50,9 +50,11 @@ def fit_chosen(
     InputError
         Too few recordings for the error rate, or a negative seed.
     """
-    n_recordings = np.unique(windows.recording_id[~windows.synthetic]).size
-    if error_rate is not None:
-        require_enough(n_recordings, error_rate)
+    first = np.unique(np.where(windows.synthetic, "", windows.recording_id), return_index=True)[1]
+    first = first[~windows.synthetic[first]]
+    if error_rate is not None:  # a machine may be the hardest to name, whose recordings it then rests on
+        counts = np.unique(windows.specimen[first], return_counts=True)[1]
+        require_enough(len(first), error_rate, min(counts[counts >= _LEAST_RECORDINGS].tolist(), default=None))
     require_trainable(windows)
     candidate, choice, answers = choose(windows, seed=seed, progress=progress)
     network, seen = candidate.network(windows), answers.seen if answers else None

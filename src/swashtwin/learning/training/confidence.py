@@ -156,13 +156,14 @@ def least_validation(error_rate: float) -> int:
     return math.ceil(1 / error_rate - 1 - 1e-9)
 
 
-def require_enough(n_recordings: int, error_rate: float) -> None:
-    """Raise an `InputError` where so many validation recordings cannot say anything at this error rate."""
+def require_enough(n_recordings: int, error_rate: float, fewest: int | None = None) -> None:
+    """Raise an `InputError` where so many validation recordings cannot say anything at this error rate; it advises the
+    rate that the `fewest` which may be left of them allow."""
     least = least_validation(error_rate)
     if n_recordings < least:
         raise InputError(
             f"an error rate of {error_rate:g} needs {least} validation recordings at least, there are {n_recordings}; "
-            f"take more, or allow {allowed_error_rate(n_recordings, error_rate):g} or more."
+            f"take more, or allow {allowed_error_rate(fewest or n_recordings, error_rate):g} or more."
         )
 
 

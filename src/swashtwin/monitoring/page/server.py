@@ -273,6 +273,8 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
     try:
         while thread.is_alive() and not server.started:
             time.sleep(0.01)
+        if not server.started:
+            raise InputError(f"the page at {host}:{port} ended while it started; the log says why.")
         yield
     finally:
         server.should_exit = True

@@ -59,6 +59,19 @@ def test_case_two_trains_on_no_measured_window_of_the_missing_cell(recordings: l
     assert not any("swash_plate_15MPa" in name for name in used)
 
 
+def test_the_law_starts_where_a_healthy_pump_was_recorded(recordings: list[Recording]) -> None:
+    """A twin of an operating point of the recess alone would find no healthy recording to be calibrated on."""
+    faster = [
+        r.replace(condition=r.condition.replaced(speed=1.3 * r.condition.speed)) if r.label == "swash_plate" else r
+        for r in recordings
+        if r.condition is not None
+    ]
+    for task in calibration_tasks(faster, replace(TINY, calibrated_on="law"), 0):
+        healthy = [r.condition for r in task.recordings if r.label == "normal" and r.condition is not None]
+        assert {r.label for r in task.recordings} == {"normal", "swash_plate"}
+        assert all(any(twin.condition.matches(condition) for condition in healthy) for twin in task.twins)
+
+
 def test_too_few_pumps_or_repeats_or_facts_are_named(recordings: list[Recording]) -> None:
     with pytest.raises(DataError, match="at least 2 specimens"):
         run_plan(tiny(), [r for r in recordings if r.specimen == "A"])

@@ -79,6 +79,15 @@ def test_windows_of_a_stated_recess_follow_the_law_at_another_pressure(
     assert power[0][high].sum() < power[1][high].sum()
 
 
+def test_a_depth_that_the_recordings_do_not_tell_is_the_one_stated_where_noise_rises(calibration: Calibration) -> None:
+    law = calibration.law
+    assert law is not None
+    depth = replace(law.estimates[0], value=1e-7, verdict="at bound")
+    unseen = replace(law, fault=replace(law.fault, depth=1e-7), estimates=(depth, *law.estimates[1:]))
+    assert unseen.floor_of(STATED) == pytest.approx(law.floor)
+    assert law.floor_of(law.fault) == pytest.approx(law.floor)
+
+
 def test_severity_searches_a_stated_recess_under_the_law(calibration: Calibration, recordings: list[Recording]) -> None:
     (estimate,) = estimate_severity(calibration, recordings[2:3], STATED, healthy=recordings[:2], free=()).estimates
     depth, corner = estimate.dimensions

@@ -71,10 +71,15 @@ class FaultLaw:
         return FaultSpace(lawful, (*space.free, replace(corner, deviation=deviation)))
 
     def floor_of(self, fault: Fault | None) -> float:
-        """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one."""
+        """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one.
+
+        The recess recorded has the depth that was found, or where the recordings do not tell it, the one stated.
+        """
         if not isinstance(fault, SwashPlateDefect):
             return 1.0
-        return float(self.floor ** (fault.depth / self.fault.depth))
+        depth = self.estimates[0]
+        recorded = depth.value if depth.verdict in ("identified", "weak") else depth.nominal
+        return float(self.floor ** (fault.depth / recorded))
 
 
 FORMAT = "swashtwin calibration 8"

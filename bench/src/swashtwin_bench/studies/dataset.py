@@ -289,8 +289,9 @@ def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: Wind
 def _calibration_task(
     specimen: str, label: str, recordings: Sequence[Recording], scenario: Scenario, seed: int
 ) -> CalibrationTask:
-    stated = [recording.condition for recording in recordings if recording.condition is not None]
-    conditions = [stated[group[-1]] for group in group_by_condition(stated)]
+    stated = [(recording.condition, recording.label) for recording in recordings if recording.condition is not None]
+    groups = group_by_condition([condition for condition, _ in stated])
+    conditions = [stated[group[-1]][0] for group in groups if any(stated[i][1] == label for i in group)]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
     law = None
     if scenario.calibrated_on == "law":

@@ -24,7 +24,7 @@ from swashtwin.learning import (
     fit,
 )
 from swashtwin.learning.networks.registry import BUILT_IN
-from swashtwin.learning.training import loop
+from swashtwin.learning.training import loop, steps
 from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains
 from swashtwin.recordings import Recording
 
@@ -362,6 +362,97 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
 def test_settings_that_make_no_sense_are_refused(change: dict[str, Any], message: str):
     with pytest.raises(InputError, match=message):
         TrainingSettings(**change)
+
+
+@pytest.fixture
+def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Trainings on the processor go the way of a GPU that replays; the list counts the replays."""
+    counted: list[int] = []
+
+    def capture(step, generator):
+        for _ in range(3):
+            step()
+
+        def replay():
+            counted.append(1)
+            step()
+
+        return replay
+
+    monkeypatch.setattr(loop, "is_replayed", lambda network, device: True)
+    monkeypatch.setattr(steps, "capture", capture)
+    return counted
+
+
+@pytest.mark.parametrize("change", [{"decay": "cosine"}, {"noise_snr": 0.0, "normalization": "set"}])
+def test_replayed_steps_learn_what_single_steps_do(replays, change, monkeypatch):
+    settings = replace(SHORT, **change)
+    replayed = fit(small(), tones(), settings=settings)
+    assert len(replays) == 2 * settings.epochs  # of 20 windows 4 are left over, which are never replayed
+    monkeypatch.setattr(loop, "is_replayed", steps.is_replayed)
+    single = fit(small(), tones(), settings=settings)
+    assert [epoch.loss for epoch in replayed.history] == pytest.approx([e.loss for e in single.history], rel=1e-4)
+    np.testing.assert_allclose(replayed.predict_proba(tones()), single.predict_proba(tones()), atol=1e-3)
+
+
+def test_replayed_steps_go_on_after_an_interrupt_as_if_there_had_been_none(replays, tmp_path):
+    def interrupt(epoch):
+        if epoch.number == 2:
+            raise KeyboardInterrupt
+
+    whole, file = fit(small(), tones(), settings=SHORT), tmp_path / "training.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        fit(small(), tones(), settings=SHORT, checkpoint=file, progress=interrupt)
+    assert same(whole, fit(small(), tones(), settings=SHORT, checkpoint=file, resume=True))
+
+
+def test_too_few_windows_for_a_batch_are_learned_without_a_replay(replays):
+    fit(small(), tones(windows=1), settings=SHORT)
+    assert not replays
+
+
+def test_a_step_is_captured_after_a_warm_up_with_its_generator(monkeypatch):
+    """What torch asks of a capture, in its order; whether a GPU then replays it is for the tests that need one."""
+    told: list[str] = []
+
+    class Graph:
+        def register_generator_state(self, generator):
+            told.append("generator")
+
+        def replay(self):
+            told.append("replay")
+
+    class Context:
+        def __init__(self, name):
+            self.name = name
+
+        def __enter__(self):
+            told.append(self.name)
+
+        def __exit__(self, *error):
+            told.append(f"end of {self.name}")
+
+    class Stream:
+        def wait_stream(self, other):
+            told.append("wait")
+
+    parts = {
+        "device": lambda device: Context("device"), "CUDAGraph": Graph, "Stream": Stream, "current_stream": Stream,
+        "stream": lambda side: Context("side"), "graph": lambda graph: Context("capture"),
+    }  # fmt: skip
+    for name, part in parts.items():
+        monkeypatch.setattr(torch.cuda, name, part)
+    steps.capture(lambda: told.append("step"), torch.Generator())()
+    assert told == [
+        "device", "generator", "wait", "side", "step", "step", "step", "end of side", "wait",
+        "capture", "step", "end of capture", "end of device", "replay",
+    ]  # fmt: skip
+
+
+def test_only_a_network_that_can_be_captured_is_replayed_and_only_on_a_gpu():
+    assert steps.is_replayed(small(), "cuda:1")
+    assert not steps.is_replayed(small(), "cpu")
+    assert not steps.is_replayed(build_network("tcn", 1, 2), "cuda")
 
 
 ON_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

@@ -37,6 +37,19 @@ class TorchStream(TorchDispatchMode):
         self._seed = seed
         self._generators: dict[str, torch.Generator] = {}
 
+    def restart(self, seed: int) -> None:
+        """Go on as a new one of that seed, with the same generators."""
+        self._seed = seed
+        for generator in self._generators.values():
+            generator.manual_seed(seed)
+
+    def generator(self, device: torch.device | str) -> torch.Generator:
+        """What numbers on a device are drawn from."""
+        name = "cpu" if str(device) == "meta" else str(device)
+        if name not in self._generators:
+            self._generators[name] = torch.Generator(name).manual_seed(self._seed)
+        return self._generators[name]
+
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
         """No: to skip it torch would import its compiler, which takes longer than a whole diagnosis."""
@@ -50,7 +63,8 @@ class TorchStream(TorchDispatchMode):
         if torch.Tag.nondeterministic_seeded not in func.tags or kwargs.get("generator") is not None:
             return func(*args, **kwargs)
         name = func.overloadpacket.__name__
-        generator = self._generator(args, kwargs)
+        tensors = [value for value in args if isinstance(value, Tensor)]
+        generator = self.generator(kwargs.get("device") or (tensors[0].device if tensors else "cpu"))
         if name == "native_dropout":
             return _dropout(*args, generator=generator)
         if name in ("randn_like", "rand_like"):
@@ -61,14 +75,6 @@ class TorchStream(TorchDispatchMode):
         if hasattr(func.overloadpacket, "generator"):
             return func.overloadpacket.generator(*args, **{**kwargs, "generator": generator})
         return func(*args, **kwargs)
-
-    def _generator(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> torch.Generator:
-        tensors = [value for value in args if isinstance(value, Tensor)]
-        device = str(kwargs.get("device") or (tensors[0].device if tensors else "cpu"))
-        device = "cpu" if device == "meta" else device
-        if device not in self._generators:
-            self._generators[device] = torch.Generator(device).manual_seed(self._seed)
-        return self._generators[device]
 
 
 def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -150,6 +150,7 @@ class BiTCN(Network):
     """
 
     name: ClassVar[str] = "bitcn"
+    is_capturable: ClassVar[bool] = True
 
     def __init__(
         self,

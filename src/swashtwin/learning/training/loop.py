@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from swashtwin.foundation import (
     InputError,
@@ -24,9 +23,10 @@ from swashtwin.foundation import (
     save_artifact,
     stream,
 )
-from swashtwin.learning.networks.network import Network, batches
+from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.classifier import TOGETHER, Normalization
 from swashtwin.learning.training.settings import Epoch, TrainingSettings, transform_windows
+from swashtwin.learning.training.steps import Steps, adam, is_replayed
 from swashtwin.learning.windows.window_set import WindowSet
 
 _KIND, _VERSION = "training checkpoint", 4
@@ -65,7 +65,8 @@ def train_epochs(
         raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
     with _deterministic_kernels(device), one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
-        optimizer = torch.optim.Adam(trained.parameters(), lr=settings.learning_rate)
+        replayed = is_replayed(trained, device)
+        optimizer = adam(trained, settings.learning_rate, replayed)
         history = _start(checkpoint, resume, run, trained, optimizer)
         with TorchStream(derive_seed(seed, "pretraining")):
             clean = _tensors(trained, windows, normalization, device)
@@ -80,13 +81,19 @@ def train_epochs(
             if not history:
                 trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
         weights = _class_weights(windows, device) if settings.class_weights else None
+        random = TorchStream(derive_seed(seed, "dropout"))
+        steps = Steps(trained, optimizer, settings, clean, weights, random, replayed)
         for number in range(len(history) + 1, settings.epochs + 1):
-            for group in optimizer.param_groups:
-                group["lr"] = settings.learning_rate_in(number)
-            random = TorchStream(derive_seed(seed, "dropout", number))
+            _set_rate(optimizer, settings.learning_rate_in(number))
+            random.restart(derive_seed(seed, "dropout", number))
             with random:
                 data = epoch_data(number)
-            loss, accuracy = _train_epoch(trained, optimizer, data, weights, settings, seed, number, random)
+            order = torch.from_numpy(stream(seed, "order", number).permutation(len(windows))).to(device)
+            loss, accuracy = steps.epoch(data, order)
+            if not math.isfinite(loss):
+                raise InputError(
+                    f"the loss is {loss} in epoch {number}; the learning rate is too high, or a sample too large."
+                )
             history += (Epoch(number, loss, accuracy),)
             if checkpoint is not None:
                 save_checkpoint(Path(checkpoint), run, trained, optimizer, history)
@@ -141,39 +148,12 @@ def _tensors(network: Network, windows: WindowSet, normalization: Normalization,
     return represented, torch.from_numpy(windows.target).to(device)
 
 
-def _train_epoch(
-    network: Network,
-    optimizer: torch.optim.Optimizer,
-    data: tuple[Tensor, Tensor],
-    weights: Tensor | None,
-    settings: TrainingSettings,
-    seed: int,
-    number: int,
-    random: TorchStream,
-) -> tuple[float, float]:
-    """(mean loss, accuracy) of one pass, in an order and with a dropout that only `seed` and `number` decide.
-
-    Only the forward pass draws random numbers. The rest runs outside `random`, which costs time in each operation.
-    """
-    signal, target = data
-    order = torch.from_numpy(stream(seed, "order", number).permutation(len(target))).to(signal.device)
-    network.train()
-    total, right = torch.zeros((), device=signal.device), torch.zeros((), device=signal.device)
-    for batch in batches(order, settings.batch_size):
-        classes = target[batch]
-        short = settings.precision == "bfloat16"
-        with random, torch.autocast(signal.device.type, torch.bfloat16, enabled=short):
-            scores = network.head(network.encode(signal[batch]))
-        loss = functional.cross_entropy(scores.float() if short else scores, classes, weight=weights)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        total += loss.detach() * len(batch)
-        right += (scores.argmax(dim=1) == classes).sum()
-    mean = float(total) / len(target)
-    if not math.isfinite(mean):
-        raise InputError(f"the loss is {mean} in epoch {number}; the learning rate is too high, or a sample too large.")
-    return mean, float(right) / len(target)
+def _set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
+    for group in optimizer.param_groups:
+        if isinstance(group["lr"], Tensor):
+            group["lr"].fill_(rate)
+        else:
+            group["lr"] = rate
 
 
 def save_checkpoint(

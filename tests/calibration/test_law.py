@@ -88,6 +88,19 @@ def test_a_depth_that_the_recordings_do_not_tell_is_the_one_stated_where_noise_r
     assert law.floor_of(law.fault) == pytest.approx(law.floor)
 
 
+def test_windows_say_that_no_recording_told_how_slippers_follow(
+    calibration: Calibration, recordings: list[Recording]
+) -> None:
+    law = calibration.law
+    assert law is not None
+    estimates = [replace(item, verdict="not identified") if item == law.corner else item for item in law.estimates]
+    unknown = replace(calibration, law=replace(law, estimates=tuple(estimates)))
+    arguments = {"count": 2, "like": recordings[:2], "pressure": MPa(10), "window": 1024, "background": "none"}
+    assert "follow a recess is not identified" in " ".join(synthesize(unknown, STATED, **arguments).notes)
+    for source, fault in ((calibration, STATED), (unknown, TRUE), (unknown, None)):
+        assert "follow a recess" not in " ".join(synthesize(source, fault, **arguments).notes)
+
+
 def test_severity_searches_a_stated_recess_under_the_law(calibration: Calibration, recordings: list[Recording]) -> None:
     (estimate,) = estimate_severity(calibration, recordings[2:3], STATED, healthy=recordings[:2], free=()).estimates
     depth, corner = estimate.dimensions

@@ -47,6 +47,11 @@ class FaultLaw:
         """Factor on the noise between the lines at the depth of `fault`."""
         return self.estimates[-1].value
 
+    @property
+    def corner(self) -> Estimate:
+        """Estimate of the corner [Hz]."""
+        return next(item for item in self.estimates if item.letter == "corner")
+
     def of(self, fault: Fault | None, corner_shift: float = 0.0) -> Fault | None:
         """`fault` under this law, where it is a recess that states no corner; any other fault as it is.
 
@@ -57,8 +62,7 @@ class FaultLaw:
         if not isinstance(fault, SwashPlateDefect) or fault.corner:
             return fault
         names = ("contact", "edge", "fall", "gain", "leakage")
-        corner = next(item for item in self.estimates if item.letter == "corner")
-        drawn = corner.value * math.exp(corner.log_std * corner_shift)
+        drawn = self.corner.value * math.exp(self.corner.log_std * corner_shift)
         return replace(fault, corner=drawn, **{name: getattr(self.fault, name) for name in names})
 
     def space(self, space: FaultSpace) -> FaultSpace:
@@ -66,9 +70,8 @@ class FaultLaw:
         lawful = self.of(space.reference)
         if lawful is None or lawful == space.reference:
             return space
-        deviation = next(item.log_std for item in self.estimates if item.letter == "corner")
         (corner,) = (item for item in search_of(lawful).dimensions if item.name == "corner")
-        return FaultSpace(lawful, (*space.free, replace(corner, deviation=deviation)))
+        return FaultSpace(lawful, (*space.free, replace(corner, deviation=self.corner.log_std)))
 
     def floor_of(self, fault: Fault | None) -> float:
         """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one.

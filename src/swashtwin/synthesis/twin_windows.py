@@ -135,6 +135,12 @@ def synthesize(
             f"the calibration read {', '.join(read)}, and not {', '.join(unread)}, whose gains are those of the pump "
             "file, which no recording has checked; calibrate on them, or leave them out (channels = [...]).",
         )
+    law = None if calibration is None or values == "nominal" else calibration.law
+    if law is not None and law.of(fault) != fault and law.corner.verdict in ("at bound", "not identified"):
+        notes = (
+            *notes,
+            f"how far slippers follow a recess is {law.corner.verdict}: the windows take it from its prior.",
+        )
     twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
     calibrated_on = {} if calibration is None else calibration.recording_hashes
     simulate = partial(
@@ -145,7 +151,7 @@ def synthesize(
         variation=variation,
         background=background,
         posterior=[calibration.posterior] * len(conditions) if calibration and values == "drawn" else None,
-        law=[calibration.law] * len(conditions) if calibration and values != "nominal" else None,
+        law=[law] * len(conditions),
     )
     windows = simulate([twin.at(condition) for condition in conditions])
     facts = {item.name: getattr(windows, item.name) for item in fields(WindowSet)}

@@ -1,5 +1,6 @@
 """The steps of an epoch: launched one by one, or on a GPU replayed as one CUDA graph."""
 
+import warnings
 from collections.abc import Callable
 from copy import deepcopy
 
@@ -117,7 +118,8 @@ def capture(step: Callable[[], None], generator: torch.Generator) -> Callable[[]
         graph, side = torch.cuda.CUDAGraph(), torch.cuda.Stream()
         graph.register_generator_state(generator)
         side.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(side):
+        with torch.cuda.stream(side), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "This instance was constructed with capturable=True")  # and is captured
             for _ in range(_WARM_UP):
                 step()
         torch.cuda.current_stream().wait_stream(side)

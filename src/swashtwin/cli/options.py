@@ -242,8 +242,8 @@ def _setting(name: str, text: str, default: Any) -> Any:
     several, first = default is None or isinstance(default, tuple), default
     if isinstance(default, tuple) and default:
         first = default[0]
-    one = {bool: (bool, "true or false"), int: (int, "a whole number")}.get(type(first))
-    kinds, words = ((one[0],), one[1]) if one else ((int, float), "a number")
+    types = {bool: ((bool,), "true or false"), int: ((int,), "a whole number")}
+    kinds, words = types.get(type(first), ((int, float), "a number"))
     if not values or not all(type(value) in kinds for value in values) or (len(values) > 1 and not several):
         reason = f"{name}={text} must be {words}{', or several with commas' if several else ''}."
         raise typer.BadParameter(reason, param_hint="--set")

@@ -150,7 +150,7 @@ def name_alike(
     fault_of : fault that a measured class stands for.
         An `InputError` where nobody measured the class, or simulated the fault.
     """
-    made = dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label))
+    synthetic = dict.fromkeys(str(label) for windows in sets for label in np.unique(windows.label))
     for label, fault in fault_of.items():
         if label not in measured:
             raise InputError(
@@ -161,11 +161,11 @@ def name_alike(
     names = {canonical_label(fault, tuple(FAULT_KINDS)): label for label, fault in fault_of.items()}
     healthy = [label for label in measured if is_healthy(label)]
     if len(healthy) == 1:
-        names |= {name: healthy[0] for name in made if is_healthy(name)}
-    renamed = {names.get(name, name) for name in made}
+        names |= {name: healthy[0] for name in synthetic if is_healthy(name)}
+    renamed = {names.get(name, name) for name in synthetic}
     lone = [label for label in sorted(measured) if label not in renamed and not is_healthy(label)]
     notes = []
-    for name in made:
+    for name in synthetic:
         if names.get(name, name) in measured or not lone:
             continue
         likely = [label for label in lone if propose_class(label) == name]
@@ -204,8 +204,7 @@ def windows_to_train(
         group = recording_groups(recordings, group)
     if further and classes is None:
         labels = {str(item.label) for item in recordings if item.label}
-        made = further[0].classes
-        classes = made if labels <= set(made) else sorted(labels)
+        classes = further[0].classes if labels <= set(further[0].classes) else sorted(labels)
     length = classifier.window or (further[0].length if further else _WINDOWS.get(classifier.network or ""))
     windows = learning.cut_windows(
         recordings,
@@ -278,11 +277,11 @@ def hold_out_validation(
     fraction : share of the recordings that is held out; 0 for none.
     error_rate : that which the validation recordings should allow; 0.1 if None, and then as far as they go.
     """
-    asked = _ERROR_RATE if error_rate is None else error_rate
+    aim = _ERROR_RATE if error_rate is None else error_rate
     if not fraction:
-        return training, None, asked, ()
+        return training, None, aim, ()
     n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
-    share, _ = learning.validation_share(n_left, asked, fraction)
+    share, _ = learning.validation_share(n_left, aim, fraction)
     try:
         training, validation = learning.split_by_recording(
             training, test_fraction=share, seed=seed, group=group, keep_in_training=manifest
@@ -295,11 +294,11 @@ def hold_out_validation(
     count = np.unique(validation.recording_id).size
     if error_rate is not None:
         learning.require_enough(count, error_rate)
-    allowed, notes = learning.allowed_error_rate(count, asked), tuple[str, ...]()
-    if allowed != asked or share != fraction:
-        rate = f"; they allow an error rate of {allowed:g}" if allowed != asked else ""
+    allowed, notes = learning.allowed_error_rate(count, aim), tuple[str, ...]()
+    if allowed != aim or share != fraction:
+        rate = f"; they allow an error rate of {allowed:g}" if allowed != aim else ""
         notes = (
-            f"An error rate of {asked:g} needs {learning.least_validation(asked)} validation recordings, and a share "
+            f"An error rate of {aim:g} needs {learning.least_validation(aim)} validation recordings, and a share "
             f"of {fraction:g} is about {round(fraction * n_left)}; {count} of {n_left} recordings are held out for "
             f"it{rate}.",
         )

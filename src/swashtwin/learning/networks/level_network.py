@@ -225,9 +225,9 @@ def solve_alike(
             network.weights |= discriminant(levels[-1], target, network.n_classes)
     if "hidden" in heads:
         size, dropout, noise = (networks[0].settings[name] for name in ("hidden", "dropout", "noise"))
-        found = fit_hidden(np.stack(levels), target, network.n_classes, size, dropout=dropout, noise=noise, seed=seed)
+        layers = fit_hidden(np.stack(levels), target, network.n_classes, size, dropout=dropout, noise=noise, seed=seed)
         for index, network in enumerate(networks):
-            network.weights |= {name: part[index] for name, part in found.items()}
+            network.weights |= {name: part[index] for name, part in layers.items()}
 
 
 def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> Float64[np.ndarray, "window class"]:
@@ -304,9 +304,9 @@ def fit_hidden(
             variance += _MOMENTUM * (unbiased - variance)
             inverse = 1 / np.sqrt(spread + np.float32(_LEAST_VARIANCE))
             scaled = (sums - center) * inverse
-            kept = rng.random(sums.shape[-2:], dtype=np.float32) < keep if dropout else True
+            mask = rng.random(sums.shape[-2:], dtype=np.float32) < keep if dropout else True
             before = scaled * weights["gain"] + weights["shift"]
-            passing = ((before > 0) & kept) / keep
+            passing = ((before > 0) & mask) / keep
             active = before * passing
             scores = active @ weights["second"].swapaxes(-1, -2) + weights["bias"]
             slope = scipy.special.softmax(scores, axis=-1)

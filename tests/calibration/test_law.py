@@ -96,7 +96,7 @@ def test_windows_say_that_no_recording_told_how_slippers_follow(
     estimates = [replace(item, verdict="not identified") if item == law.corner else item for item in law.estimates]
     unknown = replace(calibration, law=replace(law, estimates=tuple(estimates)))
     arguments = {"count": 2, "like": recordings[:2], "pressure": MPa(10), "window": 1024, "background": "none"}
-    assert "follow a recess is not identified" in " ".join(synthesize(unknown, STATED, **arguments).notes)
+    assert "(corner: not identified); the windows guess it" in " ".join(synthesize(unknown, STATED, **arguments).notes)
     for source, fault in ((calibration, STATED), (unknown, TRUE), (unknown, None)):
         assert "follow a recess" not in " ".join(synthesize(source, fault, **arguments).notes)
 

@@ -366,14 +366,26 @@ def test_settings_that_make_no_sense_are_refused(change: dict[str, Any], message
 
 @pytest.fixture
 def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Trainings on the processor go the way of a GPU that replays; the list counts the replays."""
+    """Trainings on the processor go the way of a GPU that replays; the list counts the replays.
+
+    A graph reads and writes the memory that it was captured with, so each replay must find all tensors in their places.
+    """
     counted: list[int] = []
 
     def capture(step, generator):
+        def places():
+            own = step.__closure__[0].cell_contents
+            rates = [group["lr"] for group in own.optimizer.param_groups]
+            moments = [value for state in own.optimizer.state.values() for value in state.values()]
+            held = [own._signal, own._target, own._batch, own._sums, *own.network.state_dict().values()]
+            return [tensor.data_ptr() for tensor in (*held, *rates, *moments)]
+
         for _ in range(3):
             step()
+        captured = places()
 
         def replay():
+            assert places() == captured
             counted.append(1)
             step()
 
@@ -438,7 +450,8 @@ def test_a_step_is_captured_after_a_warm_up_with_its_generator(monkeypatch):
 
     parts = {
         "device": lambda device: Context("device"), "CUDAGraph": Graph, "Stream": Stream, "current_stream": Stream,
-        "stream": lambda side: Context("side"), "graph": lambda graph: Context("capture"),
+        "stream": lambda side: Context("side"),
+        "graph": lambda graph, stream, capture_error_mode: Context("capture"),
     }  # fmt: skip
     for name, part in parts.items():
         monkeypatch.setattr(torch.cuda, name, part)

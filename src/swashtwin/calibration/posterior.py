@@ -72,6 +72,11 @@ class Estimate:
     """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
 
     @property
+    def is_told(self) -> bool:
+        """Whether the measurement says more of the value than was known before."""
+        return self.verdict in ("identified", "weak")
+
+    @property
     def open_sides(self) -> tuple[bool, bool]:
         """Whether the interval is limited by nothing but the bound, below and above."""
         below, above = (

@@ -44,7 +44,7 @@ class FaultLaw:
 
     @property
     def floor(self) -> float:
-        """Factor on the noise between the lines at the depth of `fault`."""
+        """Factor on the noise between the lines at the depth that was recorded (`floor_of`)."""
         return self.estimates[-1].value
 
     @property
@@ -74,14 +74,14 @@ class FaultLaw:
         return FaultSpace(lawful, (*space.free, replace(corner, deviation=self.corner.log_std)))
 
     def floor_of(self, fault: Fault | None) -> float:
-        """Factor on the noise with a recess of another depth, of which its logarithm is a multiple; 1 without one.
+        """Factor on the noise with a recess of any depth, of which its logarithm is a multiple; 1 without one.
 
-        The recess recorded has the depth that was found, or where the recordings do not tell it, the one stated.
+        The recess that was recorded has the depth found, or where the recordings do not tell it, the one stated.
         """
         if not isinstance(fault, SwashPlateDefect):
             return 1.0
         depth = self.estimates[0]
-        recorded = depth.value if depth.verdict in ("identified", "weak") else depth.nominal
+        recorded = depth.value if depth.is_told else depth.nominal
         return float(self.floor ** (fault.depth / recorded))
 
 

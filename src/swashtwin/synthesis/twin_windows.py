@@ -136,10 +136,10 @@ def synthesize(
             "file, which no recording has checked; calibrate on them, or leave them out (channels = [...]).",
         )
     law = None if calibration is None or values == "nominal" else calibration.law
-    if law is not None and law.of(fault) != fault and law.corner.verdict in ("at bound", "not identified"):
+    if law is not None and law.of(fault) != fault and not law.corner.is_told:
         notes = (
             *notes,
-            f"how far slippers follow a recess is {law.corner.verdict}: the windows take it from its prior.",
+            f"no recording tells how slippers follow a recess (corner: {law.corner.verdict}); the windows guess it.",
         )
     twin = replace(twin, bandwidth=min(twin.bandwidth, measured.sample_rate / 2.56))
     calibrated_on = {} if calibration is None else calibration.recording_hashes

@@ -38,7 +38,8 @@ class Network(Configured, nn.Module):
 
     has_gradients: ClassVar[bool] = True
     is_capturable: ClassVar[bool] = False
-    """Whether a step of its training can be captured as a CUDA graph: it asks no tensor for its values."""
+    """Whether a step of its training can be captured as a CUDA graph: it asks no tensor for its values, does the same
+    whatever they are, and draws only with operations that take a generator."""
     head: nn.Module
     """Last layer, features to one score per class."""
 

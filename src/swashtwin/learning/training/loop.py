@@ -71,15 +71,15 @@ def train_epochs(
         with TorchStream(derive_seed(seed, "pretraining")):
             clean = _tensors(trained, windows, normalization, device)
 
-            def epoch_data(number: int) -> tuple[Tensor, Tensor]:
+            def epoch_signal(number: int) -> Tensor:
                 which, changed = transform_windows(windows, settings, seed, number)
                 if not len(which):
-                    return clean
+                    return clean[0]
                 again, _ = _tensors(trained, changed, normalization, device)
-                return clean[0].index_copy(0, torch.from_numpy(which).to(device), again), clean[1]
+                return clean[0].index_copy(0, torch.from_numpy(which).to(device), again)
 
             if not history:
-                trained.pretrain(epoch_data(0)[0], derive_seed(seed, "pretraining"))
+                trained.pretrain(epoch_signal(0), derive_seed(seed, "pretraining"))
         weights = _class_weights(windows, device) if settings.class_weights else None
         random = TorchStream(derive_seed(seed, "dropout"))
         steps = Steps(trained, optimizer, settings, clean, weights, random, replayed)
@@ -87,9 +87,9 @@ def train_epochs(
             _set_rate(optimizer, settings.learning_rate_in(number))
             random.restart(derive_seed(seed, "dropout", number))
             with random:
-                data = epoch_data(number)
+                signal = epoch_signal(number)
             order = torch.from_numpy(stream(seed, "order", number).permutation(len(windows))).to(device)
-            loss, accuracy = steps.epoch(data, order)
+            loss, accuracy = steps.epoch(signal, order)
             if not math.isfinite(loss):
                 raise InputError(
                     f"the loss is {loss} in epoch {number}; the learning rate is too high, or a sample too large."

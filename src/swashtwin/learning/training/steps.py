@@ -1,6 +1,5 @@
 """The steps of an epoch: launched one by one, or on a GPU replayed as one CUDA graph."""
 
-import warnings
 from collections.abc import Callable
 from copy import deepcopy
 
@@ -37,7 +36,7 @@ class Steps:
 
     Parameters
     ----------
-    data : (windows, their classes) of any epoch; later ones have the same shapes.
+    data : (windows, their classes); the windows of an epoch have the same shape.
     weights : of each class in the loss.
     random : what dropout draws from; a replayed step draws the next numbers of the same generator.
     """
@@ -58,20 +57,19 @@ class Steps:
         self._sums = torch.zeros(2, device=data[1].device)
         self._replay: Callable[[], None] | None = None
         if replayed and settings.batch_size <= len(data[1]):
-            self._signal, self._target = data[0].clone(), data[1].clone()
+            self._signal = data[0].clone()
             self._batch = torch.arange(settings.batch_size, device=data[1].device)
             self._replay = self._captured()
 
-    def epoch(self, data: tuple[Tensor, Tensor], order: Int[Tensor, " window"]) -> tuple[float, float]:
-        """(mean loss, accuracy) of one pass in that order, while the weights move; a batch of another size than the
-        usual is never replayed."""
+    def epoch(self, signal: Tensor, order: Int[Tensor, " window"]) -> tuple[float, float]:
+        """(mean loss, accuracy) of one pass over the windows in that order, while the weights move; a batch of another
+        size than the usual is never replayed."""
         self.network.train()
         self._sums.zero_()
         if self._replay is None:
-            self._signal, self._target = data
+            self._signal = signal
         else:
-            self._signal.copy_(data[0])
-            self._target.copy_(data[1])
+            self._signal.copy_(signal)
         for batch in batches(order, self.settings.batch_size):
             if self._replay is None or len(batch) != len(self._batch):
                 self._step(batch)
@@ -86,7 +84,7 @@ class Steps:
         classes = self._target[batch]
         short = self.settings.precision == "bfloat16"
         kind = self._target.device.type
-        with self.random, torch.autocast(kind, torch.bfloat16, enabled=short, cache_enabled=False):
+        with self.random, torch.autocast(kind, torch.bfloat16, enabled=short):
             scores = self.network.head(self.network.encode(self._signal[batch]))
         loss = functional.cross_entropy(scores.float() if short else scores, classes, weight=self.weights)
         self.optimizer.zero_grad()
@@ -118,12 +116,11 @@ def capture(step: Callable[[], None], generator: torch.Generator) -> Callable[[]
         graph, side = torch.cuda.CUDAGraph(), torch.cuda.Stream()
         graph.register_generator_state(generator)
         side.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(side), warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "This instance was constructed with capturable=True")  # and is captured
+        with torch.cuda.stream(side):
             for _ in range(_WARM_UP):
                 step()
         torch.cuda.current_stream().wait_stream(side)
-        with torch.cuda.graph(graph):
+        with torch.cuda.graph(graph, stream=side, capture_error_mode="thread_local"):
             step()
     replay: Callable[[], None] = graph.replay
     return replay

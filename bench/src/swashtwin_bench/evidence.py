@@ -24,8 +24,8 @@ USUAL_INTERVALS = ("mean ± std", "mean ± std over fleets", "mean ± std over p
 _PICTURES = ", ".join(
     f"[{name}](../figures/paper/{name}.svg)"
     for name in (
-        "excitation", "waveforms", "spectra", "identification-rates", "training-sets", "confusion", "tsne",
-        "training-loss", "ablation", "noise", "algorithms", "related",
+        "excitation", "waveforms", "spectra", "identification-rates", "training-sets", "confusion", "confusion-case2",
+        "tsne", "tsne-case2", "training-loss", "ablation", "noise", "algorithms", "related",
     )
 )  # fmt: skip
 HEAD = f"""# The evidence
@@ -39,8 +39,7 @@ other recordings; L3: another pressure; L4: other pumps; L5: synthetic to measur
 at 15 MPa. *Nominal* and *calibrated*: training sets or twins by the pump file, by recordings. *Trees*: extra
 trees. By window unless said; other [terms](../reference/nomenclature.md).
 
-Pictures of the paper's experiments (medium, fleets 20 to 22): {_PICTURES}. The confusion matrix and t-SNE are of
-Case I.
+Pictures of the paper's experiments (medium, fleets 20 to 22, those of Case II 30 to 33): {_PICTURES}.
 """
 
 

@@ -7,7 +7,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+)
 # the arrays are small: a second thread takes processor time and saves none
 
 import hypothesis
@@ -25,7 +27,9 @@ if HAS_TORCH := find_spec("torch") is not None:
 
     torch.set_num_threads(1)
 threadpoolctl.threadpool_limits(1)  # numpy may have been imported before this file
-hypothesis.settings.register_profile("busy", deadline=None)  # other work on the machine is no failure
+hypothesis.settings.register_profile(
+    "busy", deadline=None
+)  # other work on the machine is no failure
 hypothesis.settings.load_profile("busy")
 
 NEEDS_EXTRA = re.compile(
@@ -38,7 +42,9 @@ BASE = "tests/learning/test_default_without_torch.py"
 
 
 def _left_out(report: Any) -> Any:
-    """A report of a failure for want of an optional package as one of a skip, in an environment without torch."""
+    """A report of a failure for want of an optional package as one of a skip, in an environment
+    without torch.
+    """
     found = NEEDS_EXTRA.search(report.longreprtext) if report.failed and not HAS_TORCH else None
     if found and not report.nodeid.startswith(BASE):
         report.outcome, report.longrepr = "skipped", (str(report.nodeid), 0, found[0])
@@ -53,7 +59,9 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
-    """Without torch, a test that asks for an optional package is skipped; test_extras.py pins what may ask."""
+    """Without torch, a test that asks for an optional package is skipped; test_extras.py pins what
+    may ask.
+    """
     return _left_out((yield))
 
 

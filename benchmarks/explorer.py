@@ -2,9 +2,10 @@
 
     python benchmarks/explorer.py
 
-A virtual rig of 270 recordings is served. First picture: from the address to the table's rows. Sliders: time from a
-drag to its picture, 50th and 95th percentile. One line of JSON each, with the machine's load beside, on which all
-depend. Needs playwright and /usr/bin/chromium. Frames a second over a long recording are a nightly test.
+A virtual rig of 270 recordings is served. First picture: from the address to the table's rows.
+Sliders: time from a drag to its picture, 50th and 95th percentile. One line of JSON each, with the
+machine's load beside, on which all depend. Needs playwright and /usr/bin/chromium. Frames a second
+over a long recording are a nightly test.
 """
 
 import json
@@ -22,7 +23,16 @@ from swashtwin.monitoring import serving_page
 from swashtwin_bench import build_rig
 
 PORT = 18765
-RECESS = {"depth": 6e-4, "length": 0.03, "width": 0.024, "angle": 4.71, "corner": 0, "fall": 2, "gain": 1, "leakage": 1}
+RECESS = {
+    "depth": 6e-4,
+    "length": 0.03,
+    "width": 0.024,
+    "angle": 4.71,
+    "corner": 0,
+    "fall": 2,
+    "gain": 1,
+    "leakage": 1,
+}
 SLIDERS: list[tuple[str, str, dict[str, float]]] = [
     ("", "K_v: block", {}), ("", "Discharge pressure", {}), ("swash_plate", "Fault: depth", RECESS),
     ("piston", "Fault: clearance", {"clearance": 4e-5}), ("loose_slipper", "Fault: clearance", {"clearance": 1e-4}),
@@ -45,7 +55,11 @@ def first_picture(page: Page) -> None:
 def slider(page: Page, fault: str, label: str, dimensions: dict[str, float]) -> None:
     """Times from a drag to its picture."""
     name = "B/B_swash_plate_15MPa_1.h5" if fault == "swash_plate" else "A/A_normal_15MPa_1.h5"
-    setting = {"fault": fault, "recording": name, **({"dimensions": dimensions} if dimensions else {})}
+    setting = {
+        "fault": fault,
+        "recording": name,
+        **({"dimensions": dimensions} if dimensions else {}),
+    }
     page.goto("about:blank")
     page.goto(f"http://127.0.0.1:{PORT}/#twin?setting={quote(json.dumps(setting))}")
     page.locator("text=Misfit by line").wait_for()
@@ -71,7 +85,9 @@ def main(folder: Path) -> None:
     """Serve, open, move and drag."""
     index = build_rig(folder / "rig", seed=0, size="small", jobs=2)
     with sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"])
+        chromium = driver.chromium.launch(
+            executable_path="/usr/bin/chromium", args=["--no-sandbox", "--disable-gpu"]
+        )
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(60_000)
         with serving_page(build_explorer(Workspace(index)), "127.0.0.1", PORT):

@@ -2,8 +2,8 @@
 
     python benchmarks/fuzz_readers.py --jobs 2 --out docs/reference/robustness.md
 
-A crash of this process, a hang, another exception than a refusal, or something silently wrong is a failure. Each format
-is fuzzed in a process of its own, so that a crash is seen.
+A crash of this process, a hang, another exception than a refusal, or something silently wrong is a
+failure. Each format is fuzzed in a process of its own, so that a crash is seen.
 """
 
 import argparse
@@ -44,7 +44,12 @@ def run(name: str, count: int) -> dict[str, Any]:
             counts[kind] += 1
             failures += [(number, kind, message)] if kind in FAILURES else []
         pool.shutdown(kill_workers=True)
-    return {"format": name, "outcomes": counts, "failures": failures, "seconds": time.perf_counter() - started}
+    return {
+        "format": name,
+        "outcomes": counts,
+        "failures": failures,
+        "seconds": time.perf_counter() - started,
+    }
 
 
 def line_of(row: dict[str, Any]) -> str:
@@ -61,15 +66,25 @@ def write_line(page: Path, line: str) -> None:
     """Replace a line of the table of a page, which begins at `MARK` and ends at an empty line."""
     before, _, after = page.read_text(encoding="utf-8").partition(MARK)
     table, _, rest = after.partition("\n\n")
-    saved = {each.split(" | ")[0].removeprefix("| "): each for each in (*table.splitlines()[3:], line)}
-    order = (*(name for name in PARTS if name in saved), *(name for name in saved if name not in PARTS))
-    page.write_text(f"{before}{MARK}\n{HEADER}\n" + "\n".join(map(saved.get, order)) + f"\n\n{rest}", encoding="utf-8")
+    saved = {
+        each.split(" | ")[0].removeprefix("| "): each for each in (*table.splitlines()[3:], line)
+    }
+    order = (
+        *(name for name in PARTS if name in saved),
+        *(name for name in saved if name not in PARTS),
+    )
+    page.write_text(
+        f"{before}{MARK}\n{HEADER}\n" + "\n".join(map(saved.get, order)) + f"\n\n{rest}",
+        encoding="utf-8",
+    )
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=2000, help="files of each format")
-    parser.add_argument("--format", default=",".join(PARTS), help="parts, such as csv,bombs; by default all")
+    parser.add_argument(
+        "--format", default=",".join(PARTS), help="parts, such as csv,bombs; by default all"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="parts at the same time")
     parser.add_argument("--out", type=Path, help="page whose lines of these parts are replaced")
     options = parser.parse_args()
@@ -81,7 +96,9 @@ def main() -> int:
     print(HEADER)
     with ThreadPoolExecutor(options.jobs) as threads:
         slowest_first = sorted(names, key=PARTS.index, reverse=True)
-        for done in as_completed([threads.submit(run, name, counts[name]) for name in slowest_first]):
+        for done in as_completed(
+            [threads.submit(run, name, counts[name]) for name in slowest_first]
+        ):
             row = done.result()
             print(line_of(row), *row["failures"][:8], sep="\n", flush=True)
             has_failed |= bool(row["failures"])

@@ -1,15 +1,17 @@
-"""Damaged, lying and greedy files for the readers of recordings, and what comes of reading one of them.
+"""Damaged, lying and greedy files for the readers of recordings, and what comes of reading one of
+them.
 
-Of the files of each format three quarters are damaged (bytes changed, left out, repeated; files cut off), and one
-quarter is whole but lies: rates, units, shapes and number types that cannot be or contradict. `BOMBS` are small files
-that ask for too much memory or time.
+Of the files of each format three quarters are damaged (bytes changed, left out, repeated; files cut
+off), and one quarter is whole but lies: rates, units, shapes and number types that cannot be or
+contradict. `BOMBS` are small files that ask for too much memory or time.
 
-A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length and the samples that
-it states. A damaged file of a format without a checksum may hold other samples, but not another rate. The only
-exceptions, counted apart as `stated_rate`: HDF5 files of the layout that MATLAB and many others write, and
-uncompressed MATLAB files, in which nothing has a checksum, so that changed bytes (not missing ones) that state the
-rate, or say where it stands, cannot be told from true ones unless the rate is absurd; and TDMS files of which only one
-channel is left, so that no other contradicts.
+A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length
+and the samples that it states. A damaged file of a format without a checksum may hold other
+samples, but not another rate. The only exceptions, counted apart as `stated_rate`: HDF5 files of
+the layout that MATLAB and many others write, and uncompressed MATLAB files, in which nothing has a
+checksum, so that changed bytes (not missing ones) that state the rate, or say where it stands,
+cannot be told from true ones unless the rate is absurd; and TDMS files of which only one channel is
+left, so that no other contradicts.
 """
 
 import gzip
@@ -30,13 +32,24 @@ import numpy as np
 from numpy.lib import format as npy
 
 from swashtwin.foundation import MEMORY_VARIABLE, SwashTwinError
-from swashtwin.recordings import Recording, join_blocks, load_recording, load_recordings, write_recording, write_store
+from swashtwin.recordings import (
+    Recording,
+    join_blocks,
+    load_recording,
+    load_recordings,
+    write_recording,
+    write_store,
+)
 
 RATE = 25600.0
 TELLS_ONCE = ("mat73", "hdf5_foreign", "mat5_plain")
-"""Formats whose rate stands in one place, found by addresses, and of which nothing has a checksum."""
+"""Formats whose rate stands in one place, found by addresses, and of which nothing has a
+checksum.
+"""
 CHECKED = ("csv_gz", "text_gz", "mat5", "hdf5", "store", "npz")
-"""Formats with checksums of everything, which must never be read as anything else than what was written."""
+"""Formats with checksums of everything, which must never be read as anything else than what was
+written.
+"""
 SILENT = ("wrong_rate", "wrong_samples", "wrong_unit")
 FAILURES = (*SILENT, "exception", "two_lines", "crash", "hang")
 MEMORY_KB = 1_500_000
@@ -47,13 +60,22 @@ STATES_UNIT = (
     "csv", "csv_gz", "mat5", "mat5_plain", "hdf5", "hdf5_foreign", "tdms", "uff", "parquet", "npz", "mdf", "store",
 )  # fmt: skip
 """Formats that state the unit."""
-_WORDS = (b"\x00" * 4, b"\xff" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\x01\x00\x00\x00", b"\xff" * 8)
+_WORDS = (
+    b"\x00" * 4,
+    b"\xff" * 4,
+    b"\xff\xff\xff\x7f",
+    b"\x00\x00\x00\x80",
+    b"\x01\x00\x00\x00",
+    b"\xff" * 8,
+)
 
 
 def recording() -> Recording:
     """What every file holds."""
     signal = np.random.default_rng(0).standard_normal((2, 60))
-    return Recording(signal, RATE, "a", channels=("x", "y"), label="normal", attributes={"sensor": "352C33"})
+    return Recording(
+        signal, RATE, "a", channels=("x", "y"), label="normal", attributes={"sensor": "352C33"}
+    )
 
 
 def _plain(suffix: str) -> Callable[[Path], Path]:
@@ -69,7 +91,10 @@ def _gzipped(folder: Path) -> Path:
 def _header_lines(folder: Path) -> Path:
     rows = zip(recording().time, *recording().signal, strict=True)
     lines = "".join("\t".join(f"{value:.10f}" for value in row) + "\n" for row in rows)
-    text = "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\nTime     \tch 0     \tch 1     \n" + lines
+    text = (
+        "%\n% Convert TDMS to ASCII\n% File created on 10-4-2026\n%\n\nTime     \tch 0     \tch 1     \n"
+        + lines
+    )
     (folder / "a.dat.gz").write_bytes(gzip.compress(text.encode()))
     return folder / "a.dat.gz"
 
@@ -89,7 +114,13 @@ def _matlab_plain(folder: Path) -> Path:
     from scipy.io import savemat
 
     first, second = recording().signal
-    content = {"x": first, "y": second, "fs": RATE, "unit": "g", "rig": {"note": "352C33", "levels": np.arange(3.0)}}
+    content = {
+        "x": first,
+        "y": second,
+        "fs": RATE,
+        "unit": "g",
+        "rig": {"note": "352C33", "levels": np.arange(3.0)},
+    }
     savemat(folder / "a.mat", content, do_compression=False)
     return folder / "a.mat"
 
@@ -101,7 +132,9 @@ def _foreign(folder: Path) -> Path:
     return folder / "a.h5"
 
 
-def _write_universal(path: Path, rows: list[np.ndarray], rates: list[float | None], units: list[str]) -> Path:
+def _write_universal(
+    path: Path, rows: list[np.ndarray], rates: list[float | None], units: list[str]
+) -> Path:
     import pyuff
 
     steps = [0.0 if rate is None else float(np.divide(1.0, rate)) for rate in rates]
@@ -130,7 +163,9 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
     "store": lambda folder: write_store([recording()], folder / "a.h5"),
     "wav": _plain("wav"),
     "tdms": _plain("tdms"),
-    "uff": lambda folder: _write_universal(folder / "a.uff", [*recording().signal], [RATE] * 2, ["g"] * 2),
+    "uff": lambda folder: _write_universal(
+        folder / "a.uff", [*recording().signal], [RATE] * 2, ["g"] * 2
+    ),
     "parquet": _plain("parquet"),
     "npz": _plain("npz"),
     "mdf": _plain("mf4"),
@@ -139,18 +174,24 @@ FORMATS: dict[str, Callable[[Path], Path]] = {
 
 
 def mutated(content: bytes, generator: np.random.Generator) -> bytes:
-    """`content` cut off, or with some of its bytes changed, left out, repeated or set to telling values."""
+    """`content` cut off, or with some of its bytes changed, left out, repeated or set to telling
+    values.
+    """
     kind = generator.integers(0, 10)
     if kind < 3:
         return content[: int(generator.integers(0, len(content)))]
     changed = bytearray(content)
-    reach = len(changed) if generator.random() < 0.5 else min(400, len(changed))  # half of them in the header
+    reach = (
+        len(changed) if generator.random() < 0.5 else min(400, len(changed))
+    )  # half of them in the header
     at = int(generator.integers(0, reach))
     size = int(2 ** generator.uniform(0, np.log2(max(2, len(content) // 4))))
     if kind < 7:
         for offset in generator.integers(0, reach, int(generator.integers(1, 12))):
             changed[offset] = (
-                int(generator.integers(0, 256)) if kind < 6 else changed[offset] ^ (1 << generator.integers(8))
+                int(generator.integers(0, 256))
+                if kind < 6
+                else changed[offset] ^ (1 << generator.integers(8))
             )
     elif kind == 7:
         word = _WORDS[generator.integers(0, len(_WORDS))]
@@ -162,12 +203,20 @@ def mutated(content: bytes, generator: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
-def attempt(name: str, path: Path, *, in_blocks: bool) -> tuple[Recording, np.ndarray] | tuple[str, str]:
-    """Recording of a file and its samples, read with what the format cannot state; or the error's kind and message."""
+def attempt(
+    name: str, path: Path, *, in_blocks: bool
+) -> tuple[Recording, np.ndarray] | tuple[str, str]:
+    """Recording of a file and its samples, read with what the format cannot state; or the error's
+    kind and message.
+    """
     facts = {} if name in STATES_UNIT else {"unit": "1" if name != "wav" else "m/s^2"}
     channels = {"channels": ["x", "y"]} if name == "mat5_plain" and path.name != "lie.mat" else {}
     try:
-        result = load_recordings(path)[0] if name == "store" else load_recording(path, **facts, **channels)
+        result = (
+            load_recordings(path)[0]
+            if name == "store"
+            else load_recording(path, **facts, **channels)
+        )
         return result, join_blocks(result.blocks()).signal if in_blocks else result.signal
     except Exception as error:  # what is looked for
         return _kind_of(error)
@@ -187,7 +236,9 @@ def outcome(name: str, path: Path, original: bytes, *, in_blocks: bool) -> tuple
     assert isinstance(signal, np.ndarray)
     if abs(result.sample_rate / RATE - 1) > 1e-6:
         unchecked = name in TELLS_ONCE and len(path.read_bytes()) >= len(original)
-        alone = name == "tdms" and result.n_channels == 1  # the one whose rate would contradict is lost as well
+        alone = (
+            name == "tdms" and result.n_channels == 1
+        )  # the one whose rate would contradict is lost as well
         return ("stated_rate" if unchecked or alone else "wrong_rate"), f"{result.sample_rate:g} Hz"
     if name in CHECKED and not np.allclose(signal, recording().signal, rtol=0, atol=1e-9):
         return "wrong_samples", f"{signal.shape}"
@@ -205,19 +256,26 @@ class Truth:
     unit: str
 
 
-def outcome_of_lie(name: str, path: Path, truth: Truth | None, *, in_blocks: bool) -> tuple[str, str]:
+def outcome_of_lie(
+    name: str, path: Path, truth: Truth | None, *, in_blocks: bool
+) -> tuple[str, str]:
     """Class of what came of reading a lying file, and the message."""
     result, signal = attempt(name, path, in_blocks=in_blocks)
     if isinstance(result, str):
         return result, str(signal)
     assert isinstance(signal, np.ndarray)
     if truth is None:
-        return "wrong_samples", f"read at {result.sample_rate:g} Hz in {result.unit}, but contradicts itself"
+        return (
+            "wrong_samples",
+            f"read at {result.sample_rate:g} Hz in {result.unit}, but contradicts itself",
+        )
     if not abs(result.sample_rate / truth.rate - 1) <= 1e-5:
         return "wrong_rate", f"{result.sample_rate:g} Hz, not {truth.rate:g} Hz"
     if result.unit != truth.unit:
         return "wrong_unit", f"{result.unit!r}, not {truth.unit!r}"
-    if signal.shape != truth.signal.shape or not np.allclose(signal, truth.signal, rtol=1e-6, atol=1e-9):
+    if signal.shape != truth.signal.shape or not np.allclose(
+        signal, truth.signal, rtol=1e-6, atol=1e-9
+    ):
         return "wrong_samples", f"{signal.shape}, not {truth.signal.shape}"
     return "read", ""
 
@@ -227,7 +285,18 @@ FACTORS = {"g": 9.80665, "m/s^2": 1.0, "mm/s^2": 1e-3, "mg": 9.80665e-3, "Pa": 1
 _JUNK = ("bananas", "", "\x1b[31mg", "=1+1", "g" * 500, "none")
 _RATES = (25600.0, 12800.0, 51200 / 3, 1000.0)
 _ABSURD = (0.0, -25600.0, float("nan"), float("inf"), 1e12, 1e-9, None)
-_NAMES = ("x", "y", "z", "../../etc/passwd", "a\x1b[2Jb", "e\u0301", "\u202egnp", "-1", "=1+1", "n" * 300)
+_NAMES = (
+    "x",
+    "y",
+    "z",
+    "../../etc/passwd",
+    "a\x1b[2Jb",
+    "e\u0301",
+    "\u202egnp",
+    "-1",
+    "=1+1",
+    "n" * 300,
+)
 _TYPES = ("<f8", ">f8", "<f4", "<i2", ">i4", "<u1", "<i8")
 
 
@@ -241,28 +310,54 @@ class Case:
     units: list[str]
 
     def truth(self) -> Truth | None:
-        """What may be read; None where the file must be refused. Accelerations go before other quantities."""
-        vibration = [number for number, unit in enumerate(self.units) if unit in FACTORS and unit not in ("Pa", "V")]
-        if vibration and len(vibration) < len(self.units) and all(unit in FACTORS for unit in self.units):
+        """What may be read; None where the file must be refused. Accelerations go before other
+        quantities.
+        """
+        vibration = [
+            number
+            for number, unit in enumerate(self.units)
+            if unit in FACTORS and unit not in ("Pa", "V")
+        ]
+        if (
+            vibration
+            and len(vibration) < len(self.units)
+            and all(unit in FACTORS for unit in self.units)
+        ):
             columns = (self.names, self.values, self.rates, self.units)
             return Case(*([column[number] for number in vibration] for column in columns)).truth()  # type: ignore[arg-type]
         rate, lengths = self.rates[0], {len(values) for values in self.values}
         units = {"m/s^2" if unit not in ("Pa", "V") else unit for unit in self.units}
         plausible = isinstance(rate, float) and 1e-3 <= rate <= 1e9 and len(set(self.rates)) == 1
-        if not plausible or len(lengths) > 1 or len(units) > 1 or any(unit not in FACTORS for unit in self.units):
+        if (
+            not plausible
+            or len(lengths) > 1
+            or len(units) > 1
+            or any(unit not in FACTORS for unit in self.units)
+        ):
             return None
         assert rate is not None
-        rows = [FACTORS[unit] * values.astype(float) for unit, values in zip(self.units, self.values, strict=True)]
+        rows = [
+            FACTORS[unit] * values.astype(float)
+            for unit, values in zip(self.units, self.values, strict=True)
+        ]
         return Truth(np.stack(rows), rate, units.pop())
 
 
-def case(rng: np.random.Generator, *, types: tuple[str, ...] = _TYPES, same_length: bool = False) -> Case:
+def case(
+    rng: np.random.Generator, *, types: tuple[str, ...] = _TYPES, same_length: bool = False
+) -> Case:
     """Channels of which something may be wrong."""
     count = int(rng.integers(1, 4))
     names = [str(name) for name in rng.choice(_NAMES, count, replace=False)]
-    lengths = [60] * count if same_length or rng.random() < 0.85 else [int(n) for n in rng.integers(5, 70, count)]
+    lengths = (
+        [60] * count
+        if same_length or rng.random() < 0.85
+        else [int(n) for n in rng.integers(5, 70, count)]
+    )
     kind = str(rng.choice(types))
-    values = [np.round(20 * rng.standard_normal(length)).clip(0, 200).astype(kind) for length in lengths]
+    values = [
+        np.round(20 * rng.standard_normal(length)).clip(0, 200).astype(kind) for length in lengths
+    ]
     draw = rng.random()
     rates: list[float | None] = [float(rng.choice(_RATES))] * count
     if draw > 0.75:
@@ -285,7 +380,9 @@ def _stated(rate: float | None, name: str = "fs") -> dict[str, float]:
 def _archive_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | None]:
     lie = case(rng)
     content: dict[str, Any] = {}
-    for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+    for number, (values, rate, unit) in enumerate(
+        zip(lie.values, lie.rates, lie.units, strict=True)
+    ):
         content |= {f"s{number}": values, f"s{number}_unit": unit, **_stated(rate, f"s{number}_fs")}
     np.savez(folder / "lie.npz", **content)
     return folder / "lie.npz", lie.truth()
@@ -297,7 +394,9 @@ def _matlab_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | N
     lie = case(rng)
     content = {
         f"s{number}": {"x": values, "unit": unit, **_stated(rate)}
-        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True))
+        for number, (values, rate, unit) in enumerate(
+            zip(lie.values, lie.rates, lie.units, strict=True)
+        )
     }
     savemat(folder / "lie.mat", content, do_compression=bool(rng.random() < 0.5))
     return folder / "lie.mat", lie.truth()
@@ -307,7 +406,9 @@ def _foreign_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | 
     lie, truth = case(rng), None
     damage = str(rng.choice(["none", "none", "none", "unwritten", "virtual", "external", "link"]))
     with h5py.File(folder / "lie.h5", "w") as file:
-        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+        for number, (values, rate, unit) in enumerate(
+            zip(lie.values, lie.rates, lie.units, strict=True)
+        ):
             name, chunk = f"g{number}/x", int(rng.integers(1, 100))
             extra: dict[str, Any] = {}
             if rng.random() < 0.5:
@@ -340,7 +441,9 @@ def _measurement_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Trut
     channels = []
     for name, values, rate, unit in zip(lie.names, lie.values, lie.rates, lie.units, strict=True):
         step = {} if rate is None else {"wf_increment": float(np.divide(1.0, rate))}
-        channels.append(nptdms.ChannelObject("g", name, values, properties={**step, "unit_string": unit}))
+        channels.append(
+            nptdms.ChannelObject("g", name, values, properties={**step, "unit_string": unit})
+        )
     with nptdms.TdmsWriter(str(folder / "lie.tdms")) as writer:
         writer.write_segment(channels)
     return folder / "lie.tdms", lie.truth()
@@ -373,7 +476,10 @@ def _text_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | Non
     columns, truth = _timed(case(rng, same_length=True))
     separator = str(rng.choice([",", ";", "\t"]))
     rows = [separator.join(columns)]
-    rows += [separator.join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True)]
+    rows += [
+        separator.join(repr(float(value)) for value in row)
+        for row in zip(*columns.values(), strict=True)
+    ]
     (folder / "lie.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     return folder / "lie.csv", truth
 
@@ -405,7 +511,9 @@ def _vehicle_lie(folder: Path, rng: np.random.Generator) -> tuple[Path, Truth | 
 
     lie = case(rng, types=("<f8", "<f4", "<i2", "<u1"))
     with asammdf.MDF(version="4.10") as file:
-        for number, (values, rate, unit) in enumerate(zip(lie.values, lie.rates, lie.units, strict=True)):
+        for number, (values, rate, unit) in enumerate(
+            zip(lie.values, lie.rates, lie.units, strict=True)
+        ):
             time = np.arange(len(values)) * float(np.divide(1.0, rate if rate is not None else 0.0))
             file.append([asammdf.Signal(values, timestamps=time, name=f"s{number}", unit=unit)])
         file.save(folder / "lie.mf4", overwrite=True)
@@ -423,7 +531,9 @@ LIES: dict[str, Callable[[Path, np.random.Generator], tuple[Path, Truth | None]]
     "npz": _archive_lie,
     "mdf": _vehicle_lie,
 }
-"""Writer of lying files of each format that has a structure to lie in; the others are these formats, packed."""
+"""Writer of lying files of each format that has a structure to lie in; the others are these
+formats, packed.
+"""
 
 
 def _hdf5(path: Path, **layout: Any) -> None:
@@ -433,7 +543,9 @@ def _hdf5(path: Path, **layout: Any) -> None:
 
 def _huge_chunk(path: Path, count: int) -> None:
     with h5py.File(path, "w") as file:
-        data = file.create_dataset("x", (count,), "f8", chunks=(min(count, (1 << 29) - 1),), compression="gzip")
+        data = file.create_dataset(
+            "x", (count,), "f8", chunks=(min(count, (1 << 29) - 1),), compression="gzip"
+        )
         for start in range(0, count, data.chunks[0]):
             data.id.write_direct_chunk((start,), zlib.compress(bytes(1000)))
         data.attrs.update({"fs": 25600.0, "unit": "g"})
@@ -469,9 +581,13 @@ BOMBS: dict[str, Callable[[Path], object]] = {
     "lie.npz": lambda path: _npz(path, (10**15,), 1),
     "chunk.h5": lambda path: _huge_chunk(path, (1 << 29) - 1),
     "chunks.h5": lambda path: _huge_chunk(path, 10**11),
-    "fill.h5": lambda path: _hdf5(path, shape=(10**12,), dtype="f8", chunks=(1 << 20,), fillvalue=2.0),
+    "fill.h5": lambda path: _hdf5(
+        path, shape=(10**12,), dtype="f8", chunks=(1 << 20,), fillvalue=2.0
+    ),
     "square.h5": lambda path: _hdf5(path, shape=(10**6, 10**6), dtype="f8", chunks=(1000, 1000)),
-    "columns.h5": lambda path: _hdf5(path, data=np.zeros((12_000, 12_001), "i1"), compression="gzip"),
+    "columns.h5": lambda path: _hdf5(
+        path, data=np.zeros((12_000, 12_001), "i1"), compression="gzip"
+    ),
     "rows.csv.gz": lambda path: _gzip(path, b"x\n", b"0\n", 400),
     "line.csv": lambda path: path.write_bytes(b"x,y\n" + b"1" * 200_000_000),
     "fields.csv": lambda path: path.write_bytes((b"1," * 20_000_000 + b"1\n") * 2),
@@ -489,10 +605,15 @@ def tried_bomb(name: str, folder: Path) -> tuple[str, str]:
     os.environ[MEMORY_VARIABLE] = "0.5"
     path = folder / name
     BOMBS[name](path)
-    facts = {} if path.suffix in (".h5", ".mf4", ".tdms") else {"unit": "g", "sample_rate": "25.6 kHz"}
+    facts = (
+        {} if path.suffix in (".h5", ".mf4", ".tdms") else {"unit": "g", "sample_rate": "25.6 kHz"}
+    )
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
-        kind, said = "read", f"{sum(block.n_samples for block in load_recording(path, **facts).blocks())} samples"
+        kind, said = (
+            "read",
+            f"{sum(block.n_samples for block in load_recording(path, **facts).blocks())} samples",
+        )
     except Exception as error:  # what is looked for
         kind, said = _kind_of(error)
     if (taken := resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) > MEMORY_KB:
@@ -513,7 +634,9 @@ def _valid(name: str, folder: Path) -> tuple[bytes, str]:
 
 
 def tried(name: str, number: int, seed: int, folder: Path) -> tuple[str, str]:
-    """Class of what came of reading a damaged or lying file of a format, or a bomb, and the message."""
+    """Class of what came of reading a damaged or lying file of a format, or a bomb, and the
+    message.
+    """
     warnings.simplefilter("ignore")
     if name == "bombs":
         return tried_bomb(list(BOMBS)[number], folder)

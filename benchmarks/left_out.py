@@ -1,10 +1,12 @@
-"""Faults that a training did not hold: how often they are unknown, by the classifier alone and with the pump prior.
+"""Faults that a training did not hold: how often they are unknown, by the classifier alone and with
+the pump prior.
 
     python benchmarks/left_out.py --fleets 100,101 --version 2
 
-Each fault in turn is left out of the training on four pumps of the virtual rig, which stands in for a machine. Two
-thirds of their recordings train; the others test, and those of two new pumps, whose healthy recordings are known. One
-line of JSON a fleet, with shares of recordings; a fault that is "named" is the one that the answer says it resembles.
+Each fault in turn is left out of the training on four pumps of the virtual rig, which stands in for
+a machine. Two thirds of their recordings train; the others test, and those of two new pumps, whose
+healthy recordings are known. One line of JSON a fleet, with shares of recordings; a fault that is
+"named" is the one that the answer says it resembles.
 """
 
 import argparse
@@ -21,15 +23,29 @@ from swashtwin_bench import SIZES, rig_recordings
 
 def fleet_row(fleet: int, version: str) -> dict[str, object]:
     """Figures of one fleet."""
-    recordings: list[Recording] = [pair[0] for pair in rig_recordings(fleet, SIZES["small"], version=version)]
+    recordings: list[Recording] = [
+        pair[0] for pair in rig_recordings(fleet, SIZES["small"], version=version)
+    ]
     names = sorted({str(item.specimen) for item in recordings})
     known = names[:4]
-    trains = [item for item in recordings if item.specimen in known and not item.recording_id.endswith("_1")]
+    trains = [
+        item
+        for item in recordings
+        if item.specimen in known and not item.recording_id.endswith("_1")
+    ]
     tests = {
-        "same": [item for item in recordings if item.specimen in known and item.recording_id.endswith("_1")],
+        "same": [
+            item
+            for item in recordings
+            if item.specimen in known and item.recording_id.endswith("_1")
+        ],
         "new": [item for item in recordings if item.specimen not in known],
     }
-    healthy = [item for item in tests["new"] if item.label == "normal" and not item.recording_id.endswith("_1")]
+    healthy = [
+        item
+        for item in tests["new"]
+        if item.label == "normal" and not item.recording_id.endswith("_1")
+    ]
     tests["new"] = [item for item in tests["new"] if item not in healthy]
     hits: dict[str, list[bool]] = {}
     for left_out in CLASSES[1:]:
@@ -47,11 +63,20 @@ def fleet_row(fleet: int, version: str) -> dict[str, object]:
                 hits.setdefault(f"{level}_{what}_joined", []).append(joined.unknown)
                 if item.label == left_out:
                     word = f"resembles {left_out.replace('_', ' ')}"
-                    hits.setdefault(f"{level}_named", []).append(any(word in text for text in joined.reasons))
+                    hits.setdefault(f"{level}_named", []).append(
+                        any(word in text for text in joined.reasons)
+                    )
     counts = {
-        f"n_{level}_{what}": len(hits[f"{level}_{what}_joined"]) for level in tests for what in ("caught", "false")
+        f"n_{level}_{what}": len(hits[f"{level}_{what}_joined"])
+        for level in tests
+        for what in ("caught", "false")
     }
-    return {"fleet": fleet, "version": version, **counts, **{name: float(np.mean(hit)) for name, hit in hits.items()}}
+    return {
+        "fleet": fleet,
+        "version": version,
+        **counts,
+        **{name: float(np.mean(hit)) for name, hit in hits.items()},
+    }
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""The ordinary training on pumps that it has not heard, alone and with their own healthy recordings, beside trees.
+"""The ordinary training on pumps that it has not heard, alone and with their own healthy
+recordings, beside trees.
 
     python benchmarks/new_pumps.py --fleets 30,31 --version 2 --pumps 2
 
-Trees are extra trees on the levels of whole recordings (`RecordingLevels`), and on their changes from the median of the
-other healthy recordings of the pump at the pressure. One line of JSON a fleet.
+Trees are extra trees on the levels of whole recordings (`RecordingLevels`), and on their changes
+from the median of the other healthy recordings of the pump at the pressure. One line of JSON a
+fleet.
 """
 
 import argparse
@@ -39,21 +41,35 @@ def trees(values: np.ndarray, label: np.ndarray, trains: np.ndarray) -> float:
 
 
 def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
-    """Figures of one fleet: trained on as many pumps, in turn by the fleet's number, and tested on all others."""
-    recordings: list[Recording] = [pair[0] for pair in rig_recordings(fleet, SIZES["small"], version=version)]
-    specimen, label = (np.array([getattr(item, name) for item in recordings]) for name in ("specimen", "label"))
+    """Figures of one fleet: trained on as many pumps, in turn by the fleet's number, and tested on
+    all others.
+    """
+    recordings: list[Recording] = [
+        pair[0] for pair in rig_recordings(fleet, SIZES["small"], version=version)
+    ]
+    specimen, label = (
+        np.array([getattr(item, name) for item in recordings]) for name in ("specimen", "label")
+    )
     names = np.roll(np.unique(specimen), -2 * fleet)
     trains = np.isin(specimen, names[:pumps])
     begun = time.process_time()
-    classifier = FaultClassifier().fit([item for item, use in zip(recordings, trains, strict=True) if use])
+    classifier = FaultClassifier().fit(
+        [item for item, use in zip(recordings, trains, strict=True) if use]
+    )
     cost = time.process_time() - begun
     tested = [item for item, use in zip(recordings, trains, strict=True) if not use]
     compared = classifier.with_healthy([item for item in tested if item.label == "normal"])
     layout = RecordingLevels(recordings[0].sample_rate, 98304, 40)
-    shafts = [item.condition.speed / (2 * np.pi) for item in recordings if item.condition is not None]
+    shafts = [
+        item.condition.speed / (2 * np.pi) for item in recordings if item.condition is not None
+    ]
     heard = zip(recordings, shafts, strict=True)
-    levels = np.stack([layout.measure(item.signal[:, : layout.length], shaft).ravel() for item, shaft in heard])
-    pressure = np.array([item.condition.discharge_pressure for item in recordings if item.condition is not None])
+    levels = np.stack(
+        [layout.measure(item.signal[:, : layout.length], shaft).ravel() for item, shaft in heard]
+    )
+    pressure = np.array(
+        [item.condition.discharge_pressure for item in recordings if item.condition is not None]
+    )
     changes = levels.copy()
     for row in range(len(levels)):
         beside = (label == "normal") & (specimen == specimen[row]) & (pressure == pressure[row])

@@ -1,11 +1,13 @@
-"""What a plant's computer pays for verdicts: this tree beside the tag before, both in environments of their own.
+"""What a plant's computer pays for verdicts: this tree beside the tag before, both in environments
+of their own.
 
     python benchmarks/plant.py --json
 
-Each side is installed as ``swashtwin[monitor,readers]``, and is then given the same recordings (4 s, three channels at
-25.6 kHz, two classes) by the same commands, one side after the other in each row. Times are of the processor, of all
-processes that a command started; `verdict_ms` is the median of diagnoses of one recording once the model is loaded.
-Sizes are of site-packages without pip and setuptools, and `bytecode_mb` of what Python compiled in them.
+Each side is installed as ``swashtwin[monitor,readers]``, and is then given the same recordings (4
+s, three channels at 25.6 kHz, two classes) by the same commands, one side after the other in each
+row. Times are of the processor, of all processes that a command started; `verdict_ms` is the median
+of diagnoses of one recording once the model is loaded. Sizes are of site-packages without pip and
+setuptools, and `bytecode_mb` of what Python compiled in them.
 """
 
 import argparse
@@ -51,14 +53,19 @@ class Side:
         self.python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
         if not self.python.exists():
             venv.create(folder, with_pip=True)
-            subprocess.run([self.python, "-m", "pip", "install", "-q", f"{source}[monitor,readers]"], check=True)
+            subprocess.run(
+                [self.python, "-m", "pip", "install", "-q", f"{source}[monitor,readers]"],
+                check=True,
+            )
         self.packages = next(folder.glob("[Ll]ib/**/site-packages"))
 
     def cpu_s(self, *words: object) -> float:
         """Processor time [s] of a run of its Python."""
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-        done = subprocess.run([self.python, *map(str, words)], env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            [self.python, *map(str, words)], env=environment, capture_output=True, text=True
+        )
         if done.returncode:
             raise SystemExit(f"{self.python} {' '.join(map(str, words))}\n{done.stderr[-2000:]}")
         self.printed = done.stdout
@@ -78,10 +85,14 @@ class Side:
 
 
 def watched(side: Side, model: Path, folder: Path, count: int) -> dict[str, float]:
-    """Memory [MB] of a watch at rest and after so many recordings, and processor time [s] of each of these."""
+    """Memory [MB] of a watch at rest and after so many recordings, and processor time [s] of each
+    of these.
+    """
     shutil.rmtree(folder, ignore_errors=True)
     config = write_config(folder, ["pump-1"])
-    config.write_text(config.read_text().replace('name = "pump-1"', f'name = "pump-1"\nmodel = "{model}"'))
+    config.write_text(
+        config.read_text().replace('name = "pump-1"', f'name = "pump-1"\nmodel = "{model}"')
+    )
     watch = WatchProcess(config, side.python)
     watch.start()
     time.sleep(5)
@@ -97,7 +108,11 @@ def watched(side: Side, model: Path, folder: Path, count: int) -> dict[str, floa
     after = watch.usage()
     watch.stop()
     spent = (after["cpu_s"] - rest["cpu_s"]) / count
-    return {"watch_rest_mb": rest["memory_mb"], "watch_after_mb": after["memory_mb"], "watch_recording_cpu_s": spent}
+    return {
+        "watch_rest_mb": rest["memory_mb"],
+        "watch_after_mb": after["memory_mb"],
+        "watch_recording_cpu_s": spent,
+    }
 
 
 def write_recordings(folder: Path, count: int) -> None:
@@ -110,7 +125,9 @@ def write_recordings(folder: Path, count: int) -> None:
         deliver(folder / f"{label}_{pump}_{number}.wav", wav(values))
 
 
-def compare(sides: dict[str, Side], folder: Path, watched_recordings: int) -> dict[str, dict[str, float]]:
+def compare(
+    sides: dict[str, Side], folder: Path, watched_recordings: int
+) -> dict[str, dict[str, float]]:
     """All that is measured, by side."""
     training, new = folder / "training", folder / "new"
     rows = {name: side.sizes() for name, side in sides.items()}
@@ -126,7 +143,9 @@ def compare(sides: dict[str, Side], folder: Path, watched_recordings: int) -> di
         for name, side in sides.items():
             index = recordings / "recordings.toml"
             index.unlink(missing_ok=True)
-            rows[name]["index_cpu_s"] = side.cpu_s(*shell, "index", recordings, "--label-pattern", names, *FACTS)
+            rows[name]["index_cpu_s"] = side.cpu_s(
+                *shell, "index", recordings, "--label-pattern", names, *FACTS
+            )
             index.replace(recordings / f"{name}.toml")  # each has its own words
     measure("import_cpu_s", "-c", "import swashtwin")
     measure("train_cpu_s", *shell, "train", training / "SIDE.toml", "--out", model)
@@ -137,26 +156,40 @@ def compare(sides: dict[str, Side], folder: Path, watched_recordings: int) -> di
         side.cpu_s("-c", VERDICTS, folder / f"{name}.safetensors", new / f"{name}.toml")
         rows[name]["verdict_ms"] = json.loads(side.printed)
         if watched_recordings:
-            rows[name] |= watched(side, folder / f"{name}.safetensors", folder / f"{name}-watch", watched_recordings)
+            rows[name] |= watched(
+                side, folder / f"{name}.safetensors", folder / f"{name}-watch", watched_recordings
+            )
     return rows
 
 
 def main() -> None:
     """Print a table of both sides, or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--tag", default="evidence-0.2", help="version to compare with")
     parser.add_argument("--windows", type=int, default=3000, help="windows to train on")
-    parser.add_argument("--recordings", type=int, default=1000, help="recordings of the folder that is diagnosed")
-    parser.add_argument("--watched", type=int, default=300, help="recordings that are delivered to a watch")
-    parser.add_argument("--folder", type=Path, help="where environments and recordings stay for the next run")
+    parser.add_argument(
+        "--recordings", type=int, default=1000, help="recordings of the folder that is diagnosed"
+    )
+    parser.add_argument(
+        "--watched", type=int, default=300, help="recordings that are delivered to a watch"
+    )
+    parser.add_argument(
+        "--folder", type=Path, help="where environments and recordings stay for the next run"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
     folder = (options.folder or Path(tempfile.mkdtemp(prefix="plant-"))).resolve()
     if not (folder / "tag").exists():
         subprocess.run(
-            ["git", "-C", ROOT, "worktree", "add", "-q", "--detach", folder / "tag", options.tag], check=True
+            ["git", "-C", ROOT, "worktree", "add", "-q", "--detach", folder / "tag", options.tag],
+            check=True,
         )
-    sides = {"tag": Side(folder / "tag", folder / "tag-venv"), "now": Side(ROOT, folder / "now-venv")}
+    sides = {
+        "tag": Side(folder / "tag", folder / "tag-venv"),
+        "now": Side(ROOT, folder / "now-venv"),
+    }
     if not (folder / "new").exists():
         write_recordings(folder / "training", options.windows // WINDOWS)
         write_recordings(folder / "new", options.recordings)

@@ -1,15 +1,18 @@
-"""Time, memory and accuracy of one value and gradient of a spectrum loss: our engines and their peers.
+"""Time, memory and accuracy of one value and gradient of a spectrum loss: our engines and their
+peers.
 
     pip install -r benchmarks/requirements.txt
     python benchmarks/simulator.py --json
 
-One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on one core, each row
-in a process of its own. Peers step through it with the fourth-order Runge-Kutta method; stability asks for steps of
-1 us, and the revolution is cut into 72,000. They are given what costs time and is not theirs: the forces, computed
-beforehand, and the settled motion to start from, where the paper's way drops start-up revolutions first. Compilation is
-not counted. `error` is that of the sensors' accelerations against the Runge-Kutta method at a quarter of the step,
-`error_gradient` that of the slopes against other code. A peer that is not installed is named with what installs it. At
-the tag evidence-0.2 the table has torchdiffeq, other settings of JAX and diffrax, Radau, and 20,000 steps too.
+One revolution of the paper's pump at 860 rev/min and 15 MPa with the paper's defect, in float64, on
+one core, each row in a process of its own. Peers step through it with the fourth-order Runge-Kutta
+method; stability asks for steps of 1 us, and the revolution is cut into 72,000. They are given what
+costs time and is not theirs: the forces, computed beforehand, and the settled motion to start from,
+where the paper's way drops start-up revolutions first. Compilation is not counted. `error` is that
+of the sensors' accelerations against the Runge-Kutta method at a quarter of the step,
+`error_gradient` that of the slopes against other code. A peer that is not installed is named with
+what installs it. At the tag evidence-0.2 the table has torchdiffeq, other settings of JAX and
+diffrax, Radau, and 20,000 steps too.
 """
 
 import argparse
@@ -32,10 +35,18 @@ ENTRIES = (
     Entry("steady_rk4", "ours: RK4 in steady state", "ours", "SteadyRungeKutta"),
     Entry("numba", "numba RK4, discrete adjoint", "numba_adjoint", "Numba"),
     Entry("jax", "JAX lax.scan RK4, reverse", "jax_side", "JaxScan", "jax"),
-    Entry("diffrax", "diffrax RK4, RecursiveCheckpointAdjoint", "diffrax_side", "Diffrax", "diffrax"),
+    Entry(
+        "diffrax", "diffrax RK4, RecursiveCheckpointAdjoint", "diffrax_side", "Diffrax", "diffrax"
+    ),
     Entry("eager", "PyTorch eager RK4, autograd", "eager", "Eager"),
 )
-FINE = Entry("steady_rk4_fine", "ours: RK4 in steady state, quarter step", "ours", "SteadyRungeKutta", refine=4)
+FINE = Entry(
+    "steady_rk4_fine",
+    "ours: RK4 in steady state, quarter step",
+    "ours",
+    "SteadyRungeKutta",
+    refine=4,
+)
 BATCH = 200
 PACKAGES = ("swashtwin", "torch", "numpy", "scipy", "numba", "jax", "diffrax")
 FLAT_MB = 2.0
@@ -50,7 +61,9 @@ def relative(values: np.ndarray, target: np.ndarray) -> float:
 
 
 def judged() -> list[dict[str, Any]]:
-    """The table: each contender's row with its errors, and without the motion from which these came."""
+    """The table: each contender's row with its errors, and without the motion from which these
+    came.
+    """
     truth = alone(references, STEPS_PER_REVOLUTION)
     rows = [alone(measured, entry, STEPS_PER_REVOLUTION) for entry in ENTRIES]
     for row in rows:
@@ -70,7 +83,9 @@ def ratios_of(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 def memory_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Peak memory [MB] of the gradient in steady state, at the step and at a quarter of it."""
-    memory = {row["key"]: row["memory_mb"] for row in rows if row["key"] in ("steady", "steady_rk4")}
+    memory = {
+        row["key"]: row["memory_mb"] for row in rows if row["key"] in ("steady", "steady_rk4")
+    }
     fine = alone(measured, FINE, STEPS_PER_REVOLUTION)["memory_mb"]
     flat = bool(abs(fine - memory["steady_rk4"]) <= FLAT_MB)
     return {
@@ -88,7 +103,9 @@ def batch_times() -> dict[str, float]:
 
 
 def bars_of(report: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each target with its measured value, and whether it is met; None where it was not measured."""
+    """Each target with its measured value, and whether it is met; None where it was not
+    measured.
+    """
     ratios, memory = report["ratios"], report["memory"]
     bars = (
         ("eager RK4 over steady state", ratios["eager"], "at least", 3000),
@@ -105,7 +122,9 @@ def bars_of(report: dict[str, Any]) -> list[dict[str, Any]]:
             "bar": name,
             "value": value,
             "wanted": f"{word} {bound}",
-            "passed": None if math.isnan(value) else bool(value >= bound if word == "at least" else value <= bound),
+            "passed": None
+            if math.isnan(value)
+            else bool(value >= bound if word == "at least" else value <= bound),
         }
         for name, value, word, bound in bars
     ]
@@ -152,7 +171,9 @@ def show(report: dict[str, Any]) -> None:
 
 def main() -> None:
     """Print the tables, as JSON with ``--json``."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
     report = everything()

@@ -1,17 +1,20 @@
-"""What a watch costs, and whether it loses or doubles a recording while it is killed and all around it fails.
+"""What a watch costs, and whether it loses or doubles a recording while it is killed and all around
+it fails.
 
     python benchmarks/watch.py start latency plant
     python benchmarks/watch.py kills --kills 50 --json
 
-``start`` is the time until the page answers. ``latency`` is the time from a closed file (4 s, three channels at
-25.6 kHz) to its verdict in the history, as another process sees it. ``plant`` delivers one such recording a minute of
-each of 200 machines. The processes that deliver run on the same cores; their time is not counted.
+``start`` is the time until the page answers. ``latency`` is the time from a closed file (4 s, three
+channels at 25.6 kHz) to its verdict in the history, as another process sees it. ``plant`` delivers
+one such recording a minute of each of 200 machines. The processes that deliver run on the same
+cores; their time is not counted.
 
-``kills``: a folder, a broker and uploads deliver without a pause. Meanwhile the watch is killed (SIGKILL) at random
-moments, the broker and the database are stopped and started, and the disk of the watch's folder is filled. In the end
-everything runs, and each recording must be in the history once. A delivery that was repeated since its source did not
-hear that it had arrived is filed as ``double``. The full disk needs the right to mount a file system in memory; without
-it, it is left out.
+``kills``: a folder, a broker and uploads deliver without a pause. Meanwhile the watch is killed
+(SIGKILL) at random moments, the broker and the database are stopped and started, and the disk of
+the watch's folder is filled. In the end everything runs, and each recording must be in the history
+once. A delivery that was repeated since its source did not hear that it had arrived is filed as
+``double``. The full disk needs the right to mount a file system in memory; without it, it is left
+out.
 """
 
 import argparse
@@ -44,11 +47,18 @@ LONGEST = 300.0
 """Longest time [s] to wait for a verdict."""
 
 
-def samples(seed: int, *, rate: float = RATE, seconds: float = SECONDS, channels: int = 3) -> np.ndarray:
-    """Vibration of a pump at 1500 rpm (channel, time), float32 [m/s^2]; each seed gives another one."""
+def samples(
+    seed: int, *, rate: float = RATE, seconds: float = SECONDS, channels: int = 3
+) -> np.ndarray:
+    """Vibration of a pump at 1500 rpm (channel, time), float32 [m/s^2]; each seed gives another
+    one.
+    """
     random = np.random.default_rng(seed)
     moments = np.arange(int(rate * seconds)) / rate
-    tone = sum(np.sin(2 * np.pi * 225 * order * moments + random.uniform(0, 6)) / order for order in range(1, 6))
+    tone = sum(
+        np.sin(2 * np.pi * 225 * order * moments + random.uniform(0, 6)) / order
+        for order in range(1, 6)
+    )
     noise = random.standard_normal((channels, moments.size), np.float32)
     return (noise + np.asarray(tone, np.float32)).astype(np.float32)
 
@@ -57,7 +67,9 @@ def wav(values: np.ndarray, rate: float = RATE) -> bytes:
     """A float32 WAV file of samples (channel, time)."""
     data, count = np.ascontiguousarray(values.T, "<f4").tobytes(), len(values)
     fields = struct.pack("<HHIIHH", 3, count, int(rate), int(rate) * count * 4, count * 4, 32)
-    chunks = b"fmt " + struct.pack("<I", 16) + fields + b"data" + struct.pack("<I", len(data)) + data
+    chunks = (
+        b"fmt " + struct.pack("<I", 16) + fields + b"data" + struct.pack("<I", len(data)) + data
+    )
     return b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WAVE" + chunks
 
 
@@ -73,12 +85,17 @@ def deliver(path: Path, content: bytes) -> float:
 def write_config(
     folder: Path, machines: Sequence[str], *, text: str = "", history: str = "", data: str = "data"
 ) -> Path:
-    """Configuration of a watch of the folder ``incoming`` and of uploads; its page has a free port."""
+    """Configuration of a watch of the folder ``incoming`` and of uploads; its page has a free
+    port.
+    """
     (folder / "incoming").mkdir(parents=True, exist_ok=True)
     lines = [f'folder = "{data}"', f'history = "{history}"' if history else ""]
     facts = 'speed = "1500 rpm"\ndischarge_pressure = "15 MPa"\nunit = "m/s^2"'
     lines += [f'[[machine]]\nname = "{name}"\n{facts}' for name in machines]
-    lines += ['[[source]]\nkind = "folder"\npath = "incoming"\nremove = true', '[[source]]\nkind = "http"']
+    lines += [
+        '[[source]]\nkind = "folder"\npath = "incoming"\nremove = true',
+        '[[source]]\nkind = "http"',
+    ]
     lines += [f"[page]\nport = {free_port()}", text]
     path = folder / "watch.toml"
     path.write_text("\n".join(lines), encoding="utf-8")
@@ -111,7 +128,9 @@ class WatchProcess:
             self.process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
         while time.monotonic() - began < seconds:
             if self.process.poll() is not None:
-                raise RuntimeError(f"the watch ended with {self.process.returncode}; see {log.name}")
+                raise RuntimeError(
+                    f"the watch ended with {self.process.returncode}; see {log.name}"
+                )
             if self.health() is not None:
                 return time.monotonic() - began
             time.sleep(0.02)
@@ -191,13 +210,17 @@ class Database:
     """PostgreSQL on a free port, with its files in a folder of its own."""
 
     def __init__(self) -> None:
-        programs = sorted(Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name))[-1]
+        programs = sorted(
+            Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: int(path.parent.name)
+        )[-1]
         self._folder, self.port = Path(tempfile.mkdtemp(prefix="watch-chaos-")), free_port()
         self._user = "postgres" if os.geteuid() == 0 else None
         if self._user is not None:
             shutil.chown(self._folder, self._user)
         self._programs = programs
-        self._run("initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "-E", "UTF8", "--locale=C")
+        self._run(
+            "initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "-E", "UTF8", "--locale=C"
+        )
         self.start()
         self._run("createdb", "-h", "127.0.0.1", "-p", str(self.port), "-U", "swashtwin", "history")
         self.url = f"postgresql://swashtwin@127.0.0.1:{self.port}/history"
@@ -252,7 +275,9 @@ def latency(folder: Path, count: int = 40) -> dict[str, Any]:
     history, times = open_history(watch.config), []
     for number in range(count):
         closed = deliver(folder / "incoming" / "pump-1" / f"{number:05}.wav", wav(samples(number)))
-        while not (newest := history.read.recordings(limit=1)) or newest[0].file != f"{number:05}.wav":
+        while (
+            not (newest := history.read.recordings(limit=1)) or newest[0].file != f"{number:05}.wav"
+        ):
             if time.time() - closed > LONGEST:
                 raise RuntimeError("no verdict")
             time.sleep(0.01)
@@ -263,7 +288,9 @@ def latency(folder: Path, count: int = 40) -> dict[str, Any]:
 
 
 def plant(folder: Path) -> dict[str, Any]:
-    """CPU time and memory of a plant with one recording a minute of each machine, and how far its verdicts lag."""
+    """CPU time and memory of a plant with one recording a minute of each machine, and how far its
+    verdicts lag.
+    """
     machines, count = 200, 1000
     names = [f"pump-{number:03}" for number in range(machines)]
     watch = WatchProcess(write_config(folder, names))
@@ -276,7 +303,9 @@ def plant(folder: Path) -> dict[str, Any]:
         content = bytearray(files[number % len(files)])
         content[100:104] = number.to_bytes(3, "little") + b"\x3e"
         name = f"{number:06}.wav"
-        closed[name] = deliver(folder / "incoming" / names[number % machines] / name, bytes(content))
+        closed[name] = deliver(
+            folder / "incoming" / names[number % machines] / name, bytes(content)
+        )
         if number % machines == 0:
             largest = max(largest, watch.usage()["memory_mb"])
     history = open_history(watch.config)
@@ -305,9 +334,14 @@ class Deliveries:
         self.names: list[str] = []
         self._watch, self._broker, self._inbox = watch, broker, inbox
         self._stop = threading.Event()
-        ways: tuple[Callable[[str, bytes], None], ...] = (self._by_folder, self._by_broker, self._by_upload)
+        ways: tuple[Callable[[str, bytes], None], ...] = (
+            self._by_folder,
+            self._by_broker,
+            self._by_upload,
+        )
         self._threads = [
-            threading.Thread(target=self._run, args=(number, way), daemon=True) for number, way in enumerate(ways)
+            threading.Thread(target=self._run, args=(number, way), daemon=True)
+            for number, way in enumerate(ways)
         ]
 
     def start(self) -> None:
@@ -338,7 +372,13 @@ class Deliveries:
         payload = json.dumps({"file": name}).encode() + b"\n" + content
         while True:
             try:
-                single("plant/by-broker/raw", payload, qos=1, hostname="127.0.0.1", port=self._broker.port)
+                single(
+                    "plant/by-broker/raw",
+                    payload,
+                    qos=1,
+                    hostname="127.0.0.1",
+                    port=self._broker.port,
+                )
             except (OSError, ValueError):
                 time.sleep(0.2)
             else:
@@ -414,7 +454,10 @@ def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
         watch.kill()
         events["kills"] += 1
         watch.start()
-        print(f"{number + 1} of {kills}: {dict(events)}, {len(deliveries.names)} delivered", file=sys.stderr)
+        print(
+            f"{number + 1} of {kills}: {dict(events)}, {len(deliveries.names)} delivered",
+            file=sys.stderr,
+        )
     deliveries.stop()
     watch.kill()
     watch.start()
@@ -428,7 +471,9 @@ def torment(folder: Path, kills: int, is_small: bool) -> dict[str, Any]:
     return result
 
 
-def settle(history: Any, names: list[str], events: Counter[str], seconds: float = 300.0) -> dict[str, Any]:
+def settle(
+    history: Any, names: list[str], events: Counter[str], seconds: float = 300.0
+) -> dict[str, Any]:
     """Recordings that are lost or doubled once all were judged, or after some time."""
     end = time.monotonic() + seconds
     missing: set[str] = set(names)
@@ -464,7 +509,9 @@ QUESTIONS: dict[str, Callable[..., dict[str, Any]]] = {
 
 def main() -> None:
     """Answer the questions that are named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("questions", nargs="+", choices=QUESTIONS)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -473,7 +520,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for question in options.questions:
             answer = QUESTIONS[question](Path(folder) / question, **sizes.get(question, {}))
-            print(json.dumps({question: answer}) if options.json else f"{question}: {answer}", flush=True)
+            print(
+                json.dumps({question: answer}) if options.json else f"{question}: {answer}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

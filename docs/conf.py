@@ -66,7 +66,9 @@ html_theme_options = {
 def write_command_line(app: Sphinx) -> None:
     """Write the page of all commands and options, from the commands themselves."""
     command = typer.main.get_command(command_line)
-    text = get_docs_for_click(obj=command, ctx=typer.Context(command), name="swashtwin", title="The command line")
+    text = get_docs_for_click(
+        obj=command, ctx=typer.Context(command), name="swashtwin", title="The command line"
+    )
     page = Path(app.srcdir, "reference", "command-line.md")
     if not page.exists() or page.read_text(encoding="utf-8") != text:
         page.write_text(text, encoding="utf-8")

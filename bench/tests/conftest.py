@@ -24,4 +24,6 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def result(recordings: list[Recording], out: Path) -> StudyResult:
     """Case I on the tiny rig under two seeds."""
-    return run_plan(tiny(), recordings, Work((0, 1), out=out, command="swashtwin bench study case1 rig"))
+    return run_plan(
+        tiny(), recordings, Work((0, 1), out=out, command="swashtwin bench study case1 rig")
+    )

@@ -1,4 +1,6 @@
-"""Classifiers of scikit-learn on features tell tones apart, and the same ones again with the same seed."""
+"""Classifiers of scikit-learn on features tell tones apart, and the same ones again with the same
+seed.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,11 @@ def tones(tag: str, classes: tuple[str, ...] = CLASSES) -> WindowSet:
             name = f"{tag} {label} {number}"
             draw = np.random.default_rng(list(name.encode()))
             phase = 2 * np.pi * (0.05 + 0.06 * index) * np.arange(640) + draw.uniform(0, 6)
-            recordings.append(Recording((np.sin(phase) + 0.3 * draw.normal(size=640))[None], 1e3, name, label=label))
+            recordings.append(
+                Recording(
+                    (np.sin(phase) + 0.3 * draw.normal(size=640))[None], 1e3, name, label=label
+                )
+            )
     return cut_windows(recordings, length=128)
 
 
@@ -27,7 +33,10 @@ def test_every_baseline_tells_tones_of_new_recordings_apart(
     baseline: type[OnFeatures], classes: tuple[str, ...]
 ) -> None:
     train, test = tones("train", classes), tones("test", classes)
-    first, second = (fit(build_network(baseline.name, 1, len(classes)), train, settings=UNSCALED) for _ in range(2))
+    first, second = (
+        fit(build_network(baseline.name, 1, len(classes)), train, settings=UNSCALED)
+        for _ in range(2)
+    )
     probability = first.predict_proba(test)
     np.testing.assert_allclose(probability.sum(axis=1), 1)
     np.testing.assert_array_equal(probability, second.predict_proba(test))

@@ -61,8 +61,12 @@ def test_every_installed_peer_gives_the_numbers_of_the_eager_loop(
     np.testing.assert_allclose(velocities, eager[2], rtol=0, atol=1e-10 * np.abs(eager[2]).max())
 
 
-def test_the_steady_motion_continues_as_the_eager_loop_steps_it(eager: tuple[float, np.ndarray, np.ndarray]) -> None:
-    """It starts there; what remains is the Runge-Kutta method's own error at the edge of its stability."""
+def test_the_steady_motion_continues_as_the_eager_loop_steps_it(
+    eager: tuple[float, np.ndarray, np.ndarray],
+) -> None:
+    """It starts there; what remains is the Runge-Kutta method's own error at the edge of its
+    stability.
+    """
     steady = module("ours").Steady(module("problem").Problem(STEPS))
     exact = steady.velocities(steady.problem.nominal)
     np.testing.assert_allclose(eager[2], exact, rtol=0, atol=1e-5 * np.abs(exact).max())
@@ -74,7 +78,9 @@ def test_the_loss_of_the_eager_loop_has_the_slopes_that_differences_give() -> No
     values = contender.problem.nominal
     slopes = contender.gradient(values)[1] * values
     for i in (0, 2, 4):
-        ahead, behind = (contender.value(values * (1 + sign * 1e-5 * np.eye(6)[i])) for sign in (1, -1))
+        ahead, behind = (
+            contender.value(values * (1 + sign * 1e-5 * np.eye(6)[i])) for sign in (1, -1)
+        )
         assert (ahead - behind) / 2e-5 == pytest.approx(slopes[i], rel=1e-5)
 
 
@@ -85,12 +91,16 @@ def test_steady_state_and_its_runge_kutta_agree_in_loss_and_slopes() -> None:
     loss, slopes = exact(problem).gradient(values)
     other, others = stepped(problem).gradient(values)
     assert other == pytest.approx(loss, rel=1e-6)
-    np.testing.assert_allclose(others * values, slopes * values, rtol=0, atol=1e-5 * np.abs(slopes * values).max())
+    np.testing.assert_allclose(
+        others * values, slopes * values, rtol=0, atol=1e-5 * np.abs(slopes * values).max()
+    )
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda path: path.stem)
 def test_every_name_that_a_benchmark_imports_from_swashtwin_exists(path: Path) -> None:
-    """Imports within functions count, and those in code that a benchmark gives to another process."""
+    """Imports within functions count, and those in code that a benchmark gives to another
+    process.
+    """
     for module_name, name in swashtwin_imports(path.read_text(encoding="utf-8")):
         imported = importlib.import_module(module_name)
         assert name is None or hasattr(imported, name), f"{module_name} has no {name}"
@@ -105,6 +115,12 @@ def swashtwin_imports(text: str) -> Iterator[tuple[str, str | None]]:
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("swashtwin"):
             yield from ((str(node.module), alias.name) for alias in node.names)
         elif isinstance(node, ast.Import):
-            yield from ((alias.name, None) for alias in node.names if alias.name.startswith("swashtwin"))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "import" in node.value:
+            yield from (
+                (alias.name, None) for alias in node.names if alias.name.startswith("swashtwin")
+            )
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and "import" in node.value
+        ):
             yield from swashtwin_imports(node.value)

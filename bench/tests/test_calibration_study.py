@@ -1,4 +1,6 @@
-"""The study of calibration methods holds twins against recordings they never saw, and intervals against the truth."""
+"""The study of calibration methods holds twins against recordings they never saw, and intervals
+against the truth.
+"""
 
 import math
 from collections.abc import Iterator
@@ -22,21 +24,34 @@ NAMES = ("calibrated", "gauss_newton")
 @pytest.fixture(autouse=True, scope="module")
 def _quick() -> Iterator[None]:
     """Calibrations from a single start on recordings of 1.5 s."""
-    quick = {**CONTENDERS, **{name: replace(CONTENDERS[name], method=GaussNewton(starts=1)) for name in NAMES}}
+    quick = {
+        **CONTENDERS,
+        **{name: replace(CONTENDERS[name], method=GaussNewton(starts=1)) for name in NAMES},
+    }
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin_bench.questions.calibration.CONTENDERS", quick)
-        patch.setattr("swashtwin_bench.questions.calibration.RigSize", partial(RigSize, duration=1.5))
+        patch.setattr(
+            "swashtwin_bench.questions.calibration.RigSize", partial(RigSize, duration=1.5)
+        )
         yield
 
 
 @pytest.fixture(scope="module")
 def study(_quick: None) -> StudyTable:
-    return calibration(Work((7,)), CalibrationStudySettings(specimens=2, repeats=2, contenders=NAMES))
+    return calibration(
+        Work((7,)), CalibrationStudySettings(specimens=2, repeats=2, contenders=NAMES)
+    )
 
 
 def test_each_twin_has_a_trial_for_each_pump(study):
     twins = [row["twin"] for row in study.rows()]
-    assert twins == ["nominal", "calibrated", "gauss_newton", "rig_truth_of_another_recording", "rig_truth"]
+    assert twins == [
+        "nominal",
+        "calibrated",
+        "gauss_newton",
+        "rig_truth_of_another_recording",
+        "rig_truth",
+    ]
     assert all(len(row["rmse"]["values"]) == 2 for row in study.rows())
     assert study.seeds == (7,)
 
@@ -44,12 +59,17 @@ def test_each_twin_has_a_trial_for_each_pump(study):
 def test_no_twin_beats_the_rig_s_own_lines(study):
     for index in range(2):
         best = study.values("rmse", twin="rig_truth")[index]
-        others = [study.values("rmse", twin=name)[index] for name in ("nominal", "calibrated", "gauss_newton")]
+        others = [
+            study.values("rmse", twin=name)[index]
+            for name in ("nominal", "calibrated", "gauss_newton")
+        ]
         assert best < min(others)
 
 
 def test_calibrating_brings_spectra_nearer_on_recordings_held_out(study):
-    nominal, calibrated = (np.mean(study.values("sve", twin=name)) for name in ("nominal", "calibrated"))
+    nominal, calibrated = (
+        np.mean(study.values("sve", twin=name)) for name in ("nominal", "calibrated")
+    )
     assert calibrated < 0.8 * nominal
 
 
@@ -75,16 +95,24 @@ def test_lines_of_the_rig_s_truth_are_those_that_are_measured():
     lines = sensor_lines(run)
     orders = np.array([28, 35, 42])
     assert recording.condition is not None
-    spectrum = order_spectrum(recording.signal, recording.sample_rate, recording.condition.shaft_frequency, orders)
+    spectrum = order_spectrum(
+        recording.signal, recording.sample_rate, recording.condition.shaft_frequency, orders
+    )
     loud = np.abs(lines[:, orders - 1]) > 0.3
     assert loud.any()
-    np.testing.assert_allclose(spectrum.amplitude[loud], np.abs(lines[:, orders - 1])[loud], rtol=0.1)
+    np.testing.assert_allclose(
+        spectrum.amplitude[loud], np.abs(lines[:, orders - 1])[loud], rtol=0.1
+    )
     assert true_values(run).shape == (6,)
 
 
 @pytest.mark.parametrize(
     ("changes", "named"),
-    [({"label": "piston"}, "piston"), ({"repeats": 1}, "repeats"), ({"contenders": ("magic",)}, "magic")],
+    [
+        ({"label": "piston"}, "piston"),
+        ({"repeats": 1}, "repeats"),
+        ({"contenders": ("magic",)}, "magic"),
+    ],
 )
 def test_settings_that_cannot_be_are_refused_by_name(changes, named):
     with pytest.raises(InputError, match=named):

@@ -1,4 +1,6 @@
-"""The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is refused in words."""
+"""The paper's cases on a very small rig: roles are kept apart, tasks are resumed, and bad data is
+refused in words.
+"""
 
 import json
 import re
@@ -32,15 +34,25 @@ MEASURED = {"measured": TrainingSet()}
 
 
 def confusions(study: StudyResult) -> list[Any]:
-    """Confusion matrices under seed 0 of the classifiers that learned from measured windows alone."""
+    """Confusion matrices under seed 0 of the classifiers that learned from measured windows
+    alone.
+    """
     tests = study.tests(training_set="measured")
-    return [(each["factors"], row["level"], row["confusion"]) for each, row in tests if each["seed"] == 0]
+    return [
+        (each["factors"], row["level"], row["confusion"])
+        for each, row in tests
+        if each["seed"] == 0
+    ]
 
 
 def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
     table = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-    expected = [(c, name, at) for c in (DEFAULT, "extra_trees") for name in SETS for at in ("L2", "L4")]
-    assert [(row["classifier"], row["training_set"], row["level"]) for row in table["rows"]] == expected
+    expected = [
+        (c, name, at) for c in (DEFAULT, "extra_trees") for name in SETS for at in ("L2", "L4")
+    ]
+    assert [
+        (row["classifier"], row["training_set"], row["level"]) for row in table["rows"]
+    ] == expected
     for row in table["rows"]:
         for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
             assert len(row[name]["values"]) == 2
@@ -54,7 +66,10 @@ def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
 def test_sets_hold_what_they_say(result: StudyResult) -> None:
     for name in ("nominal", "calibrated"):
         assert result.cells[name]["of them synthetic"] == 6
-        assert (result.cells[name]["swash_plate @ 15 MPa"], result.cells["measured"]["swash_plate @ 15 MPa"]) == (9, 3)
+        assert (
+            result.cells[name]["swash_plate @ 15 MPa"],
+            result.cells["measured"]["swash_plate @ 15 MPa"],
+        ) == (9, 3)
     for name in ("measured", "L2", "L4"):
         assert "of them synthetic" not in result.cells[name]
     for level in ("L2", "L4"):
@@ -84,25 +99,34 @@ def test_a_rerun_does_nothing_again(
     assert again.command == "swashtwin bench study case1 rig"
 
 
-def test_another_setting_is_another_task(recordings: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_setting_is_another_task(
+    recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan, data = tiny(), "0" * 64
     keys = {task.key for task in plan.tasks(0, data)}
     assert len(keys) == 6
     group = plan.scenario.pump.rotating_group
-    worn = replace(plan.scenario.pump, rotating_group=replace(group, piston_clearance=2 * group.piston_clearance))
+    worn = replace(
+        plan.scenario.pump,
+        rotating_group=replace(group, piston_clearance=2 * group.piston_clearance),
+    )
     for other in (
         tiny(scenario=replace(plan.scenario, synthetic=7)),
         tiny(scenario=replace(plan.scenario, pump=worn)),
         tiny(models={name: model.with_training(epochs=2) for name, model in plan.models.items()}),
         tiny(perturbations=(Perturbation("white", 5.0),)),
     ):
-        network = [task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT]
+        network = [
+            task.key for task in other.tasks(0, data) if task.factors["classifier"] == DEFAULT
+        ]
         assert not keys & set(network)
     assert not keys & {task.key for task in plan.tasks(1, data)}
     assert not keys & {task.key for task in plan.tasks(0, "1" * 64)}
     filled = replace(plan, training_sets={"smote": TrainingSet("smote")})
     before = {task.key for task in filled.tasks(0, "data")}
-    monkeypatch.setattr("swashtwin_bench.studies.training_sets.FILLERS", {"smote": SMOTE(neighbors=2)})
+    monkeypatch.setattr(
+        "swashtwin_bench.studies.training_sets.FILLERS", {"smote": SMOTE(neighbors=2)}
+    )
     assert not before & {task.key for task in filled.tasks(0, "data")}
 
 
@@ -119,12 +143,16 @@ def test_a_key_holds_everything_that_twins_are_made_of() -> None:
 
 
 @pytest.mark.nightly
-def test_two_processes_give_the_same_scores(recordings: list[Recording], result: StudyResult) -> None:
+def test_two_processes_give_the_same_scores(
+    recordings: list[Recording], result: StudyResult
+) -> None:
     again = run_plan(tiny(training_sets=MEASURED), recordings, Work(jobs=2))
     assert confusions(again) == confusions(result)
 
 
-def test_a_broken_run_is_refused_by_name(recordings: list[Recording], result: StudyResult, tmp_path: Path) -> None:
+def test_a_broken_run_is_refused_by_name(
+    recordings: list[Recording], result: StudyResult, tmp_path: Path
+) -> None:
     done = result.runs[0]
     folder = tmp_path / "case1" / done["key"]
     folder.mkdir(parents=True)
@@ -147,11 +175,15 @@ def test_a_folder_of_other_files_is_no_fleet(tmp_path: Path) -> None:
         fleets(tmp_path, "small", "1", Work())(0)
 
 
-def test_a_calibration_is_not_reused_for_recordings_with_other_facts(recordings: list[Recording]) -> None:
+def test_a_calibration_is_not_reused_for_recordings_with_other_facts(
+    recordings: list[Recording],
+) -> None:
     def named(recordings: list[Recording]) -> list[str]:
         return [task.key for task in calibration_tasks(recordings, TINY, 0)]
 
-    faster = [replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings]
+    faster = [
+        replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings
+    ]
     assert not set(named(recordings)) & set(named(faster))
 
 
@@ -159,18 +191,30 @@ def test_a_calibration_is_not_reused_for_recordings_with_other_facts(recordings:
 
 
 STUBS = [
-    run(name, seed, 0.8, classifier) for name in SETS for seed in (0, 1) for classifier in (DEFAULT, "extra_trees")
+    run(name, seed, 0.8, classifier)
+    for name in SETS
+    for seed in (0, 1)
+    for classifier in (DEFAULT, "extra_trees")
 ]
 
 
-def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(tmp_path: Path) -> None:
-    few = [each for each in STUBS if (each["seed"], each["factors"]["training_set"]) != (1, "measured")]
-    runs = [{**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few]
+def test_a_row_of_fewer_seeds_than_the_study_says_so_and_each_command_is_named(
+    tmp_path: Path,
+) -> None:
+    few = [
+        each for each in STUBS if (each["seed"], each["factors"]["training_set"]) != (1, "measured")
+    ]
+    runs = [
+        {**each, "command": f"swashtwin bench study case1 --seeds {each['seed']}"} for each in few
+    ]
     study = study_of(plan_of("case1"), runs)
     counted = {row[0].text.split(", ")[-1]: row[1].text for row in scores_table(study).rows}
     assert (counted["measured only"], counted["with calibrated twin"]) == ("1", "2")
     assert {row[4].text for row in differences_table(study).rows} == {"1", "2"}
-    assert study.command == "swashtwin bench study case1 --seeds 0 && swashtwin bench study case1 --seeds 1"
+    assert (
+        study.command
+        == "swashtwin bench study case1 --seeds 0 && swashtwin bench study case1 --seeds 1"
+    )
     page = write_study_report(study, folder=tmp_path / "page").read_text(encoding="utf-8")
     assert study.command in re.sub(r"<[^>]+>", "", page).replace("&amp;", "&")
 
@@ -193,7 +237,12 @@ def test_each_variant_of_a_study_has_a_split_and_rows_stand_in_the_order_of_the_
 def test_a_page_has_a_figure_for_what_its_study_varies(tmp_path: Path) -> None:
     plain = [each for each in STUBS if each["factors"]["training_set"] == "calibrated"]
     noisy = [
-        {**each, "rows": [{**row, "perturbation": at} for row in each["rows"] for at in ("clean", "5 dB")]}
+        {
+            **each,
+            "rows": [
+                {**row, "perturbation": at} for row in each["rows"] for at in ("clean", "5 dB")
+            ],
+        }
         for each in plain
     ]
     for name, runs, figure in (("noise", noisy, "perturbation"), ("algorithms", plain, "tsne")):
@@ -202,7 +251,9 @@ def test_a_page_has_a_figure_for_what_its_study_varies(tmp_path: Path) -> None:
         assert "accuracy 0.910" in page or name != "noise"
         assert "--seeds 0,1; seeds 0, 1; cpu; virtual rig" in re.sub(r"<[^>]+>", "", page)
         for kind in (figure, "confusion", "rows"):
-            assert {path.suffix for path in (tmp_path / name / "figures").glob(f"study_{kind}.*")} == {".svg", ".csv"}
+            assert {
+                path.suffix for path in (tmp_path / name / "figures").glob(f"study_{kind}.*")
+            } == {".svg", ".csv"}
 
 
 # ---- what the answer says
@@ -221,15 +272,25 @@ def answer(accuracies: Mapping[str, Mapping[str, tuple[float, ...]]], **changes:
 
 
 def test_the_answer_gives_the_difference_paired_by_seed_and_whether_it_is_chance() -> None:
-    sets = {"measured": (0.5, 0.6, 0.55), "nominal": (0.6, 0.71, 0.64), "calibrated": (0.71, 0.82, 0.78)}
+    sets = {
+        "measured": (0.5, 0.6, 0.55),
+        "nominal": (0.6, 0.71, 0.64),
+        "calibrated": (0.71, 0.82, 0.78),
+    }
     text = answer({DEFAULT: sets}, data="")
     assert "L2: highest accuracy 0.770 (BiTCN on levels (ours), with calibrated twin)." in text
-    assert "with calibrated twin less measured only (BiTCN on levels (ours)): +22.0 points (" in text
-    assert "which may be chance" in answer({DEFAULT: {"measured": (0.5, 0.6), "calibrated": (0.7, 0.5)}})
+    assert (
+        "with calibrated twin less measured only (BiTCN on levels (ours)): +22.0 points (" in text
+    )
+    assert "which may be chance" in answer(
+        {DEFAULT: {"measured": (0.5, 0.6), "calibrated": (0.7, 0.5)}}
+    )
     assert "+10.0 points (+10.0 to +10.0), which may be chance" in answer(
         {DEFAULT: {"measured": (0.5, 0.5), "calibrated": (0.6, 0.6)}}
     )
-    assert "+20.0 points, one seed." in answer({DEFAULT: {"measured": (0.5,), "calibrated": (0.7,)}})
+    assert "+20.0 points, one seed." in answer(
+        {DEFAULT: {"measured": (0.5,), "calibrated": (0.7,)}}
+    )
 
 
 def test_the_best_row_has_all_seeds() -> None:
@@ -239,8 +300,19 @@ def test_the_best_row_has_all_seeds() -> None:
 
 def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -> None:
     runs = [
-        run(name, 0, 0.5, levels=("L2",), factors={"classifier": DEFAULT, "training_set": name, "synthetic": budget})
-        for name, budget in (("measured", "0"), ("calibrated", "72"), ("calibrated", "200"), ("nominal", "72"))
+        run(
+            name,
+            0,
+            0.5,
+            levels=("L2",),
+            factors={"classifier": DEFAULT, "training_set": name, "synthetic": budget},
+        )
+        for name, budget in (
+            ("measured", "0"),
+            ("calibrated", "72"),
+            ("calibrated", "200"),
+            ("nominal", "72"),
+        )
     ]
     pairs = study_of(plan_of("augmentation"), runs).differences()
     assert {(p.first["synthetic"], p.second["training_set"], p.second["synthetic"]) for p in pairs} == {

@@ -1,4 +1,6 @@
-"""Every filler: layout, marks, seeds, finite samples, and nothing but measured training windows to draw from."""
+"""Every filler: layout, marks, seeds, finite samples, and nothing but measured training windows to
+draw from.
+"""
 
 import math
 from dataclasses import replace
@@ -33,13 +35,17 @@ LENGTH = 320
 
 
 def measured(scarce: int = 8, classes: tuple[str, ...] = CLASSES) -> WindowSet:
-    """Windows of two classes at two pressures, of which the last at 15 MPa has `scarce` windows of one recording."""
+    """Windows of two classes at two pressures, of which the last at 15 MPa has `scarce` windows of
+    one recording.
+    """
     rng = stream(0, "measured")
     facts = [
         (label, pressure, recording)
         for label in CLASSES
         for pressure in (10, 15)
-        for recording in (range(2) if (label, pressure) != (CLASSES[-1], 15) else range(min(scarce, 1)))
+        for recording in (
+            range(2) if (label, pressure) != (CLASSES[-1], 15) else range(min(scarce, 1))
+        )
     ]
     parts = []
     for label, pressure, recording in facts:
@@ -117,7 +123,9 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(name: str) ->
 @every
 def test_a_filler_does_not_look_at_synthetic_windows(name: str) -> None:
     train = measured()
-    poison = replace(train, signal=train.signal * np.float32(1e4), synthetic=np.ones(len(train), dtype=bool))
+    poison = replace(
+        train, signal=train.signal * np.float32(1e4), synthetic=np.ones(len(train), dtype=bool)
+    )
     np.testing.assert_array_equal(filled(name, train + poison).signal, filled(name, train).signal)
 
 
@@ -150,16 +158,21 @@ def test_what_a_filler_cannot_make_is_refused(name: str) -> None:
 
 def test_a_cell_s_own_windows_are_drawn_from_and_where_there_are_none_those_of_its_class() -> None:
     train = measured()
-    np.testing.assert_array_equal(train.discharge_pressure[sources_of(train, "piston", MPa(15.3))], MPa(15))
     np.testing.assert_array_equal(
-        train.discharge_pressure[sources_of(train, "normal", MPa(5))], [MPa(10)] * 12 + [MPa(15)] * 12
+        train.discharge_pressure[sources_of(train, "piston", MPa(15.3))], MPa(15)
+    )
+    np.testing.assert_array_equal(
+        train.discharge_pressure[sources_of(train, "normal", MPa(5))],
+        [MPa(10)] * 12 + [MPa(15)] * 12,
     )
     assert in_cell(train, "piston", MPa(15)).sum() == 8
 
 
 @settings(max_examples=20, deadline=None)
 @given(count=st.integers(1, 40), seed=st.integers(0, 10))
-def test_a_duplicate_is_a_measured_window_and_none_comes_thrice_before_all_came_twice(count: int, seed: int) -> None:
+def test_a_duplicate_is_a_measured_window_and_none_comes_thrice_before_all_came_twice(
+    count: int, seed: int
+) -> None:
     train = measured()
     synthetic = Duplicate()(train, label="piston", pressure=MPa(15), count=count, seed=seed).signal
     of_cell = train.signal[in_cell(train, "piston", MPa(15))]
@@ -201,11 +214,15 @@ def test_periodic_extensions_at_different_speeds_have_one_length_and_become_wind
 
 def test_amplitudes_and_phases_rebuild_a_periodic_extension() -> None:
     extensions = stream(0, "rings").normal(size=(6, 2, 64))
-    np.testing.assert_allclose(with_amplitude(extensions, log_amplitude(extensions)), extensions, atol=1e-9)
+    np.testing.assert_allclose(
+        with_amplitude(extensions, log_amplitude(extensions)), extensions, atol=1e-9
+    )
     condition = np.eye(2)[[0, 1, 0, 1, 0, 1]]
     form = SpectralForm.fit(extensions, condition, 3, 0)
     scores = form.scores(extensions, condition)
-    np.testing.assert_allclose(form.rebuild(scores, condition, extensions, condition), extensions, atol=1e-9)
+    np.testing.assert_allclose(
+        form.rebuild(scores, condition, extensions, condition), extensions, atol=1e-9
+    )
     other = form.rebuild(scores[::-1].copy(), condition[::-1].copy(), extensions, condition)
     np.testing.assert_allclose(form.scores(other, condition[::-1].copy()), scores[::-1], atol=1e-6)
 
@@ -217,22 +234,32 @@ def test_amplitudes_and_phases_rebuild_a_periodic_extension() -> None:
         WGANGP(components=4, width=32, steps=100, learning_rate=1e-3),
     ],
 )
-def test_a_generative_model_learns_which_class_and_pressure_makes_which_level(model: Filler) -> None:
+def test_a_generative_model_learns_which_class_and_pressure_makes_which_level(
+    model: Filler,
+) -> None:
     train = measured()
     arguments = {"label": "normal", "count": 60, "seed": 0}
-    level = [model(train, pressure=MPa(p), **arguments).signal.std(axis=2).mean(axis=0) for p in (10, 15)]
-    measured_level = [train.signal[in_cell(train, "normal", MPa(p))].std(axis=2).mean(axis=0) for p in (10, 15)]
+    level = [
+        model(train, pressure=MPa(p), **arguments).signal.std(axis=2).mean(axis=0) for p in (10, 15)
+    ]
+    measured_level = [
+        train.signal[in_cell(train, "normal", MPa(p))].std(axis=2).mean(axis=0) for p in (10, 15)
+    ]
     np.testing.assert_allclose(level, measured_level, rtol=0.12)
 
 
 def test_smote_on_samples_lies_between_two_windows_of_the_cell() -> None:
     train = measured()
     of_cell = train.signal[in_cell(train, "piston", MPa(15))].reshape(8, -1).astype(float)
-    synthetic = SMOTE()(train, label="piston", pressure=MPa(15), count=20, seed=0).signal.reshape(20, -1)
+    synthetic = SMOTE()(train, label="piston", pressure=MPa(15), count=20, seed=0).signal.reshape(
+        20, -1
+    )
     pairs = [(a, b) for i, a in enumerate(of_cell) for b in of_cell[i + 1 :]]
     for window in synthetic:
         share = [np.clip((window - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) for a, b in pairs]
-        gap = [np.abs(window - a - s * (b - a)).max() for (a, b), s in zip(pairs, share, strict=True)]
+        gap = [
+            np.abs(window - a - s * (b - a)).max() for (a, b), s in zip(pairs, share, strict=True)
+        ]
         assert min(gap) < 1e-4
 
 

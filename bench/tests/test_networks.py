@@ -9,7 +9,9 @@ from swashtwin_bench.rivals.networks import RIVALS
 
 
 def awake(module: torch.nn.Module) -> None:
-    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is felt."""
+    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is
+    felt.
+    """
     for weight in module.parameters():
         weight.data.abs_()
 
@@ -19,7 +21,9 @@ EVERY_NETWORK = pytest.mark.parametrize("name", [network.name for network in RIV
 
 @EVERY_NETWORK
 @pytest.mark.parametrize(("n_channels", "n_classes", "length"), [(1, 5, 256), (3, 2, 101)])
-def test_a_network_gives_one_score_per_class_and_its_features_give_the_scores(name, n_channels, n_classes, length):
+def test_a_network_gives_one_score_per_class_and_its_features_give_the_scores(
+    name, n_channels, n_classes, length
+):
     network = build_network(name, n_channels, n_classes).eval()
     windows = torch.randn(4, n_channels, length)
     assert network(windows).shape == (4, n_classes)
@@ -53,9 +57,13 @@ def test_every_weight_has_a_part_in_the_scores(name):
     network = build_network(name, 2, 3)
     for seed in range(3):  # a hidden layer of few ReLU may sleep under one seed
         drawn = network.fresh(seed)
-        drawn(torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))).square().sum().backward()
+        drawn(
+            torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))
+        ).square().sum().backward()
         for weight, drawn_weight in zip(network.parameters(), drawn.parameters(), strict=True):
-            weight.grad = drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
+            weight.grad = (
+                drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
+            )
     idle = [key for key, weight in network.named_parameters() if not weight.grad.any()]
     assert idle == []
 
@@ -68,11 +76,15 @@ def test_every_weight_has_a_part_in_the_scores(name):
         ("wdcnn", {}, 1520),
     ],
 )
-def test_a_step_in_the_middle_rests_on_as_many_readings_as_the_receptive_field_says(name, settings, samples):
+def test_a_step_in_the_middle_rests_on_as_many_readings_as_the_receptive_field_says(
+    name, settings, samples
+):
     network = build_network(name, 1, 2, **settings).eval()
     awake(network)
     for stage in getattr(network, "stages", ()):
-        stage[3] = torch.nn.AvgPool1d(2)  # as wide as the maximum, which only one sample at a time reaches
+        stage[3] = torch.nn.AvgPool1d(
+            2
+        )  # as wide as the maximum, which only one sample at a time reaches
     windows = torch.rand(1, 1, 8 * 512, requires_grad=True)
     steps = network.steps(windows)
     steps[0, :, steps.shape[-1] // 2].sum().backward()
@@ -100,7 +112,9 @@ def test_a_patch_is_read_in_order_with_all_its_channels():
     network = build_network("lstm", 2, 3, hidden=4, layers=1, patch=3).eval()
     windows = torch.randn(5, 2, 6)
     cell = torch.nn.LSTMCell(6, 4)
-    cell.load_state_dict({key.removesuffix("_l0"): value for key, value in network.recurrence.state_dict().items()})
+    cell.load_state_dict(
+        {key.removesuffix("_l0"): value for key, value in network.recurrence.state_dict().items()}
+    )
     state = cell(windows[:, :, :3].reshape(5, 6))
     state = cell(windows[:, :, 3:].reshape(5, 6), state)
     torch.testing.assert_close(network.features(windows), state[0])
@@ -118,7 +132,9 @@ def test_a_network_of_the_spectrum_does_not_care_when_a_window_begins(name):
     network = build_network(name, 1, 3, n_lines=32).eval()
     cycles, noise = torch.arange(512) / 512, 1e-3 * torch.randn(512)
     tones = [(40, 0.0), (40, 0.1), (40, 0.37), (120, 0.0)]
-    windows = torch.stack([torch.sin(2 * torch.pi * (line * cycles + phase)) + noise for line, phase in tones])
+    windows = torch.stack(
+        [torch.sin(2 * torch.pi * (line * cycles + phase)) + noise for line, phase in tones]
+    )
     features = network.features(windows.unsqueeze(1))
     distance = (features[1:] - features[0]).abs().amax(dim=1)
     assert distance[:2].max() < 0.05 * distance[2]
@@ -127,7 +143,8 @@ def test_a_network_of_the_spectrum_does_not_care_when_a_window_begins(name):
 def test_pretraining_teaches_encoders_that_can_be_undone_and_keeps_units_silent():
     settings = {"hidden": (24, 8), "n_lines": 64, "pretraining_epochs": 150}
     network, awake = (
-        build_network("autoencoder", 1, 2, sparsity_weight=weight, **settings).fresh(0) for weight in (3.0, 0.0)
+        build_network("autoencoder", 1, 2, sparsity_weight=weight, **settings).fresh(0)
+        for weight in (3.0, 0.0)
     )
     draw = np.random.default_rng(0)
     tone = np.sin(2 * np.pi * draw.integers(5, 60, size=(200, 1)) * np.arange(256) / 256)
@@ -145,7 +162,9 @@ def test_pretraining_teaches_encoders_that_can_be_undone_and_keeps_units_silent(
     assert torch.equal(torch.get_rng_state(), before)
     again = network.fresh(0)
     again.pretrain(windows, seed=3)
-    assert all(torch.equal(value, again.state_dict()[key]) for key, value in network.state_dict().items())
+    assert all(
+        torch.equal(value, again.state_dict()[key]) for key, value in network.state_dict().items()
+    )
 
 
 def test_a_graph_of_sensors_listens_by_its_adjacency_and_knows_which_sensor_is_which():
@@ -158,18 +177,34 @@ def test_a_graph_of_sensors_listens_by_its_adjacency_and_knows_which_sensor_is_w
         network.speaking[:] = torch.eye(3, 8)  # every sensor listens to itself only
     changed = windows.clone()
     changed[:, 1] = 0
-    moved = (network.features(changed) - network.features(windows)).abs().amax(dim=0).unflatten(0, (3, -1)).amax(dim=1)
+    moved = (
+        (network.features(changed) - network.features(windows))
+        .abs()
+        .amax(dim=0)
+        .unflatten(0, (3, -1))
+        .amax(dim=1)
+    )
     assert moved[1] > 1e-3
     assert moved[[0, 2]].max() < 1e-5
 
 
 def test_levels_of_a_window_come_out_centered_and_of_unit_deviation():
     network = build_network("spectral_bitcn", 2, 3)
-    levels = network.represent(torch.from_numpy(np.random.default_rng(0).normal(size=(40, 2, 1024))).float())
+    levels = network.represent(
+        torch.from_numpy(np.random.default_rng(0).normal(size=(40, 2, 1024))).float()
+    )
     network.pretrain(levels, 0)
     still, moving = network._split(levels)
-    mean, deviation, n = network.get_buffer("mean"), network.get_buffer("deviation"), network.n_still
+    mean, deviation, n = (
+        network.get_buffer("mean"),
+        network.get_buffer("deviation"),
+        network.n_still,
+    )
     for values, part in ((still, slice(n)), (moving.transpose(1, 2).flatten(0, 1), slice(n, None))):
         scaled = (values - mean[part]) / deviation[part]
-        torch.testing.assert_close(scaled.mean(dim=0), torch.zeros(scaled.shape[1]), atol=1e-4, rtol=0)
-        torch.testing.assert_close(scaled.std(dim=0), torch.ones(scaled.shape[1]), atol=1e-3, rtol=0)
+        torch.testing.assert_close(
+            scaled.mean(dim=0), torch.zeros(scaled.shape[1]), atol=1e-4, rtol=0
+        )
+        torch.testing.assert_close(
+            scaled.std(dim=0), torch.ones(scaled.shape[1]), atol=1e-3, rtol=0
+        )

@@ -1,4 +1,6 @@
-"""The paper's experiments at a size of seconds: what runs, what is read again, and what the page shows."""
+"""The paper's experiments at a size of seconds: what runs, what is read again, and what the page
+shows.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,7 +39,13 @@ VERSIONS: list[str] = []
 def small(kind: str) -> dict[str, Any]:
     if kind.startswith("bitcn"):
         return SMALL
-    return {"channels": (4,)} if kind == "tcn" else {"width": 4} if kind.endswith("graph") else {"hidden": 4}
+    return (
+        {"channels": (4,)}
+        if kind == "tcn"
+        else {"width": 4}
+        if kind.endswith("graph")
+        else {"hidden": 4}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,20 +55,26 @@ def recordings() -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def tiny_paper(recordings: list[Recording]) -> Iterator[pytest.MonkeyPatch]:
-    def fleets(folder: Path, size: str, version: str, work: Work) -> Callable[[int], Sequence[Recording]]:
+    def fleets(
+        folder: Path, size: str, version: str, work: Work
+    ) -> Callable[[int], Sequence[Recording]]:
         VERSIONS.append(version)
         return lambda seed: recordings
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(10), MPa(15)))
-        patch.setattr("swashtwin_bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5)
+        patch.setattr(
+            "swashtwin_bench.studies.training_sets.discriminative_score", lambda *_, **__: 0.5
+        )
         patch.setattr("swashtwin_bench.results.figures._tsne", lambda features: features[:, :2])
         patch.setattr(experiments, "fleets", fleets)
         patch.setitem(plans.SCENARIOS, ("paper", "quick"), TINY)
         patch.setitem(plans.CASE_TWO, ("paper", "quick"), {"scarce_windows": 0})
         patch.setitem(plans.TRAINING, "quick", replace(plans.TRAINING["quick"], epochs=2))
         patch.setattr(
-            plans, "NETWORKS", {name: (kind, {**own, **small(kind)}) for name, (kind, own) in plans.NETWORKS.items()}
+            plans,
+            "NETWORKS",
+            {name: (kind, {**own, **small(kind)}) for name, (kind, own) in plans.NETWORKS.items()},
         )
         patch.setattr(plans, "SNRS", (5.0,))
         searches: Mapping[str, Contender | None] = {
@@ -91,7 +105,10 @@ def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> N
     assert {(row["windows"], row["level"]) for row in results["paper-case2"].rows()} == {
         ("by recording", "L2"), ("by recording", "L4"), ("at random", "L0"), ("at random", "L4"),
     }  # fmt: skip
-    assert {row["classifier"] for row in results["paper-recess"].rows()} == {plans.MAIN, "extra_trees"}
+    assert {row["classifier"] for row in results["paper-recess"].rows()} == {
+        plans.MAIN,
+        "extra_trees",
+    }
     assert set(VERSIONS) == {"1", "1-deep"}
 
 
@@ -105,7 +122,10 @@ def test_repeats_train_anew_on_the_same_data(results: dict[str, StudyTable]) -> 
 
 
 def test_finished_runs_are_read_and_no_checkpoint_stays(
-    results: dict[str, StudyTable], recordings: list[Recording], out: Path, monkeypatch: pytest.MonkeyPatch
+    results: dict[str, StudyTable],
+    recordings: list[Recording],
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def untouched(*_: object, **__: object) -> None:
         raise AssertionError("a finished run was run again")
@@ -113,12 +133,22 @@ def test_finished_runs_are_read_and_no_checkpoint_stays(
     monkeypatch.setattr("swashtwin_bench.studies.runner.train_and_test", untouched)
     monkeypatch.setattr(identification, "_values", untouched)
     again = run_paper(Work((3,), out=out))
-    assert {name: study.rows() for name, study in again.items()} == {n: study.rows() for n, study in results.items()}
+    assert {name: study.rows() for name, study in again.items()} == {
+        n: study.rows() for n, study in results.items()
+    }
     assert list(out.rglob("*.safetensors")) == []
     monkeypatch.setattr(experiments, "load_recordings", lambda source: recordings)
     own = run_paper(Work((3,), out=out), experiments=("case2",), source=Path("own recordings"))
     assert own["paper-case2"].rows() == results["paper-case2"].rows()
-    words = ("bench", "study", "paper", "--set", "experiments=case1,noise", "--set", "training_sets=nominal")
+    words = (
+        "bench",
+        "study",
+        "paper",
+        "--set",
+        "experiments=case1,noise",
+        "--set",
+        "training_sets=nominal",
+    )
     answer = run_json(*words, "--seeds", 3, "--jobs", 1, "--out", out)
     case1, noise = answer["studies"]
     assert {row["training_set"] for row in case1["rows"]} == {"nominal"}
@@ -127,18 +157,37 @@ def test_finished_runs_are_read_and_no_checkpoint_stays(
     assert Path(answer["report"]) == out / "paper" / "report.html"
 
 
-def test_the_page_has_each_row_of_the_paper_beside_ours(results: dict[str, StudyTable], tmp_path: Path) -> None:
+def test_the_page_has_each_row_of_the_paper_beside_ours(
+    results: dict[str, StudyTable], tmp_path: Path
+) -> None:
     page = write_paper_page(results, "quick", tmp_path / "page")
     text = page.read_text(encoding="utf-8")
-    for figure in ("0.812", "0.9748", "0.9029", "0.910", "9 points below BiTCN", "best epoch 453", "all three fall"):
+    for figure in (
+        "0.812",
+        "0.9748",
+        "0.9029",
+        "0.910",
+        "9 points below BiTCN",
+        "best epoch 453",
+        "all three fall",
+    ):
         assert figure in text
-    for words in ("2 epochs in place of 200", "not how good it is", "true / nominal", "The full network is"):
+    for words in (
+        "2 epochs in place of 200",
+        "not how good it is",
+        "true / nominal",
+        "The full network is",
+    ):
         assert words in text
     assert "none on this page" not in text
     assert "1 fleet of pumps (seeds 3). Differences have no interval." in text
-    studies = json.loads((tmp_path / "page" / "results.json").read_text(encoding="utf-8"))["studies"]
+    studies = json.loads((tmp_path / "page" / "results.json").read_text(encoding="utf-8"))[
+        "studies"
+    ]
     assert [study["study"] for study in studies] == list(results)
-    one = write_paper_page({identification.STUDY: results[identification.STUDY]}, "quick", tmp_path / "one")
+    one = write_paper_page(
+        {identification.STUDY: results[identification.STUDY]}, "quick", tmp_path / "one"
+    )
     assert "none on this page" in one.read_text(encoding="utf-8")
 
 
@@ -146,7 +195,9 @@ def test_convergence_counts_fleets_with_every_network(results: dict[str, StudyTa
     study = results["paper-ablation"]
     assert isinstance(study, StudyResult)
     assert "The full network is" in convergence_sentence(study)
-    assert "no fleet" in convergence_sentence(replace(study, runs=(*study.runs[:2], {**study.runs[2], "seed": 9})))
+    assert "no fleet" in convergence_sentence(
+        replace(study, runs=(*study.runs[:2], {**study.runs[2], "seed": 9}))
+    )
 
 
 def test_a_search_that_fails_is_a_row_with_its_reason(
@@ -172,16 +223,23 @@ def test_a_search_that_fails_is_a_row_with_its_reason(
         ({"size": "huge"}, "no size 'huge'"),
     ],
 )
-def test_what_cannot_be_run_is_refused_at_once(wrong: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_what_cannot_be_run_is_refused_at_once(
+    wrong: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=message):
         run_paper(Work(out=tmp_path), **wrong)
 
 
-def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(recordings: list[Recording]) -> None:
+def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(
+    recordings: list[Recording],
+) -> None:
     scenario = replace(TINY, windows=5, class_windows=17)
     dataset = prepare(recordings, scenario, 0, [])
     counts = dataset.measured.counts()
-    by_class = {name: sum(n for (label, _), n in counts.items() if label == name) for name in dataset.measured.classes}
+    by_class = {
+        name: sum(n for (label, _), n in counts.items() if label == name)
+        for name in dataset.measured.classes
+    }
     assert by_class.pop("swash_plate") == 17 - scenario.synthetic
     assert set(by_class.values()) == {17}
     assert counts["swash_plate", scenario.pressure] == scenario.scarce_windows
@@ -191,7 +249,9 @@ def test_a_training_set_has_as_many_windows_of_each_class_as_the_plan_says(recor
 
 def test_windows_dealt_at_random_keep_the_counts_of_each_cell(recordings: list[Recording]) -> None:
     windows = cut_windows(recordings, length=2048, stride=8192)
-    is_test = np.isin(windows.recording_id, [r.recording_id for r in recordings if r.recording_id.endswith("_2")])
+    is_test = np.isin(
+        windows.recording_id, [r.recording_id for r in recordings if r.recording_id.endswith("_2")]
+    )
     is_test &= windows.cell_pressure == windows.cell_pressure.max()
     measured, test = windows.subset(~is_test), windows.subset(is_test)
     dealt = deal_windows(measured, test, seed=0)
@@ -199,14 +259,18 @@ def test_windows_dealt_at_random_keep_the_counts_of_each_cell(recordings: list[R
     assert names(dealt[0]) | names(dealt[1]) == names(windows)
     assert not names(dealt[0]) & names(dealt[1])
     assert set(dealt[0].recording_id.tolist()) & set(dealt[1].recording_id.tolist())
-    assert [each.fingerprint() for each in deal_windows(measured, test, seed=0)] == [d.fingerprint() for d in dealt]
+    assert [each.fingerprint() for each in deal_windows(measured, test, seed=0)] == [
+        d.fingerprint() for d in dealt
+    ]
 
 
 def names(windows: WindowSet) -> set[tuple[str, int]]:
     return set(zip(windows.recording_id.tolist(), windows.start.tolist(), strict=True))
 
 
-def test_an_interrupted_training_goes_on_from_its_checkpoint(recordings: list[Recording], tmp_path: Path) -> None:
+def test_an_interrupted_training_goes_on_from_its_checkpoint(
+    recordings: list[Recording], tmp_path: Path
+) -> None:
     windows = cut_windows(recordings, length=2048, stride=8192)
     model = Model("bitcn", SMALL, replace(plans.TRAINING["quick"], epochs=2))
     whole = train_model(model, windows, seed=0)
@@ -240,4 +304,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(recordings: list[Re
 def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(
     name: str, classifier: str, expected: str
 ) -> None:
-    assert paper_words(name, {"classifier": classifier, "training_set": "measured", "level": "L2"}) == expected
+    assert (
+        paper_words(name, {"classifier": classifier, "training_set": "measured", "level": "L2"})
+        == expected
+    )

@@ -1,4 +1,6 @@
-"""Studies of classifiers as plans: what they train and test, and the noise exactly as the protocol defines it."""
+"""Studies of classifiers as plans: what they train and test, and the noise exactly as the protocol
+defines it.
+"""
 
 import pickle
 from dataclasses import replace
@@ -33,7 +35,9 @@ FEW = {"windows": 2, "scarce_windows": 3, "synthetic": 6, "test_windows": None, 
 def small(study: str, **changes: Any) -> Plan:
     plan = plan_of(study)
     scenario = replace(plan.scenario, method=GaussNewton(starts=1), **FEW)
-    return replace(plan, **{"scenario": scenario, "training_sets": {"measured": TrainingSet()}, **changes})
+    return replace(
+        plan, **{"scenario": scenario, "training_sets": {"measured": TrainingSet()}, **changes}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +49,13 @@ def test_what_workers_get_needs_no_file_of_a_recording(
     recordings: list[Recording], dataset: StudyDataset, tmp_path: Path
 ) -> None:
     expected = dataset.test_recordings["L4"][:2]
-    files = {each.recording_id: write_recording(each, tmp_path / f"{n}.h5") for n, each in enumerate(expected)}
-    lazy = [load_recording(files[r.recording_id]) if r.recording_id in files else r for r in recordings]
+    files = {
+        each.recording_id: write_recording(each, tmp_path / f"{n}.h5")
+        for n, each in enumerate(expected)
+    }
+    lazy = [
+        load_recording(files[r.recording_id]) if r.recording_id in files else r for r in recordings
+    ]
     prepared = prepare(lazy, small("noise").scenario, 0, (), noisy_tests=True)
     for file in files.values():
         file.unlink()
@@ -80,7 +89,11 @@ def test_gains_and_speeds_change_each_recording_in_its_own_way(recordings: list[
     lines = np.sin(2 * np.pi * 200 / recording.sample_rate * np.arange(recording.n_samples))[None]
     line = recording.replace(signal=np.repeat(lines, len(recording.channels), axis=0))
     counts = [
-        np.argmax(np.abs(np.fft.rfft(Perturbation("speed", 0.02).of_recording(line, repeat).signal[0], 2**18)))
+        np.argmax(
+            np.abs(
+                np.fft.rfft(Perturbation("speed", 0.02).of_recording(line, repeat).signal[0], 2**18)
+            )
+        )
         * recording.sample_rate
         / 2**18
         for repeat in range(4)
@@ -91,13 +104,25 @@ def test_gains_and_speeds_change_each_recording_in_its_own_way(recordings: list[
 
 def test_longer_windows_leave_as_much_signal_in_the_scarce_cell() -> None:
     plan = plan_of("case2", "paper").of_window(8192)
-    assert (plan.scenario.length, plan.scenario.scarce_windows, plan.scenario.test_windows) == (8192, 0, 12)
+    assert (plan.scenario.length, plan.scenario.scarce_windows, plan.scenario.test_windows) == (
+        8192,
+        0,
+        12,
+    )
     assert plan_of("case1", "paper").of_window(8192).scenario.scarce_windows == 12
 
 
-def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(recordings: list[Recording]) -> None:
+def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(
+    recordings: list[Recording],
+) -> None:
     study = run_plan(
-        small("noise", models={"extra_trees": FOREST}, perturbations=(Perturbation("hum", 5.0),), draws=2), recordings
+        small(
+            "noise",
+            models={"extra_trees": FOREST},
+            perturbations=(Perturbation("hum", 5.0),),
+            draws=2,
+        ),
+        recordings,
     )
     assert [(row["level"], row["perturbation"]) for row in study.rows()] == [
         (level, test) for level in ("L2", "L4") for test in ("clean", "hum 5 dB")
@@ -124,7 +149,10 @@ def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> Non
     for study, in_cell in (("case1", 50), ("case2", 0)):
         plan = plan_of(f"paper-{study}", "paper")
         assert plan.scenario.class_windows == 650
-        assert (plan.scenario.scarce_windows, plan.scenario.scarce_windows + plan.scenario.synthetic) == (in_cell, 200)
+        assert (
+            plan.scenario.scarce_windows,
+            plan.scenario.scarce_windows + plan.scenario.synthetic,
+        ) == (in_cell, 200)
         assert {name: plan.scenario_of(name).levels[0] for name in plan.variants} == {
             "by recording": "L2",
             "at random": "L0",
@@ -136,10 +164,14 @@ def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> Non
             if model.is_network:
                 assert medium.models[name].training == replace(model.training, epochs=30)
                 patched = plans.NETWORKS[name][0].startswith("bitcn")
-                assert medium.models[name].network.get("stride") == (plans.PATCH if patched else None)
+                assert medium.models[name].network.get("stride") == (
+                    plans.PATCH if patched else None
+                )
 
 
-def test_the_fair_test_calibrates_each_pump_on_healthy_recordings_and_its_recess(recordings: list[Recording]) -> None:
+def test_the_fair_test_calibrates_each_pump_on_healthy_recordings_and_its_recess(
+    recordings: list[Recording],
+) -> None:
     plan = small("fair-test")
     scenario = replace(plan.scenario, scarce_windows=0, **plan.variants["never measured"])
     counts = prepare(recordings, scenario, 0, ()).measured.counts()
@@ -159,7 +191,9 @@ def test_every_filler_has_the_same_budget_and_none_fills_at_zero() -> None:
 
 
 def test_a_training_set_that_nothing_fills_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match=r"nothing fills by 'smoote'; there are nominal, calibrated, "):
+    with pytest.raises(
+        InputError, match=r"nothing fills by 'smoote'; there are nominal, calibrated, "
+    ):
         TrainingSet("smoote")
 
 
@@ -170,12 +204,16 @@ def test_a_filler_fills_the_scarce_cell_or_every_class(dataset: StudyDataset, by
     assert synthetic.counts()["swash_plate", 15e6] == len(synthetic) == dataset.scenario.synthetic
     assert 0 <= values["discriminator"] <= 1
     every, _ = fill_cells(dataset, TrainingSet(by, every_class=True))
-    assert [every.counts()[label, 15e6] for label in every.classes] == [dataset.scenario.synthetic] * 5
+    assert [every.counts()[label, 15e6] for label in every.classes] == [
+        dataset.scenario.synthetic
+    ] * 5
 
 
 def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
     augmentation = plan_of("augmentation")
-    plan = augmentation.with_settings(PlanSettings(values=("72", "0"), training_sets=("calibrated", "measured")))
+    plan = augmentation.with_settings(
+        PlanSettings(values=("72", "0"), training_sets=("calibrated", "measured"))
+    )
     whole = {task.key for task in augmentation.tasks(0, "data")}
     assert {task.factors["synthetic"] for task in plan.tasks(0, "data")} == {"0", "72"}
     assert {task.key for task in plan.tasks(0, "data")} < whole
@@ -184,12 +222,18 @@ def test_a_study_can_be_run_in_part_and_by_other_classifiers() -> None:
     for settings, message in (
         (PlanSettings(training_sets=("twin",)), "no training set 'twin'"),
         (PlanSettings(values=("73",)), "no value of synthetic '73'; there are 0, 72, 200"),
-        (PlanSettings(classifiers=("extra_tres",)), "no model is called 'extra_tres'; did you mean 'extra_trees'"),
+        (
+            PlanSettings(classifiers=("extra_tres",)),
+            "no model is called 'extra_tres'; did you mean 'extra_trees'",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             augmentation.with_settings(settings)
     with pytest.raises(InputError, match="nothing to do: calibrated is not trained at synthetic 0"):
-        run_plan(augmentation.with_settings(PlanSettings(training_sets=("calibrated",), values=("0",))), [])
+        run_plan(
+            augmentation.with_settings(PlanSettings(training_sets=("calibrated",), values=("0",))),
+            [],
+        )
 
 
 def test_a_study_takes_thirteen_sensors() -> None:
@@ -201,10 +245,16 @@ def test_a_study_takes_thirteen_sensors() -> None:
 
 def test_twins_of_a_study_on_the_rig_with_a_deep_recess_simulate_that_recess() -> None:
     case1 = plan_of("case1")
-    one, two, deep = (case1.with_settings(PlanSettings(rig=version)) for version in ("1", "2", "2-deep"))
+    one, two, deep = (
+        case1.with_settings(PlanSettings(rig=version)) for version in ("1", "2", "2-deep")
+    )
     assert one.scenario == two.scenario == case1.scenario
     (recess,) = deep.scenario.faults["swash_plate"]
-    assert recess == replace(draw_fault("swash_plate", "A", 0, "any", is_deep=True), angle=recess.angle)
+    assert recess == replace(
+        draw_fault("swash_plate", "A", 0, "any", is_deep=True), angle=recess.angle
+    )
     assert one.tasks(0, "data")[0].key != deep.tasks(0, "data")[0].key
     (paper,) = plan_of("paper-recess").scenario.faults["swash_plate"]
-    assert (paper.depth, paper.length, paper.width, paper.contact) == pytest.approx((0.6e-3, 30e-3, 24e-3, "shared"))
+    assert (paper.depth, paper.length, paper.width, paper.contact) == pytest.approx(
+        (0.6e-3, 30e-3, 24e-3, "shared")
+    )

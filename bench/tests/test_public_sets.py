@@ -50,7 +50,9 @@ def test_every_known_bearing_record_has_the_facts_of_the_staged_table(public_dat
         assert (record.kilohertz * 1000, record.specimen) == (int(row["fs_hz"]), row["bearing_id"])
         assert record.position == row["or_position"]
         assert record.end == (row["faulty_end"] if row["faulty_end"] != "none" else "DE")
-    assert sum(len(group) for group in records.values()) == 161 + 4  # the set has 161; the normal ones at both ends
+    assert (
+        sum(len(group) for group in records.values()) == 161 + 4
+    )  # the set has 161; the normal ones at both ends
 
 
 def test_bearing_recordings_have_their_own_rates_speeds_and_published_kurtosis(
@@ -63,17 +65,32 @@ def test_bearing_recordings_have_their_own_rates_speeds_and_published_kurtosis(
     assert [recording.recording_id for recording in recordings] == [
         "cwru_97_DE", "cwru_97_FE", "cwru_105_DE", "cwru_174_DE", "cwru_237_DE", "cwru_278_FE", "cwru_3001_DE",
     ]  # fmt: skip
-    assert [recording.sample_rate for recording in recordings] == [48e3, 48e3, 12e3, 48e3, 12e3, 12e3, 12e3]
-    assert [recording.attributes["speed"] for recording in recordings[1:3]] == ["1796 rpm", "1797 rpm"]
+    assert [recording.sample_rate for recording in recordings] == [
+        48e3,
+        48e3,
+        12e3,
+        48e3,
+        12e3,
+        12e3,
+        12e3,
+    ]
+    assert [recording.attributes["speed"] for recording in recordings[1:3]] == [
+        "1796 rpm",
+        "1797 rpm",
+    ]
     assert recordings[-1].attributes["speed"] == "1797 rpm"  # it has no speed of its own
     assert [recording.specimen for recording in recordings[:2]] == ["DE-healthy", "FE-healthy"]
     for recording in recordings:
         row = rows[recording.attributes["record"]]
         if recording.attributes["end"] == "DE":
-            assert kurtosis(recording.signal[0], fisher=False) == pytest.approx(float(row["kurtosis_DE"]), abs=6e-4)
+            assert kurtosis(recording.signal[0], fisher=False) == pytest.approx(
+                float(row["kurtosis_DE"]), abs=6e-4
+            )
 
 
-def test_the_staged_table_adds_checksums_and_known_problems(public_data: Path, tmp_path: Path) -> None:
+def test_the_staged_table_adds_checksums_and_known_problems(
+    public_data: Path, tmp_path: Path
+) -> None:
     row = next(row for row in rows_of(public_data / "cwru") if row["record"] == "236")
     path = tmp_path / row["file"]
     path.parent.mkdir()
@@ -88,15 +105,28 @@ def test_the_staged_table_adds_checksums_and_known_problems(public_data: Path, t
 
 def test_a_bearing_file_of_the_original_site_is_read_at_its_faulty_end(tmp_path: Path) -> None:
     vectors = {
-        f"X{number}_{end}_time": np.arange(5.0) + int(number) for number in ("098", "099") for end in ("DE", "FE")
+        f"X{number}_{end}_time": np.arange(5.0) + int(number)
+        for number in ("098", "099")
+        for end in ("DE", "FE")
     }
     savemat(tmp_path / "99.mat", {**vectors, "X099RPM": 1748.0})
-    savemat(tmp_path / "12k_FE_IR007_1_279.mat", {"X279_DE_time": np.arange(4.0), "X279_FE_time": np.arange(6.0)})
+    savemat(
+        tmp_path / "12k_FE_IR007_1_279.mat",
+        {"X279_DE_time": np.arange(4.0), "X279_FE_time": np.arange(6.0)},
+    )
     savemat(tmp_path / "B007.mat", {"X118_DE_time": np.arange(4.0)})
     drive, fan, fault = read_cwru(tmp_path)
     np.testing.assert_allclose(drive.signal[0], (np.arange(5.0) + 99) * 9.80665)
-    assert (drive.attributes["speed"], fan.attributes["end"], fan.label) == ("1748 rpm", "FE", "normal")
-    assert (fault.signal.shape, fault.attributes["speed"], fault.specimen) == ((1, 6), "1772 rpm", "FE-inner_race-7")
+    assert (drive.attributes["speed"], fan.attributes["end"], fan.label) == (
+        "1748 rpm",
+        "FE",
+        "normal",
+    )
+    assert (fault.signal.shape, fault.attributes["speed"], fault.specimen) == (
+        (1, 6),
+        "1772 rpm",
+        "FE-inner_race-7",
+    )
     savemat(tmp_path / "122_0.mat", {"x": np.arange(4.0)})
     with pytest.raises(DataError, match=r"no variable X\.\.\._DE_time; it has x"):
         read_cwru(tmp_path)
@@ -106,24 +136,42 @@ def test_a_bearing_file_of_the_original_site_is_read_at_its_faulty_end(tmp_path:
 
 
 def test_the_cavitation_set_has_its_speeds_states_and_repeats(cavitation: list[Recording]) -> None:
-    cells = Counter((recording.attributes["speed_nominal"], recording.label) for recording in cavitation)
+    cells = Counter(
+        (recording.attributes["speed_nominal"], recording.label) for recording in cavitation
+    )
     assert len(cells) == 15
     assert set(cells.values()) == {3}
-    assert Counter(recording.attributes["repeat"] for recording in cavitation) == {"1": 15, "2": 15, "3": 15}
-    assert {(recording.sample_rate, recording.signal.shape) for recording in cavitation} == {(6400.0, (5, 32810))}
-    assert (cavitation[0].attributes["speed"], cavitation[0].attributes["flow"]) == ("714 rpm", "2.741 m^3/h")
+    assert Counter(recording.attributes["repeat"] for recording in cavitation) == {
+        "1": 15,
+        "2": 15,
+        "3": 15,
+    }
+    assert {(recording.sample_rate, recording.signal.shape) for recording in cavitation} == {
+        (6400.0, (5, 32810))
+    }
+    assert (cavitation[0].attributes["speed"], cavitation[0].attributes["flow"]) == (
+        "714 rpm",
+        "2.741 m^3/h",
+    )
     assert len(cut_windows(cavitation, length=3281)) == 450
 
 
-def test_cavitation_files_are_known_by_their_original_names(public_data: Path, tmp_path: Path) -> None:
+def test_cavitation_files_are_known_by_their_original_names(
+    public_data: Path, tmp_path: Path
+) -> None:
     staged = public_data / "pump_cavitation" / "recordings" / "15_3_s1200_cavitation100.dat.gz"
     content = gzip.decompress(staged.read_bytes())
     (tmp_path / "15 3 s1200 cavitation100.dat").write_bytes(content)
     (tmp_path / "notes.dat").write_text("of something else")
     (recording,) = read_public_set("pump_cavitation", tmp_path)
-    assert (recording.recording_id, recording.label) == ("15_3_s1200_cavitation100", "cavitation100")
+    assert (recording.recording_id, recording.label) == (
+        "15_3_s1200_cavitation100",
+        "cavitation100",
+    )
     assert recording.attributes["speed"] == recording.attributes["speed_nominal"] == "1200 rpm"
-    np.testing.assert_array_equal(recording.signal, np.loadtxt(content.decode().splitlines(), skiprows=8)[:, 1:].T)
+    np.testing.assert_array_equal(
+        recording.signal, np.loadtxt(content.decode().splitlines(), skiprows=8)[:, 1:].T
+    )
 
 
 @pytest.mark.nightly
@@ -137,13 +185,16 @@ def test_the_motor_set_has_the_blocks_of_its_table(public_data: Path) -> None:
         assert (recording.label, recording.attributes["block"], recording.attributes["transient"]) == (
             row["label"], row["block"], row["transient"],
         )  # fmt: skip
-    assert {(recording.sample_rate, recording.channels, recording.signal.shape) for recording in recordings} == {
-        (1000.0, ("x", "y", "z"), (3, 5000))
-    }
+    assert {
+        (recording.sample_rate, recording.channels, recording.signal.shape)
+        for recording in recordings
+    } == {(1000.0, ("x", "y", "z"), (3, 5000))}
 
 
 @pytest.mark.nightly
-def test_the_hydraulic_set_has_the_labels_and_runs_of_its_table(public_data: Path, hydraulic: list[Recording]) -> None:
+def test_the_hydraulic_set_has_the_labels_and_runs_of_its_table(
+    public_data: Path, hydraulic: list[Recording]
+) -> None:
     table = rows_of(public_data / "uci_hydraulic", "cycles.csv")
     assert len(hydraulic) == len(table) == 2205
     for recording, row in zip(hydraulic, table, strict=True):
@@ -166,17 +217,31 @@ def test_slow_sensors_of_the_hydraulic_set_are_held_and_fast_ones_are_as_measure
 
 
 @pytest.mark.nightly
-def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(tmp_path: Path) -> None:
+def test_hydraulic_originals_of_100_hz_become_means_over_a_tenth_of_a_second(
+    tmp_path: Path,
+) -> None:
     pressure = np.random.default_rng(0).normal(150, 1, (4, 6000)).round(2)
     np.savetxt(tmp_path / "PS1.txt", pressure, fmt="%.2f", delimiter="\t")
     np.savetxt(tmp_path / "TS1.txt", np.arange(240.0).reshape(4, 60), fmt="%.3f", delimiter="\t")
     profile = [(3, 100, 0, 130, 1), (3, 100, 0, 130, 0), (3, 100, 2, 130, 0), (20, 100, 0, 130, 0)]
     np.savetxt(tmp_path / "profile.txt", profile, fmt="%d", delimiter="\t")
     recordings = read_uci_hydraulic(tmp_path)
-    np.testing.assert_allclose(recordings[2].signal[0], pressure[2].reshape(600, 10).mean(axis=1), rtol=1e-12)
-    assert [recording.label for recording in recordings] == ["no_leakage", "no_leakage", "severe_leakage", "no_leakage"]
+    np.testing.assert_allclose(
+        recordings[2].signal[0], pressure[2].reshape(600, 10).mean(axis=1), rtol=1e-12
+    )
+    assert [recording.label for recording in recordings] == [
+        "no_leakage",
+        "no_leakage",
+        "severe_leakage",
+        "no_leakage",
+    ]
     assert [recording.attributes["pump_run"] for recording in recordings] == ["0", "0", "1", "2"]
-    assert [recording.attributes["cooler_block"] for recording in recordings] == ["0", "0", "0", "1"]
+    assert [recording.attributes["cooler_block"] for recording in recordings] == [
+        "0",
+        "0",
+        "0",
+        "1",
+    ]
     (tmp_path / "TS1.txt").write_text("1.5\t2\n")
     with pytest.raises(DataError, match="1 cycles"):
         read_uci_hydraulic(tmp_path)

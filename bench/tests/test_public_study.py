@@ -1,4 +1,6 @@
-"""The study of the public sets keeps groups apart, chooses settings inside, and shows a leak as a leak."""
+"""The study of the public sets keeps groups apart, chooses settings inside, and shows a leak as a
+leak.
+"""
 
 import json
 from pathlib import Path
@@ -17,7 +19,9 @@ LAG = {"healthy": 2.2e-5, "cavitation50": 1.5e-5, "cavitation100": 0.9e-5}
 """Lag [rev/min] over the speed squared of each state of the made-up pump."""
 
 
-def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], count: int = 6720) -> Path:
+def write_pump(
+    folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], count: int = 6720
+) -> Path:
     """A made-up pump_cavitation with three repeats of each state; only the slip tells the state."""
     random = np.random.default_rng(0)
     recordings_folder = folder / "pump_cavitation" / "recordings"
@@ -28,8 +32,12 @@ def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], c
             for repeat in (1, 2, 3):
                 field = 1.03 * speed
                 shaft = field - LAG[state] * field**2
-                lines = [2 * k * field for k in (1, 2, 3, 6, 12)] + [k * shaft for k in (1, 2, 3, 5, 6, 7)]
-                tones = sum(0.4 * np.sin(2 * np.pi * at / 60 * time + random.uniform(0, 6)) for at in lines)
+                lines = [2 * k * field for k in (1, 2, 3, 6, 12)] + [
+                    k * shaft for k in (1, 2, 3, 5, 6, 7)
+                ]
+                tones = sum(
+                    0.4 * np.sin(2 * np.pi * at / 60 * time + random.uniform(0, 6)) for at in lines
+                )
                 signal = tones + random.normal(size=(5, count))
                 table = np.column_stack([time, signal.T])
                 header = "% made up\n" * 7 + "Time\tch 0\tch 1\tch 2\tch 3\tch 4"
@@ -40,7 +48,9 @@ def write_pump(folder: Path, speeds: tuple[int, ...], states: tuple[str, ...], c
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_pump(tmp_path_factory.mktemp("small"), (700, 1000, 1200), ("healthy", "cavitation100"))
+    return write_pump(
+        tmp_path_factory.mktemp("small"), (700, 1000, 1200), ("healthy", "cavitation100")
+    )
 
 
 def test_the_ordinary_training_is_read_again_where_it_was_finished(
@@ -56,7 +66,9 @@ def test_the_ordinary_training_is_read_again_where_it_was_finished(
     assert [fold["fold"] for fold in study.details["folds"]] == ["700 rpm", "1000 rpm", "1200 rpm"]
     json.dumps(study.to_dict(), allow_nan=False)
     monkeypatch.delattr(FaultClassifier, "fit")
-    assert public(Work(out=tmp_path), PublicSettings(("extra_trees",)), small).rows() == study.rows()
+    assert (
+        public(Work(out=tmp_path), PublicSettings(("extra_trees",)), small).rows() == study.rows()
+    )
     with pytest.raises(InputError, match="no classifier is called 'trees'; there are chosen, "):
         public(Work(), PublicSettings(("trees",)), small)
 

@@ -10,7 +10,14 @@ import pytest
 
 from swashtwin.foundation import InputError, MPa
 from swashtwin.physics import LoadCase, Twin, force_lines
-from swashtwin.pump import CLASSES, Interfaces, OperatingCondition, Pump, SwashPlateDefect, load_pump
+from swashtwin.pump import (
+    CLASSES,
+    Interfaces,
+    OperatingCondition,
+    Pump,
+    SwashPlateDefect,
+    load_pump,
+)
 from swashtwin.recordings import inspect_recordings, load_recordings
 from swashtwin.signals import order_spectrum
 from swashtwin_bench import SIZES, build_rig, rig_recordings
@@ -32,7 +39,12 @@ GOLDEN_LEVELS = {
 
 def truth_of(run: Run) -> str:
     """What was drawn for one run, to nine digits."""
-    values = [run.specimen.mount, run.specimen.bearing, *run.specimen.values, run.condition.discharge_pressure]
+    values = [
+        run.specimen.mount,
+        run.specimen.bearing,
+        *run.specimen.values,
+        run.condition.discharge_pressure,
+    ]
     fault = "none" if run.fault is None else f"{type(run.fault).__name__} {run.fault.severity:.9g}"
     return " ".join([f"{value:.9g}" for value in values] + [fault])
 
@@ -40,11 +52,14 @@ def truth_of(run: Run) -> str:
 def test_the_rig_is_frozen() -> None:
     """Draws and levels of one pump under seed 0, pinned at rig version 1.
 
-    A failure shows what came out; a change on purpose is a new `RIG_VERSION` with re-measured figures.
+    A failure shows what came out; a change on purpose is a new `RIG_VERSION` with re-measured
+    figures.
     """
     pairs = list(rig_recordings(0, TINY))
     digest = hashlib.sha256("\n".join(truth_of(run) for _, run in pairs).encode()).hexdigest()
-    levels = {r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs}
+    levels = {
+        r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs
+    }
     assert (RIG_VERSION, digest) == ("1", GOLDEN_TRUTH)
     for name, golden in GOLDEN_LEVELS.items():
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
@@ -53,8 +68,14 @@ def test_the_rig_is_frozen() -> None:
 @pytest.mark.parametrize("version", ["1", "2", "3"])
 def test_the_same_seed_gives_the_same_samples_in_any_batch(version: str) -> None:
     size, take = RigSize(2, 1, 0.3), {"pressures": (MPa(10),), "version": version}
-    first = {r.recording_id: r.signal for r, _ in rig_recordings(3, size, labels=("normal", "piston"), **take)}
-    again = {r.recording_id: r.signal for r, _ in rig_recordings(3, size, labels=("piston", "normal"), batch=1, **take)}
+    first = {
+        r.recording_id: r.signal
+        for r, _ in rig_recordings(3, size, labels=("normal", "piston"), **take)
+    }
+    again = {
+        r.recording_id: r.signal
+        for r, _ in rig_recordings(3, size, labels=("piston", "normal"), batch=1, **take)
+    }
     assert first.keys() == again.keys()
     for name, signal in first.items():
         np.testing.assert_array_equal(again[name], signal)
@@ -79,15 +100,20 @@ def test_a_recording_states_what_was_set_and_not_what_held() -> None:
     assert not any("fault" in key or "truth" in key for key in recording.attributes)
 
 
-def test_the_twin_with_the_true_values_still_misses_the_rig(pump: Pump, at_15: OperatingCondition) -> None:
-    """The rig is no twin in disguise: handed every true interface value, the twin's lines are off by over 5 %."""
+def test_the_twin_with_the_true_values_still_misses_the_rig(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    """The rig is no twin in disguise: handed every true interface value, the twin's lines are off
+    by over 5 %.
+    """
     specimen = draw_specimen(pump, "A", 0)
     run = Run(specimen, at_15, None)
     orders = np.arange(7, 175, 7)
     pressure = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 180)
-    truth = (shell_lines(run, pressure) * specimen.housing.response(np.arange(1, 181) * at_15.shaft_frequency))[
-        :, orders - 1
-    ]
+    truth = (
+        shell_lines(run, pressure)
+        * specimen.housing.response(np.arange(1, 181) * at_15.shaft_frequency)
+    )[:, orders - 1]
     values = Interfaces.from_values(specimen.values * film_factors(at_15.discharge_pressure, 1.0))
     twin = Twin(pump, at_15, None, values, bandwidth=2600)
     lines = twin.acceleration().detach().numpy()[:, np.isin(twin.orders, orders)]
@@ -95,7 +121,9 @@ def test_the_twin_with_the_true_values_still_misses_the_rig(pump: Pump, at_15: O
     assert 0.05 < error < 0.6
 
 
-def test_a_healthy_pump_of_the_rig_has_once_per_revolution_content(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_healthy_pump_of_the_rig_has_once_per_revolution_content(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     specimen = draw_specimen(pump, "B", 1)
     scattered = force_lines(LoadCase(specimen.pump, at_15, None, specimen.clearances), 10)
     equal = force_lines(LoadCase(specimen.pump, at_15), 10)
@@ -160,7 +188,10 @@ def test_thirteen_accelerometers_sit_where_the_pump_file_says() -> None:
     for (recording, run), (_, usual_run) in zip(pairs, usual, strict=True):
         assert recording.channels == pump.channels
         assert recording.n_channels == 13
-        assert (run.condition, run.specimen.mount) == (usual_run.condition, usual_run.specimen.mount)
+        assert (run.condition, run.specimen.mount) == (
+            usual_run.condition,
+            usual_run.specimen.mount,
+        )
         levels = recording.signal.std(axis=1)
         assert (levels > 0.05).all()
         assert np.unique(levels.round(3)).size == 13
@@ -171,13 +202,18 @@ def test_thirteen_accelerometers_sit_where_the_pump_file_says() -> None:
 
 @pytest.mark.parametrize(("version", "sensors"), [("2", 13), ("1", 5)])
 def test_a_number_of_sensors_that_a_version_has_not_is_refused(version: str, sensors: int) -> None:
-    with pytest.raises(InputError, match=rf"{sensors} sensors cannot be recorded by version {version} of the rig"):
+    with pytest.raises(
+        InputError, match=rf"{sensors} sensors cannot be recorded by version {version} of the rig"
+    ):
         next(iter(rig_recordings(0, LONGER, version=version, sensors=sensors)))
 
 
 def test_the_papers_recess_is_the_only_difference_of_the_deep_version() -> None:
     labels = ("normal", "swash_plate")
-    deep = {r.recording_id: (r, run) for r, run in rig_recordings(3, LONGER, labels=labels, version=DEEP_VERSION)}
+    deep = {
+        r.recording_id: (r, run)
+        for r, run in rig_recordings(3, LONGER, labels=labels, version=DEEP_VERSION)
+    }
     for usual, run in rig_recordings(3, LONGER, labels=labels):
         recording, deep_run = deep[usual.recording_id]
         if usual.label == "normal":

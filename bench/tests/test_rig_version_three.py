@@ -1,4 +1,6 @@
-"""Version 3 of the virtual rig: frozen, reproducible, and each of its faults acts where physics says."""
+"""Version 3 of the virtual rig: frozen, reproducible, and each of its faults acts where physics
+says.
+"""
 
 import hashlib
 from collections import Counter
@@ -29,11 +31,18 @@ GOLDEN_LEVELS = {
 
 
 def test_version_three_is_frozen() -> None:
-    """Draws and levels of one pump under seed 0. A failure shows what came out; another law is another version."""
+    """Draws and levels of one pump under seed 0. A failure shows what came out; another law is
+    another version.
+    """
     pairs = list(rig_recordings(0, TINY, version="3"))
-    drawn = [[*run.specimen.values, run.condition.speed, run.fault.severity if run.fault else 0] for _, run in pairs]
+    drawn = [
+        [*run.specimen.values, run.condition.speed, run.fault.severity if run.fault else 0]
+        for _, run in pairs
+    ]
     truth = " ".join(f"{value:.9g}" for value in np.ravel(drawn))
-    levels = {r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(3)) for r, _ in pairs}
+    levels = {
+        r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(3)) for r, _ in pairs
+    }
     assert hashlib.sha256(truth.encode()).hexdigest() == GOLDEN_TRUTH
     for name, golden in GOLDEN_LEVELS.items():
         np.testing.assert_allclose(levels[name], golden, rtol=2e-3)
@@ -50,7 +59,9 @@ def test_a_fleet_has_three_pumps_of_each_design_and_no_two_are_equal(pump: Pump)
 
 
 def test_recordings_are_of_the_classes_speeds_and_sizes_asked_for() -> None:
-    pairs = list(rig_recordings(0, RigSize(1, 2, 0.1), labels=LABELS, pressures=(MPa(5),), version="3"))
+    pairs = list(
+        rig_recordings(0, RigSize(1, 2, 0.1), labels=LABELS, pressures=(MPa(5),), version="3")
+    )
     assert Counter(recording.label for recording, _ in pairs) == dict.fromkeys(LABELS, 2)
     for recording, run in pairs:
         assert recording.signal.shape == (3, 2560)
@@ -58,16 +69,24 @@ def test_recordings_are_of_the_classes_speeds_and_sizes_asked_for() -> None:
         assert recording.condition.speed in (rpm(1000), rpm(1450))
         assert 0.98 < run.condition.speed / recording.condition.speed < 1
         assert recording.label == ("normal" if run.fault is None else run.fault.label)
-    second = next(run.fault.second for _, run in pairs if isinstance(run.fault, Damage) and run.fault.second)
+    second = next(
+        run.fault.second for _, run in pairs if isinstance(run.fault, Damage) and run.fault.second
+    )
     assert second.label in CLASSES
     with pytest.raises(InputError, match="'loose_slipper' is no class of rig version 2"):
         list(rig_recordings(0, TINY, labels=("loose_slipper",), version="2"))
 
 
 def test_a_course_of_version_three_grows_its_fault() -> None:
-    course = PlantCourse(recordings=3, kind="scuffed", onset=1, severity=2.0, duration=0.1, version="3")
+    course = PlantCourse(
+        recordings=3, kind="scuffed", onset=1, severity=2.0, duration=0.1, version="3"
+    )
     pairs = list(plant_course(100, "A", course))
-    assert [(one.label, severity) for one, severity in pairs] == [("normal", 0), ("piston", 1), ("piston", 2)]
+    assert [(one.label, severity) for one, severity in pairs] == [
+        ("normal", 0),
+        ("piston", 1),
+        ("piston", 2),
+    ]
 
 
 def run_with(pump: Pump, fault: Damage | None) -> Run:
@@ -76,7 +95,11 @@ def run_with(pump: Pump, fault: Damage | None) -> Run:
 
 @pytest.mark.parametrize("mode", TRENDS)
 def test_a_fault_of_severity_zero_is_a_healthy_pump(pump: Pump, mode: str) -> None:
-    runs = [run_with(pump, None), run_with(pump, Damage(0.0, mode, piston=1)), run_with(pump, Damage(1.5, mode))]
+    runs = [
+        run_with(pump, None),
+        run_with(pump, Damage(0.0, mode, piston=1)),
+        run_with(pump, Damage(1.5, mode)),
+    ]
     healthy, zero, faulty = measure(runs, 0.1, 25600.0, [(0, "one")] * 3)
     np.testing.assert_array_equal(zero, healthy)
     assert np.abs(faulty - healthy).max() > 0.1
@@ -94,7 +117,9 @@ EACH_PASS |= {"recess": "swash_z", "scoring": "swash_z"}
 
 
 def heard(pump: Pump, fault: Damage | None) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Force lines of each path by order, and levels by the names of `LOUDER`, of a pump with that fault."""
+    """Force lines of each path by order, and levels by the names of `LOUDER`, of a pump with that
+    fault.
+    """
     run, specimen = run_with(pump, fault), draw_specimen(pump, "A", 0)
     oil, steps = oil_of(run, specimen), 2100
     angle, rate = 2 * np.pi * np.arange(9 * steps) / steps, steps * run.condition.shaft_frequency
@@ -108,7 +133,9 @@ def heard(pump: Pump, fault: Damage | None) -> tuple[dict[str, np.ndarray], dict
 
 
 def test_each_fault_changes_what_physics_says(pump: Pump) -> None:
-    """Of a pump with nine pistons: one piston's fault shows at all orders, one that all pass at 9, 18, 27, ..."""
+    """Of a pump with nine pistons: one piston's fault shows at all orders, one that all pass at 9,
+    18, 27, ...
+    """
     lines, levels = heard(pump, None)
     assert LOUDER.keys() | ONCE_A_TURN.keys() | EACH_PASS.keys() == TRENDS.keys()
     for mode in TRENDS:

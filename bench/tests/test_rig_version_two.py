@@ -44,10 +44,14 @@ def truth_of(run: Run) -> str:
 
 
 def test_version_two_is_frozen() -> None:
-    """Draws and levels of one pump under seed 0. A failure shows what came out; another law is another version."""
+    """Draws and levels of one pump under seed 0. A failure shows what came out; another law is
+    another version.
+    """
     pairs = list(rig_recordings(0, TINY, version="2"))
     digest = hashlib.sha256("\n".join(truth_of(run) for _, run in pairs).encode()).hexdigest()
-    levels = {r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs}
+    levels = {
+        r.recording_id: tuple(float(v) for v in r.signal.std(axis=1).round(4)) for r, _ in pairs
+    }
     assert digest == GOLDEN_TRUTH
     for name, golden in GOLDEN_LEVELS.items():
         np.testing.assert_allclose(levels[name], golden, rtol=1e-3)
@@ -55,7 +59,9 @@ def test_version_two_is_frozen() -> None:
 
 def test_speeds_take_turns_and_a_recording_states_what_was_set() -> None:
     pairs = list(rig_recordings(0, replace(TINY, repeats=2), labels=("normal",), version="2"))
-    stated = {recording.condition.speed for recording, _ in pairs if recording.condition is not None}
+    stated = {
+        recording.condition.speed for recording, _ in pairs if recording.condition is not None
+    }
     assert stated == {rpm(860), rpm(1120)}
     for recording, run in pairs:
         assert recording.condition is not None
@@ -89,7 +95,11 @@ def test_no_bush_pulls_at_its_piston(pump: Pump, at_15: OperatingCondition) -> N
     motion = excitation_lines(specimen.pump, at_15, defect, 300)
     lines = bore_force(Run(specimen, at_15, defect), defect, specimen.values, motion)
     missing = -periodic_signal(lines, 4096)
-    side_load = specimen.pump.rotating_group.piston_area * 15e6 * np.tan(specimen.pump.rotating_group.swash_angle)
+    side_load = (
+        specimen.pump.rotating_group.piston_area
+        * 15e6
+        * np.tan(specimen.pump.rotating_group.swash_angle)
+    )
     assert 0.9 * side_load < missing.max() < 1.15 * side_load  # the band's edge overshoots
     assert missing.min() < -0.1 * side_load
     assert abs(np.median(missing)) < 0.02 * side_load
@@ -98,14 +108,17 @@ def test_no_bush_pulls_at_its_piston(pump: Pump, at_15: OperatingCondition) -> N
 def test_faults_strike_and_leak_where_they_are(pump: Pump, at_15: OperatingCondition) -> None:
     specimen = draw_specimen(pump, "A", 0)
     healthy = Run(specimen, at_15, None)
-    worn, recess = (replace(healthy, fault=fault) for fault in (PistonWear(um(60), 3), SwashPlateDefect(7e-5)))
+    worn, recess = (
+        replace(healthy, fault=fault) for fault in (PistonWear(um(60), 3), SwashPlateDefect(7e-5))
+    )
     assert len(impacts_of(recess, specimen)) == len(impacts_of(healthy, specimen)) + 1
     louder = loudness(worn, specimen) / loudness(healthy, specimen)
     assert louder.max() > 1.2
     assert louder.min() == pytest.approx(1, abs=1e-3)
     angle = at_15.speed * np.arange(25600) / 25600
     quiet, loud = (
-        np.abs(bursts(run, specimen, angle, 25600.0, np.random.default_rng(0))).mean() for run in (healthy, recess)
+        np.abs(bursts(run, specimen, angle, 25600.0, np.random.default_rng(0))).mean()
+        for run in (healthy, recess)
     )
     assert loud > 1.05 * quiet
 
@@ -121,14 +134,20 @@ def test_the_deep_version_has_the_papers_recess() -> None:
 
 def test_twins_fill_a_scarce_cell_at_each_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swashtwin_bench.rigs.writing.PRESSURES", (MPa(15),))
-    recordings = [r for r, _ in rig_recordings(0, RigSize(specimens=3, repeats=3, duration=0.4), version="2")]
+    recordings = [
+        r for r, _ in rig_recordings(0, RigSize(specimens=3, repeats=3, duration=0.4), version="2")
+    ]
     dataset = prepare(recordings, Scenario(windows=2, scarce_windows=2, held_out=1), 0, [])
-    assert [condition.speed for condition in dataset.conditions()] == pytest.approx([rpm(860), rpm(1120)])
+    assert [condition.speed for condition in dataset.conditions()] == pytest.approx(
+        [rpm(860), rpm(1120)]
+    )
     twins, _, _ = twins_of(dataset, "nominal", "valve_plate")
     assert len(twins) == 4
 
 
-def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fleet_of_version_two_lies_under_a_name_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     small = {"small": replace(TINY, duration=1.0)}
     for name in ("rigs.writing", "studies.runner"):
         monkeypatch.setattr(f"swashtwin_bench.{name}.SIZES", small)

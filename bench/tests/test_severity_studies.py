@@ -15,15 +15,22 @@ from swashtwin_bench.questions import severity as study
 from swashtwin_bench.questions.severity import SeverityStudySettings, _Case, _values
 from swashtwin_bench.rigs.courses import TRENDS, trend_recordings
 
-CASE = _Case("piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1.0)
+CASE = _Case(
+    "piston", "clearance", 2, "A", "a", 6e-5, 6e-5, 5e-5, 7e-5, "identified", True, 2e-5, 1.0
+)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _short_recordings() -> Iterator[None]:
     """Studies on recordings of 1.5 s, each twin calibrated from a single start."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swashtwin_bench.questions.severity.trend_recordings", partial(trend_recordings, duration=1.5))
-        patch.setattr("swashtwin_bench.questions.severity.GaussNewton", partial(GaussNewton, starts=1))
+        patch.setattr(
+            "swashtwin_bench.questions.severity.trend_recordings",
+            partial(trend_recordings, duration=1.5),
+        )
+        patch.setattr(
+            "swashtwin_bench.questions.severity.GaussNewton", partial(GaussNewton, starts=1)
+        )
         yield
 
 
@@ -31,14 +38,20 @@ def _short_recordings() -> Iterator[None]:
 def severity(monkeypatch: pytest.MonkeyPatch) -> StudyTable:
     """The study of a single pump and fault."""
     for module in ("questions.severity", "rigs.courses"):
-        monkeypatch.setattr(f"swashtwin_bench.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]})
+        monkeypatch.setattr(
+            f"swashtwin_bench.{module}.TRENDS", {"swash_plate": TRENDS["swash_plate"]}
+        )
     monkeypatch.setattr("swashtwin_bench.questions.severity.PUMPS", ("A",))
     return study.severity(Work((7,)), SeverityStudySettings((1.0,)))
 
 
 def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> None:
     pairs = list(trend_recordings(3, "B", severities=(0.5, 2.0), healthy=1, duration=0.2))
-    assert [recording.label for recording, _ in pairs[:3]] == ["normal", "swash_plate", "swash_plate"]
+    assert [recording.label for recording, _ in pairs[:3]] == [
+        "normal",
+        "swash_plate",
+        "swash_plate",
+    ]
     assert {recording.specimen for recording, _ in pairs} == {"B"}
     recess = [run.fault for _, run in pairs if isinstance(run.fault, SwashPlateDefect)]
     assert recess[1].depth == pytest.approx(4 * recess[0].depth)
@@ -48,9 +61,14 @@ def test_a_trend_holds_healthy_recordings_then_rising_faults_of_one_pump() -> No
 
 
 @pytest.mark.nightly
-def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTable, tmp_path: Path) -> None:
+def test_the_study_of_severities_names_faults_and_dimensions(
+    severity: StudyTable, tmp_path: Path
+) -> None:
     rows = severity.rows()
-    assert [(row["fault"], row["dimension"]) for row in rows] == [("swash_plate", "depth"), ("swash_plate", "length")]
+    assert [(row["fault"], row["dimension"]) for row in rows] == [
+        ("swash_plate", "depth"),
+        ("swash_plate", "length"),
+    ]
     assert 0 <= rows[0]["coverage"]["mean"] <= 1
     assert rows[0]["error"]["mean"] < 1
     assert "stand-in for a machine" in severity.origin
@@ -59,7 +77,9 @@ def test_the_study_of_severities_names_faults_and_dimensions(severity: StudyTabl
 
 
 def test_errors_coverage_and_ranks_are_those_of_the_cases() -> None:
-    other = replace(CASE, recording_id="b", truth=1.2e-4, estimate=6e-5, low=5e-5, high=7e-5, detected=False)
+    other = replace(
+        CASE, recording_id="b", truth=1.2e-4, estimate=6e-5, low=5e-5, high=7e-5, detected=False
+    )
     healthy = replace(CASE, recording_id="c", truth=0.0, detected=False)
     values = _values([CASE, other, healthy])
     assert values["coverage"] == 0.5

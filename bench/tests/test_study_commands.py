@@ -1,4 +1,6 @@
-"""Commands of the studies: what they refuse, how they are interrupted, and the page of their runs."""
+"""Commands of the studies: what they refuse, how they are interrupted, and the page of their
+runs.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +35,9 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_every_study() -> None:
-    assert set(STUDIES) == {"paper"} | {name for name in PLANS if not name.startswith(PAPER_STUDY)} | set(QUESTIONS)
+    assert set(STUDIES) == {"paper"} | {
+        name for name in PLANS if not name.startswith(PAPER_STUDY)
+    } | set(QUESTIONS)
 
 
 def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
@@ -48,7 +52,17 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
         return real(task, *arguments, **keywords)
 
     monkeypatch.setattr(runner, "train_and_test", interrupted)
-    words = ("bench", "study", "case1", "--out", tmp_path / "out", "--jobs", 1, "--set", "classifiers=extra_trees")
+    words = (
+        "bench",
+        "study",
+        "case1",
+        "--out",
+        tmp_path / "out",
+        "--jobs",
+        1,
+        "--set",
+        "classifiers=extra_trees",
+    )
     words = (*words, "--set", "training_sets=measured,nominal")
     assert "the same command continues" in one_line(run(*words, code=130))
     answer = run_json(*words)
@@ -61,7 +75,9 @@ def test_a_study_on_the_rig_is_interrupted_resumed_and_reported(
     assert "with nominal twin" in again.stdout
 
 
-@pytest.mark.parametrize("words", [("bench", "study", "case1", "."), ("bench", "study", "paper"), ("demo",)])
+@pytest.mark.parametrize(
+    "words", [("bench", "study", "case1", "."), ("bench", "study", "paper"), ("demo",)]
+)
 @pytest.mark.parametrize("below", ["", "deeper"])
 def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
     words: tuple[str, ...], below: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -81,7 +97,11 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "case1", "x", "--size", "medium"), 3, "no size 'medium'"),
         (("study", "ablation"), 2, "no study is called 'ablation'"),
         (("study", "noise", "x", "--set", "classifiers=guess"), 3, "no model is called 'guess'"),
-        (("study", "augmentation", "x", "--set", "values=guess"), 3, "no value of synthetic 'guess'; there are 0, 72,"),
+        (
+            ("study", "augmentation", "x", "--set", "values=guess"),
+            3,
+            "no value of synthetic 'guess'; there are 0, 72,",
+        ),
         (("study", "alarms", "--seeds", "x"), 2, "whole numbers"),
         (("study", "alarms", "--set", "pump=2"), 3, "no setting 'pump'; there are pumps,"),
         (("study", "alarms", "--set", "pumps=two"), 3, "setting pumps of alarms cannot be 'two'"),
@@ -92,7 +112,9 @@ def test_a_file_where_a_folder_is_to_be_written_is_refused_before_the_work(
         (("study", "paper", "--size", "huge"), 2, "huge"),
     ],
 )
-def test_what_cannot_be_run_is_refused_at_once(words: tuple[str, ...], code: int, said: str) -> None:
+def test_what_cannot_be_run_is_refused_at_once(
+    words: tuple[str, ...], code: int, said: str
+) -> None:
     result = run("bench", *words, code=code)
     assert not result.stdout
     assert said in " ".join(result.stderr.replace("│", " ").split())
@@ -103,14 +125,27 @@ def test_sixteen_bits_are_warned_of_where_the_processor_is_slow_with_them(
     fast: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swashtwin_bench.cli.studies._has_bfloat16_arithmetic", lambda: fast)
-    words = ("bench", "study", "case1", "x", "--set", "precision=bfloat16", "--set", "classifiers=guess")
+    words = (
+        "bench",
+        "study",
+        "case1",
+        "x",
+        "--set",
+        "precision=bfloat16",
+        "--set",
+        "classifiers=guess",
+    )
     assert ("slower here than float32" in run(*words, code=3).stderr) is not fast
 
 
 def test_settings_are_read_from_texts_and_from_values() -> None:
     texts = {"classifiers": "bitcn, tcn", "window": "4096", "rig": "2"}
-    assert read_settings(PlanSettings, texts, "case1") == PlanSettings(("bitcn", "tcn"), window=4096, rig="2")
-    assert read_settings(AlarmStudySettings, {"duration": "0.5", "pumps": 3}, "alarms").duration == 0.5
+    assert read_settings(PlanSettings, texts, "case1") == PlanSettings(
+        ("bitcn", "tcn"), window=4096, rig="2"
+    )
+    assert (
+        read_settings(AlarmStudySettings, {"duration": "0.5", "pumps": 3}, "alarms").duration == 0.5
+    )
     with pytest.raises(InputError, match="no study 'guess'"):
         run_study("guess")
     with pytest.raises(InputError, match="needs a seed"):

@@ -16,7 +16,9 @@ from swashtwin_bench.results.table import Trial, origin_of, paired_interval, spr
 @pytest.fixture
 def study() -> StudyTable:
     trials = [
-        Trial({"twin": twin, "test": "held out"}, seed, {"rmse": base + 0.1 * seed, "sve": math.nan})
+        Trial(
+            {"twin": twin, "test": "held out"}, seed, {"rmse": base + 0.1 * seed, "sve": math.nan}
+        )
         for twin, base in (("nominal", 0.7), ("calibrated", 0.4))
         for seed in (0, 1)
     ]
@@ -57,22 +59,33 @@ def test_the_page_shows_the_answer_and_every_trial(study, tmp_path):
     assert "stand-in for a machine" in page
     assert "0.750 ± 0.0707" in page
     assert "swashtwin bench calibration" in page
-    rows = list(csv.DictReader((tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()))
+    rows = list(
+        csv.DictReader(
+            (tmp_path / "figures" / "study_rows.csv").read_text(encoding="utf-8").splitlines()
+        )
+    )
     assert len(rows) == 8
     assert {row["metric"] for row in rows} == {"rmse", "sve"}
 
 
 def test_recordings_of_the_rig_are_called_a_stand_in():
-    recording = Recording(np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"})
+    recording = Recording(
+        np.zeros((1, 8)), 10.0, "one", attributes={"origin": "swashtwin virtual rig, version 1"}
+    )
     assert "stand-in for a machine" in origin_of([recording])
-    assert origin_of([Recording(np.zeros((1, 8)), 10.0, "two")]) == "Recordings from files of the user."
+    assert (
+        origin_of([Recording(np.zeros((1, 8)), 10.0, "two")])
+        == "Recordings from files of the user."
+    )
 
 
 def test_the_corrected_interval_is_wider_than_students():
     points = [0.02, 0.03, 0.01, 0.04]
     plain, corrected = paired_interval(points), paired_interval(points, test_share=0.5)
     assert corrected[0] < plain[0] < 0.025 < plain[1] < corrected[1]
-    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(math.sqrt(0.75 / 0.25))
+    assert (corrected[1] - corrected[0]) / (plain[1] - plain[0]) == pytest.approx(
+        math.sqrt(0.75 / 0.25)
+    )
     assert math.isnan(paired_interval([0.1])[0])
 
 

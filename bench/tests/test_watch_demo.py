@@ -12,7 +12,9 @@ from swashtwin.monitoring import History
 from swashtwin_bench.cli import watch_demo
 
 
-def test_the_demo_ends_with_a_history_of_all_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_demo_ends_with_a_history_of_all_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         result = run("watch", "demo", "--out", tmp_path, "--port", port, code=3)
@@ -20,7 +22,9 @@ def test_the_demo_ends_with_a_history_of_all_recordings(tmp_path: Path, monkeypa
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr(watch_demo, "RECORDINGS", 4)
     monkeypatch.setattr(watch_demo, "ONSET", 2)
-    answer = json.loads(run("watch", "demo", "--out", tmp_path, "--port", free_port(), "--end", "--json").stdout)
+    answer = json.loads(
+        run("watch", "demo", "--out", tmp_path, "--port", free_port(), "--end", "--json").stdout
+    )
     assert (answer["judged"], answer["alarm"]) == (4, None)
     history = History.open("", tmp_path / "watch-data")
     (machine,) = history.read.machines()

@@ -1,4 +1,6 @@
-"""The matrix of wrong twins and odd truths counts coverage of what is called identified, and warnings."""
+"""The matrix of wrong twins and odd truths counts coverage of what is called identified, and
+warnings.
+"""
 
 from functools import partial
 from pathlib import Path
@@ -19,7 +21,17 @@ CASES = {case.name: case for case in matrix_cases()}
 def test_the_matrix_has_at_least_sixty_cases_of_each_kind_of_mistake() -> None:
     assert len({(case.family, case.name) for case in matrix_cases()}) == len(matrix_cases()) >= 60
     families = {case.family for case in matrix_cases()}
-    wanted = {RIGHT, "mount", "bearing", "gain", "cross-talk", "odd truth", "piston count", "pressure", "unit"}
+    wanted = {
+        RIGHT,
+        "mount",
+        "bearing",
+        "gain",
+        "cross-talk",
+        "odd truth",
+        "piston count",
+        "pressure",
+        "unit",
+    }
     assert wanted <= families
 
 
@@ -29,7 +41,9 @@ def test_a_factor_along_one_axis_changes_that_stiffness_alone(pump: Pump) -> Non
     assert changed.mount.stiffness_y == pump.mount.stiffness_y
 
 
-def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_finished_case_is_kept_and_the_table_counts_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     chosen = (CASES["nothing, truth 1"], CASES["9 pistons"])
     monkeypatch.setattr(study, "matrix_cases", lambda: chosen)
     words = ("bench", "study", "wrong-twins", "--seeds", "100", "--jobs", 1, "--out", tmp_path)
@@ -50,14 +64,25 @@ def test_a_finished_case_is_kept_and_the_table_counts_it(monkeypatch: pytest.Mon
     assert run_json(*words)["rows"] == table["rows"]
 
 
-def trial(family: str, identified: int, covered: int, *, errs: bool = False, warned: bool = False) -> Trial:
+def trial(
+    family: str, identified: int, covered: int, *, errs: bool = False, warned: bool = False
+) -> Trial:
     """A trial with these counts."""
-    values = {"identified": identified, "covered": covered, "errs": float(errs), "warned": float(warned)}
+    values = {
+        "identified": identified,
+        "covered": covered,
+        "errs": float(errs),
+        "warned": float(warned),
+    }
     return Trial({"family": family}, 0, values)
 
 
 def test_the_answer_names_a_family_whose_identified_values_do_not_hold() -> None:
-    trials = [trial(RIGHT, 3, 3), trial("oil", 2, 1, errs=True), trial("unit", 0, 0, errs=True, warned=True)]
+    trials = [
+        trial(RIGHT, 3, 3),
+        trial("oil", 2, 1, errs=True),
+        trial("unit", 0, 0, errs=True, warned=True),
+    ]
     holding, warned, _ = study._answer(trials)
     assert "4 of 5 (80%)" in holding
     assert "oil (50%)" in holding
@@ -71,8 +96,12 @@ def test_the_interval_of_a_family_counts_trials_and_no_values() -> None:
     assert few["interval"][0] < many["interval"][0]
 
 
-def test_a_pump_of_the_rig_is_measured_twice_at_the_study_s_pressure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pump_of_the_rig_is_measured_twice_at_the_study_s_pressure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(study, "RigSize", partial(RigSize, duration=1.3))
     recordings, truth = study._rig_pump(100)
-    assert [recording.condition.discharge_pressure for recording in recordings if recording.condition] == [1e7, 1e7]
+    assert [
+        recording.condition.discharge_pressure for recording in recordings if recording.condition
+    ] == [1e7, 1e7]
     assert (truth > 0).all()

@@ -1,4 +1,6 @@
-"""The zero-shot study on a very small rig: no measured fault teaches the prior, no reference is tested."""
+"""The zero-shot study on a very small rig: no measured fault teaches the prior, no reference is
+tested.
+"""
 
 import json
 from dataclasses import replace
@@ -40,7 +42,11 @@ def small_prior(monkeypatch: pytest.MonkeyPatch) -> None:
     assert prior.virtual is not None
     few = prior.virtual.number % 40 == 0
     parts = {name: getattr(prior.virtual, name)[few] for name in ("change", "target", "number")}
-    monkeypatch.setattr(PriorClassifier, "load", lambda name: replace(prior, virtual=replace(prior.virtual, **parts)))
+    monkeypatch.setattr(
+        PriorClassifier,
+        "load",
+        lambda name: replace(prior, virtual=replace(prior.virtual, **parts)),
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -54,7 +60,9 @@ def test_no_recording_has_two_roles(two_pressures: list[Recording], seed: int) -
 
 
 @pytest.mark.usefixtures("small_prior")
-def test_the_rows_are_those_of_the_schema(two_pressures: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rows_are_those_of_the_schema(
+    two_pressures: list[Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(split_zero_shot, "__defaults__", (1,))
     study = zero_shot.zero_shot(Work(), zero_shot.ZeroShotSettings(), two_pressures)
     table = json.loads(json.dumps(study.to_dict(), allow_nan=False))
@@ -74,7 +82,10 @@ def test_fewer_healthy_recordings_adapt_a_prior_of_the_fleet_or_of_each_pump(
 ) -> None:
     monkeypatch.setattr(split_zero_shot, "__defaults__", (1,))
     study = zero_shot.zero_shot(Work(), zero_shot.ZeroShotSettings(healthy=(1,)), two_pressures)
-    assert {row["training_set"] for row in study.rows()} == {adapted_to(1), adapted_to(1, alone=True)}
+    assert {row["training_set"] for row in study.rows()} == {
+        adapted_to(1),
+        adapted_to(1, alone=True),
+    }
     assert adapted_to(1, alone=True) in study.answer[0]
     normal = [recording for recording in two_pressures if recording.label == "normal"]
     one, two = ({item.recording_id for item in few_healthy(normal, count, 0)} for count in (1, 2))
@@ -88,8 +99,16 @@ def test_measured_faults_that_lack_a_class_leave_it_without_probability(
 ) -> None:
     normal = {recording.recording_id for recording in two_pressures if recording.label == "normal"}
     pistons = {recording.recording_id for recording in two_pressures if recording.label == "piston"}
-    split = replace(split, healthy=frozenset(normal), faulty=frozenset(pistons), tests={SAME: frozenset(pistons)})
-    scores = {trial.factors["training_set"]: trial.values for trial in prior_trials(two_pressures, split, 0)}
+    split = replace(
+        split,
+        healthy=frozenset(normal),
+        faulty=frozenset(pistons),
+        tests={SAME: frozenset(pistons)},
+    )
+    scores = {
+        trial.factors["training_set"]: trial.values
+        for trial in prior_trials(two_pressures, split, 0)
+    }
     assert scores[ORACLE]["recall_piston"] == 1.0
 
 

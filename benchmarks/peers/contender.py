@@ -20,7 +20,8 @@ class Contender(ABC):
 
     @classmethod
     def rehearsal(cls, problem: Problem) -> "Contender":
-        """The same for a small problem, whose gradient is taken first, so that what libraries do once is not counted.
+        """The same for a small problem, whose gradient is taken first, so that what libraries do
+        once is not counted.
 
         Parameters
         ----------

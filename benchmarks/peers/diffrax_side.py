@@ -11,7 +11,9 @@ from peers.jax_side import Array, JaxTrajectory
 
 
 class ClassicalRungeKutta(diffrax.AbstractERK):
-    """The classical method, which diffrax does not have, as a tableau of its own (it estimates no error)."""
+    """The classical method, which diffrax does not have, as a tableau of its own (it estimates no
+    error).
+    """
 
     tableau: ClassVar[diffrax.ButcherTableau] = diffrax.ButcherTableau(
         a_lower=(np.array([0.5]), np.array([0.0, 0.5]), np.array([0.0, 0.0, 1.0])),
@@ -27,7 +29,9 @@ class ClassicalRungeKutta(diffrax.AbstractERK):
 
 
 class Diffrax(JaxTrajectory):
-    """`diffeqsolve` with `ConstantStepSize`; time counts steps, so that every force is found by its number."""
+    """`diffeqsolve` with `ConstantStepSize`; time counts steps, so that every force is found by its
+    number.
+    """
 
     def states(self, state: Array, load: Array, motion: Array, weight: Array) -> Array:
         h, n = self.problem.step, self.problem.n_steps

@@ -1,4 +1,6 @@
-"""PyTorch stepping the equations in a loop that autograd records: what the paper's text describes."""
+"""PyTorch stepping the equations in a loop that autograd records: what the paper's text
+describes.
+"""
 
 import torch
 from torch import Tensor
@@ -7,7 +9,9 @@ from peers.contender import TorchTrajectory
 
 
 class Eager(TorchTrajectory):
-    """The classical Runge-Kutta method, without avoidable waste: `addmv`, `unbind`, no tensor indexed in the loop."""
+    """The classical Runge-Kutta method, without avoidable waste: `addmv`, `unbind`, no tensor
+    indexed in the loop.
+    """
 
     def states(self, values: Tensor, state: Tensor, push: Tensor) -> Tensor:
         h, rows = self.problem.step, push.unbind(0)

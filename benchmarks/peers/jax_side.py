@@ -15,7 +15,9 @@ jax.config.update("jax_enable_x64", True)
 
 
 class JaxTrajectory(Contender):
-    """Compiled ahead, so that neither time nor memory of the compiler counts; a subclass says how states come."""
+    """Compiled ahead, so that neither time nor memory of the compiler counts; a subclass says how
+    states come.
+    """
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
@@ -52,7 +54,9 @@ class JaxTrajectory(Contender):
         """Compile the gradient without running it; returns how long that took [s]."""
         started = time.perf_counter()
         at = jnp.asarray(values)
-        self.compiled["gradient"] = jax.jit(jax.value_and_grad(self._loss)).lower(at, self.tables).compile()
+        self.compiled["gradient"] = (
+            jax.jit(jax.value_and_grad(self._loss)).lower(at, self.tables).compile()
+        )
         return time.perf_counter() - started
 
     def value(self, values: np.ndarray) -> float:

@@ -23,9 +23,13 @@ ONE_THREAD = {
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
 }
 BUDGET = 4.0
-"""Time [s] that the calls of one measurement may take together; a call that takes longer is made once."""
+"""Time [s] that the calls of one measurement may take together; a call that takes longer is made
+once.
+"""
 WARM_UP_STEPS = 16
-"""Steps of the small problem whose gradient is taken first, so that what libraries do once is not counted."""
+"""Steps of the small problem whose gradient is taken first, so that what libraries do once is not
+counted.
+"""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,9 @@ def _status(name: str) -> float:
 
 
 def peak_memory(run: Callable[[], object]) -> tuple[float, float]:
-    """How much memory a call adds at its peak [MB], NaN where the system does not tell; and its time [s]."""
+    """How much memory a call adds at its peak [MB], NaN where the system does not tell; and its
+    time [s].
+    """
     try:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the peak starts anew
         resident = _status("VmRSS")
@@ -94,7 +100,9 @@ def contender_class(entry: Entry) -> type[Contender]:
 
 
 def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
-    """Row of the table for `n_steps` of the common steps, and the sensors' motion for comparison."""
+    """Row of the table for `n_steps` of the common steps, and the sensors' motion for
+    comparison.
+    """
     settle()
     try:
         kind = contender_class(entry)
@@ -129,4 +137,6 @@ def measured(entry: Entry, n_steps: int) -> dict[str, Any]:
 
 def gains(velocities: np.ndarray) -> np.ndarray:
     """Mean acceleration [m/s^2] of each sensor between the compared moments."""
-    return np.diff(velocities, axis=0) / (SAMPLED_EVERY * pump_twin().condition.period / STEPS_PER_REVOLUTION)
+    return np.diff(velocities, axis=0) / (
+        SAMPLED_EVERY * pump_twin().condition.period / STEPS_PER_REVOLUTION
+    )

@@ -1,4 +1,6 @@
-"""numba stepping forward, and backward through the same steps (discrete adjoint), as one layer of PyTorch."""
+"""numba stepping forward, and backward through the same steps (discrete adjoint), as one layer of
+PyTorch.
+"""
 
 from typing import Any
 
@@ -50,7 +52,10 @@ def _backward(state, push, h, states, slope):
         for row in range(len(state)):
             for column in range(len(state)):
                 of_state[row, column] += (
-                    b1[row] * x[column] + b2[row] * x2[column] + b3[row] * x3[column] + b4[row] * x4[column]
+                    b1[row] * x[column]
+                    + b2[row] * x2[column]
+                    + b3[row] * x3[column]
+                    + b4[row] * x4[column]
                 )
         of_push[2 * i] += b1
         of_push[2 * i + 1] += b2 + b3

@@ -1,9 +1,9 @@
 """The one problem that every contender solves, as plain arrays.
 
-The paper's pump (25SCY14-1B, 13 degrees of freedom) at 860 rev/min and 15 MPa with the paper's defect, its forces cut
-at 5 kHz as the twin cuts them. Everything that does not depend on the six interface values is computed beforehand and
-for nothing: the forces at every fraction of a step, split into what the values do not touch and a few motions that
-they weigh.
+The paper's pump (25SCY14-1B, 13 degrees of freedom) at 860 rev/min and 15 MPa with the paper's
+defect, its forces cut at 5 kHz as the twin cuts them. Everything that does not depend on the six
+interface values is computed beforehand and for nothing: the forces at every fraction of a step,
+split into what the values do not touch and a few motions that they weigh.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,9 @@ from swashtwin.physics import HarmonicBalance, Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect, load_pump
 
 STEPS_PER_REVOLUTION = 72_000
-"""A round number just above what stability demands: a step of 0.969 us where the limit is 1.00 us."""
+"""A round number just above what stability demands: a step of 0.969 us where the limit is 1.00
+us.
+"""
 FACTORS = np.array([1, 1, 1.6, 0.7, 2.5, 1])
 """Values that the loss compares with, over the nominal ones."""
 SAMPLED_EVERY = 72
@@ -48,7 +50,9 @@ class Probe:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """M x'' + C x' + K x = Q of a twin, all of it affine in the six values; index 0 is the constant part."""
+    """M x'' + C x' + K x = Q of a twin, all of it affine in the six values; index 0 is the constant
+    part.
+    """
 
     mass: np.ndarray
     """Diagonal of M (13)."""
@@ -68,7 +72,9 @@ class Equations:
 
 @lru_cache
 def equations() -> Equations:
-    """Equations of `pump_twin`, found by asking it at the nominal values, and with each of them doubled in turn."""
+    """Equations of `pump_twin`, found by asking it at the nominal values, and with each of them
+    doubled in turn.
+    """
     twin, probe, parts = pump_twin(), Probe(), []
     nominal = twin.values.numpy()
     for factors in 1 + np.concatenate([np.zeros((1, 6)), np.eye(6)]):
@@ -96,9 +102,15 @@ def equations() -> Equations:
 
 
 def in_time(
-    lines: np.ndarray, per_step: int, n_steps: int, per_revolution: int, orders: np.ndarray | None = None
+    lines: np.ndarray,
+    per_step: int,
+    n_steps: int,
+    per_revolution: int,
+    orders: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Lines at `orders`, by default the twin's, as samples at every 1/`per_step` of a step from 0 to `n_steps`."""
+    """Lines at `orders`, by default the twin's, as samples at every 1/`per_step` of a step from 0
+    to `n_steps`.
+    """
     points = per_step * per_revolution
     spectrum = np.zeros((points // 2 + 1, lines.shape[1]), dtype=complex)
     spectrum[pump_twin().orders if orders is None else orders] = lines * (points / 2)
@@ -107,7 +119,9 @@ def in_time(
 
 @lru_cache
 def settled_start() -> np.ndarray:
-    """State (26) of the settled pump at time 0 and nominal values, without the mean, which no acceleration shows."""
+    """State (26) of the settled pump at time 0 and nominal values, without the mean, which no
+    acceleration shows.
+    """
     probe = Probe()
     pump_twin().acceleration(solver=probe)
     motion = HarmonicBalance().steady_state(*probe.given).reshape(-1, 13).numpy()
@@ -119,14 +133,16 @@ def settled_start() -> np.ndarray:
 class Problem:
     """So many steps of the equations, and the loss that is taken of them.
 
-    They start from the settled motion at the nominal values, so that one revolution is enough: from rest, the paper's
-    way would need four.
+    They start from the settled motion at the nominal values, so that one revolution is enough: from
+    rest, the paper's way would need four.
     """
 
     n_steps: int = STEPS_PER_REVOLUTION
     """Steps taken."""
     per_step: int = 2
-    """Forces given per step: 2 for the classical Runge-Kutta method, which asks for them at half steps."""
+    """Forces given per step: 2 for the classical Runge-Kutta method, which asks for them at half
+    steps.
+    """
     per_revolution: int = STEPS_PER_REVOLUTION
     """Steps of a whole revolution, which say how long one is."""
 
@@ -147,7 +163,9 @@ class Problem:
 
     @cached_property
     def load(self) -> np.ndarray:
-        """Accelerations (point, 26) from the forces that the values do not touch, the first 13 being zero."""
+        """Accelerations (point, 26) from the forces that the values do not touch, the first 13
+        being zero.
+        """
         return self._pushed(equations().load / equations().mass)
 
     @cached_property
@@ -173,7 +191,9 @@ class Problem:
     def push_weight(self) -> np.ndarray:
         """Acceleration of each motion per unit of each value (motion, 26, 6)."""
         given = equations()
-        return np.concatenate([np.zeros_like(given.weight), given.weight / given.mass[:, None]], axis=1)
+        return np.concatenate(
+            [np.zeros_like(given.weight), given.weight / given.mass[:, None]], axis=1
+        )
 
     @property
     def sensor_rows(self) -> np.ndarray:
@@ -184,20 +204,25 @@ class Problem:
     @property
     def n_bins(self) -> int:
         """Lines of the stretch that the loss compares, up to 5 kHz."""
-        return max(1, min(int(pump_twin().bandwidth * self.step * self.n_steps), self.n_steps // 2 - 1))
+        return max(
+            1, min(int(pump_twin().bandwidth * self.step * self.n_steps), self.n_steps // 2 - 1)
+        )
 
     @property
     def bin_scale(self) -> np.ndarray:
         """Amplitude of acceleration (bin, 1) per transformed gain of velocity over a step.
 
-        The equations solved for the acceleration would magnify the error of a stiff state a millionfold.
+        The equations solved for the acceleration would magnify the error of a stiff state a
+        millionfold.
         """
         half = np.pi * np.arange(1, self.n_bins + 1) / self.n_steps
         return (2 / self.n_steps / self.step * half / np.sin(half))[:, None]
 
     @cached_property
     def target(self) -> np.ndarray:
-        """Amplitudes (bin, sensor) that the loss compares with: steady motion at other values, as long."""
+        """Amplitudes (bin, sensor) that the loss compares with: steady motion at other values, as
+        long.
+        """
         with torch.no_grad():
             lines = pump_twin().acceleration(torch.as_tensor(self.nominal * FACTORS)).numpy().T
         rate = 1j * pump_twin().condition.speed * pump_twin().orders[:, None]

@@ -1,4 +1,6 @@
-"""What the contenders' results are compared with: a quarter of the step, and slopes from other code."""
+"""What the contenders' results are compared with: a quarter of the step, and slopes from other
+code.
+"""
 
 from typing import Any
 
@@ -11,7 +13,9 @@ REFINED = 4
 
 
 def references(n_steps: int) -> dict[str, Any]:
-    """Mean accelerations between the compared moments, and slopes of the loss by numba's adjoint and by ours."""
+    """Mean accelerations between the compared moments, and slopes of the loss by numba's adjoint
+    and by ours.
+    """
     settle()
     values = pump_twin().values.numpy()
     fine = Problem(REFINED * n_steps, per_revolution=REFINED * STEPS_PER_REVOLUTION)

@@ -39,12 +39,16 @@ def measured_windows() -> WindowSet:
     recordings = []
     for model in (twin, twin.with_fault(None)):
         recording = model.simulate(2.0, SAMPLE_RATE, recording_id=model.label)
-        recordings.append(replace(recording, signal=add_noise(recording.signal, 20.0, 0), synthetic=False))
+        recordings.append(
+            replace(recording, signal=add_noise(recording.signal, 20.0, 0), synthetic=False)
+        )
     return cut_windows(recordings, length=WINDOW, classes=("normal", label))
 
 
 def windows() -> float:
-    """Wall time [s] of 1,000 synthetic windows, each with its own values, severity, phase and noise."""
+    """Wall time [s] of 1,000 synthetic windows, each with its own values, severity, phase and
+    noise.
+    """
     settle(CORES)
     like, twin = measured_windows(), pump_twin()
     simulate_windows(twin, count=2, like=like, seed=9)

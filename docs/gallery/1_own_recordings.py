@@ -85,7 +85,10 @@ plt.show()
 truth = [recording.label for recording in test]
 verdicts = [classifier.diagnose(recording).label for recording in test]
 counts = np.array(
-    [[sum(t == a and v == b for t, v in zip(truth, verdicts, strict=True)) for b in names] for a in names]
+    [
+        [sum(t == a and v == b for t, v in zip(truth, verdicts, strict=True)) for b in names]
+        for a in names
+    ]
 )
 st.plot.confusion(counts, names)
 plt.show()

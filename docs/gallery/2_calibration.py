@@ -38,7 +38,9 @@ calibration = st.calibrate(pump, healthy, seed=0)
 
 for estimate in calibration.estimates:
     low, high = estimate.interval
-    print(f"{estimate.letter:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}")
+    print(
+        f"{estimate.letter:5} {estimate.value:9.3g} {estimate.unit:7} ({low:.2g} to {high:.2g})  {estimate.verdict}"
+    )
 for note in calibration.notes:
     print("-", note)
 
@@ -46,7 +48,12 @@ for note in calibration.notes:
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 for row, estimate in enumerate(calibration.estimates):
     low, high = (end / estimate.nominal for end in estimate.interval)
-    axes.plot([low, high], [row, row], color="tab:blue" if estimate.verdict == "identified" else "lightgray", lw=6)
+    axes.plot(
+        [low, high],
+        [row, row],
+        color="tab:blue" if estimate.verdict == "identified" else "lightgray",
+        lw=6,
+    )
     axes.plot(estimate.value / estimate.nominal, row, "k.")
 axes.set_yticks(range(6), [estimate.letter for estimate in calibration.estimates])
 axes.set(xscale="log", xlabel="value over nominal; bar: 90 % interval, blue where identified")

@@ -35,7 +35,11 @@ print(len(measured), "recordings to train,", len(gap), "in the gap")
 # --------
 # Healthy recordings at the pressure of the gap calibrate it.
 
-healthy = [recording for recording in measured if recording.label == "normal" and recording.specimen == gap[0].specimen]
+healthy = [
+    recording
+    for recording in measured
+    if recording.label == "normal" and recording.specimen == gap[0].specimen
+]
 calibration = st.calibrate("25scy14-1b", healthy, seed=0)
 calibration
 

@@ -1,6 +1,7 @@
 """Digital twins of axial piston pumps: calibration, synthetic faults, diagnosis.
 
-Every public name can be imported from here and is loaded when it is first used; `__init__.pyi` lists them.
+Every public name can be imported from here and is loaded when it is first used; `__init__.pyi`
+lists them.
 """
 
 import lazy_loader

@@ -31,7 +31,9 @@ class Preset:
         """Arguments of `calibrate`."""
         if self is not paper:
             return {}
-        from swashtwin.calibration import PAPER_CALIBRATION  # needs torch, which a training by default does without
+        from swashtwin.calibration import (
+            PAPER_CALIBRATION,
+        )  # needs torch, which a training by default does without
 
         return PAPER_CALIBRATION
 
@@ -44,10 +46,13 @@ _NAMES = ("epochs", "batch_size", "learning_rate", "decay", "normalization")
 paper = Preset(
     "paper",
     PAPER_TRAINING,
-    MappingProxyType({"network": "bitcn", **{name: getattr(PAPER_TRAINING, name) for name in _NAMES}}),
+    MappingProxyType(
+        {"network": "bitcn", **{name: getattr(PAPER_TRAINING, name) for name in _NAMES}}
+    ),
 )
 """The recipe of the paper (DOI 10.1177/00202940261419020)."""
 
 recommended = Preset("recommended", RECOMMENDED_TRAINING, MappingProxyType({}))
-"""Ours (docs/explanation/networks.md): the defaults of `calibrate` and `FaultClassifier`, which chooses by trials; a
-network that is named is trained by `training`."""
+"""Ours (docs/explanation/networks.md): the defaults of `calibrate` and `FaultClassifier`, which
+chooses by trials; a network that is named is trained by `training`.
+"""

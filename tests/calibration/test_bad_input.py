@@ -1,4 +1,6 @@
-"""Recordings and settings that a calibration must not take: each ends in one line with file, value and fix."""
+"""Recordings and settings that a calibration must not take: each ends in one line with file, value
+and fix.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,15 +29,24 @@ def recording(twin: Twin) -> Recording:
 
 @pytest.fixture(scope="module")
 def rig() -> list[Recording]:
-    """One specimen, all classes, 5, 10 and 15 MPa, of two fleets on which nothing was chosen; three repeats and one."""
-    sizes = {seed: RigSize(specimens=1, repeats=repeats, duration=1.3) for seed, repeats in ((7, 3), (8, 1))}
-    return [recording for seed, size in sizes.items() for recording, _ in rig_recordings(seed, size)]
+    """One specimen, all classes, 5, 10 and 15 MPa, of two fleets on which nothing was chosen; three
+    repeats and one.
+    """
+    sizes = {
+        seed: RigSize(specimens=1, repeats=repeats, duration=1.3)
+        for seed, repeats in ((7, 3), (8, 1))
+    }
+    return [
+        recording for seed, size in sizes.items() for recording, _ in rig_recordings(seed, size)
+    ]
 
 
 def stated_at(recording: Recording, factor: float) -> Recording:
     """The recording with its speed stated `factor` times as high."""
     assert recording.condition is not None
-    return replace(recording, condition=recording.condition.replaced(speed=factor * recording.condition.speed))
+    return replace(
+        recording, condition=recording.condition.replaced(speed=factor * recording.condition.speed)
+    )
 
 
 def missing(signal: np.ndarray) -> np.ndarray:
@@ -60,7 +71,10 @@ def noise(signal: np.ndarray) -> np.ndarray:
         ),
         (lambda signal: signal[:, :300], "shorter than one revolution"),
         (missing, r"rec-0, body_y: 1 of \d+ samples are missing"),
-        (clipped, r"rec-0, cover_z: \d\.\d+% of the samples stand in a row at the extreme .* wider range"),
+        (
+            clipped,
+            r"rec-0, cover_z: \d\.\d+% of the samples stand in a row at the extreme .* wider range",
+        ),
         (noise, "rec-0: no line stands clear of the noise .* is the pump running"),
         (np.zeros_like, "every sample is 0: a dead"),
     ],
@@ -76,7 +90,10 @@ def test_an_unfit_signal_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"channels": ("cover_z", "ch2", "body_x")}, "no sensor for channel 'ch2'; it has cover_z, body_y, body_x"),
+        (
+            {"channels": ("cover_z", "ch2", "body_x")},
+            "no sensor for channel 'ch2'; it has cover_z, body_y, body_x",
+        ),
         ({"unit": "V"}, r"rec-0 is in 'V'; a calibration needs m/s\^2; state unit"),
         ({"sample_rate": 6600.0}, "or the sample rate of 6600 Hz"),
     ],
@@ -95,7 +112,9 @@ def test_a_recording_of_another_speed_than_stated_is_refused_with_both_numbers(
     wrong = stated_at(recording, factor)
     assert wrong.condition is not None
     there = twin.at(wrong.condition)
-    with pytest.raises(DataError, match=rf"rec-0: stated at {860 * factor:.4g} rev/min, .* 7 pistons at (\d+)") as hit:
+    with pytest.raises(
+        DataError, match=rf"rec-0: stated at {860 * factor:.4g} rev/min, .* 7 pistons at (\d+)"
+    ) as hit:
         measure(there, [wrong])
     shown = float(str(hit.value).split("7 pistons at ")[1].split(" rev")[0])
     assert shown == pytest.approx(860, rel=0.01)
@@ -112,7 +131,9 @@ def test_no_class_and_no_pressure_of_the_rig_raises_a_false_alarm(rig: list[Reco
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.9, 0.97, 1.03, 1.1, 1.5])
-def test_every_wrongly_stated_speed_is_detected_on_the_rig(rig: list[Recording], factor: float) -> None:
+def test_every_wrongly_stated_speed_is_detected_on_the_rig(
+    rig: list[Recording], factor: float
+) -> None:
     for recording in rig[::3]:
         assert recording.condition is not None
         speed = shown_speed(recording, factor * recording.condition.shaft_frequency, 7)
@@ -137,10 +158,16 @@ def test_a_speed_that_was_measured_along_is_believed(twin: Twin, recording: Reco
     assert measure(twin.at(wrong.condition), [with_tachometer]).recording_ids == ("rec-0",)
 
 
-def test_a_recording_of_another_pressure_than_its_siblings_is_noted(pump: Pump, rig: list[Recording]) -> None:
+def test_a_recording_of_another_pressure_than_its_siblings_is_noted(
+    pump: Pump, rig: list[Recording]
+) -> None:
     of_pump = [recording for recording in rig[:45] if recording.label == "normal"]
     at = {
-        level: [recording for recording in of_pump if recording.condition.discharge_pressure == MPa(level)]
+        level: [
+            recording
+            for recording in of_pump
+            if recording.condition.discharge_pressure == MPa(level)
+        ]
         for level in (5, 15)
     }  # type: ignore[union-attr]
     twin = Twin(pump, at[15][0].condition, bandwidth=2600)  # type: ignore[arg-type]
@@ -157,15 +184,21 @@ def test_a_recording_of_another_pressure_than_its_siblings_is_noted(pump: Pump, 
 
 def test_a_few_cut_peaks_are_noted(twin: Twin, recording: Recording) -> None:
     limit = np.quantile(np.abs(recording.signal), 0.998, axis=1)[:, None]
-    notes = measure(twin, [replace(recording, signal=np.clip(recording.signal, -limit, limit))]).notes
+    notes = measure(
+        twin, [replace(recording, signal=np.clip(recording.signal, -limit, limit))]
+    ).notes
     assert len(notes) <= 1
-    crest = np.where(np.abs(recording.signal) == np.abs(recording.signal).max(), 0.0, recording.signal)
+    crest = np.where(
+        np.abs(recording.signal) == np.abs(recording.signal).max(), 0.0, recording.signal
+    )
     crest[:, 100:110] = crest.max() * 1.2
     (note,) = measure(twin, [replace(recording, signal=crest)]).notes
     assert "peaks are cut off" in note
 
 
-def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: OperatingCondition) -> None:
+def test_shaft_orders_are_compared_where_one_piston_differs(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     worn = Twin(pump, at_15, PistonWear(clearance=um(60), piston=1), bandwidth=2600)
     recording = recording_of(worn, np.array([1, 1, 1.6, 0.7, 2.5, 1]))
     every = measure(worn, [recording], lines="shaft")
@@ -176,10 +209,15 @@ def test_shaft_orders_are_compared_where_one_piston_differs(pump: Pump, at_15: O
     np.testing.assert_allclose(every.amplitude[:, common], lines, atol=0.03 * lines.max())
     between = every.amplitude[:, ~common]
     assert between.max() > 0.02 * lines.max()
-    calibration = calibrate(worn, [recording], method=GaussNewton(starts=1), lines="shaft", **SIX_VALUES)
+    calibration = calibrate(
+        worn, [recording], method=GaussNewton(starts=1), lines="shaft", **SIX_VALUES
+    )
     assert calibration.settings["lines"] == "shaft"
     assert calibration.fits[0].spectra.orders.tolist() == every.orders.tolist()
-    assert calibration.fit_after.spectrum_value_error < 0.5 * calibration.fit_before.spectrum_value_error
+    assert (
+        calibration.fit_after.spectrum_value_error
+        < 0.5 * calibration.fit_before.spectrum_value_error
+    )
 
 
 def test_the_whole_spectrum_counts_what_no_value_changes(twin: Twin, recording: Recording) -> None:

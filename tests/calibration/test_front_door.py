@@ -16,8 +16,12 @@ from swashtwin.synthesis import synthesize
 QUICK = GaussNewton(starts=1, most_iterations=4)
 
 
-def healthy_recording(pump: Pump, pressure: float, *, speed: float = 860.0, seed: int = 0) -> Recording:
-    """Recording of a pump of other values than the nominal ones at that pressure [MPa] and speed [rev/min]."""
+def healthy_recording(
+    pump: Pump, pressure: float, *, speed: float = 860.0, seed: int = 0
+) -> Recording:
+    """Recording of a pump of other values than the nominal ones at that pressure [MPa] and speed
+    [rev/min].
+    """
     condition = OperatingCondition(speed=rpm(speed), discharge_pressure=MPa(pressure))
     recording = recording_of(Twin(pump, condition, bandwidth=2600), DAMPER, seed=seed)
     return replace(recording, recording_id=f"healthy-{seed}")
@@ -44,7 +48,9 @@ def test_a_name_and_a_recording_are_enough(recordings: list[Recording]) -> None:
 
 
 @pytest.mark.parametrize(("name", "is_free"), [("body_y", False), ("acc", True)])
-def test_one_sensor_calibrates_and_makes_windows(recordings: list[Recording], name: str, is_free: bool) -> None:
+def test_one_sensor_calibrates_and_makes_windows(
+    recordings: list[Recording], name: str, is_free: bool
+) -> None:
     one = [recording.picked(["body_y"]).replace(channels=(name,)) for recording in recordings[:1]]
     calibration = calibrate("25scy14-1b", one, method=QUICK, explain_misfit=False)
     assert any("none of the pump's sensors" in note for note in calibration.notes) == is_free
@@ -54,7 +60,9 @@ def test_one_sensor_calibrates_and_makes_windows(recordings: list[Recording], na
     assert np.isfinite(windows.signal).all()
 
 
-def test_recordings_are_grouped_by_operating_point_and_fitted_together(recordings: list[Recording]) -> None:
+def test_recordings_are_grouped_by_operating_point_and_fitted_together(
+    recordings: list[Recording],
+) -> None:
     calibration = calibrate("25scy14-1b", recordings, method=QUICK, **SIX_VALUES)
     assert calibration.left_out == ()
     assert [len(fit.recording_ids) for fit in calibration.fits] == [2, 1]
@@ -67,7 +75,9 @@ def test_a_healthy_label_may_read_healthy(pump: Pump, recordings: list[Recording
     recording = recordings[0].replace(label="healthy")
     calibration = calibrate(pump, [recording], method=QUICK, **SIX_VALUES)
     assert calibration.recording_ids == ("healthy-0",)
-    windows = synthesize(calibration, None, count=1, like=[replace(recording, synthetic=False)], window=1024)
+    windows = synthesize(
+        calibration, None, count=1, like=[replace(recording, synthetic=False)], window=1024
+    )
     assert windows.classes == ("healthy",)
     assert set(windows.label) == {"healthy"}
 
@@ -78,21 +88,31 @@ def test_recordings_of_a_fault_are_calibrated_with_that_fault(pump: Pump) -> Non
     recording = recording_of(Twin(pump, condition, fault, bandwidth=2600))
     calibration = calibrate(pump, [recording], fault=fault, method=QUICK, **SIX_VALUES)
     assert calibration.twin.fault == fault
-    with pytest.raises(DataError, match=r"no recording is labeled 'normal' \(labels: swash_plate\).* give fault="):
+    with pytest.raises(
+        DataError, match=r"no recording is labeled 'normal' \(labels: swash_plate\).* give fault="
+    ):
         calibrate(pump, [recording])
     with pytest.raises(InputError, match="a fault is given for a pump"):
         calibrate(Twin(pump, condition), [recording], fault=fault)
 
 
-def test_recordings_without_a_condition_are_refused_with_the_way_to_give_it(recordings: list[Recording]) -> None:
+def test_recordings_without_a_condition_are_refused_with_the_way_to_give_it(
+    recordings: list[Recording],
+) -> None:
     unstated = replace(recordings[0], recording_id="unstated", condition=None)
-    with pytest.raises(DataError, match=r'unstated states no operating condition.* such as "860 rpm" and "10 MPa"'):
+    with pytest.raises(
+        DataError, match=r'unstated states no operating condition.* such as "860 rpm" and "10 MPa"'
+    ):
         calibrate("25scy14-1b", [unstated])
     calibration = calibrate("25scy14-1b", [unstated, recordings[1]], method=QUICK, **SIX_VALUES)
-    assert calibration.left_out == (("unstated", "it lacks speed or pressure; add them to the index"),)
+    assert calibration.left_out == (
+        ("unstated", "it lacks speed or pressure; add them to the index"),
+    )
 
 
-def test_what_cannot_be_calibrated_is_refused_before_a_recording_is_measured(recordings: list[Recording]) -> None:
+def test_what_cannot_be_calibrated_is_refused_before_a_recording_is_measured(
+    recordings: list[Recording],
+) -> None:
     broken = replace(recordings[0], signal=np.full((3, 9000), np.nan))
     with pytest.raises(InputError, match="must be a factor above 1"):
         calibrate("25scy14-1b", [broken], bounds=0.5)

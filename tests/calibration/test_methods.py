@@ -1,4 +1,6 @@
-"""The methods that search: all minimize the same thing, count what they simulate, and leave no trace behind."""
+"""The methods that search: all minimize the same thing, count what they simulate, and leave no
+trace behind.
+"""
 
 import numpy as np
 import pytest
@@ -47,7 +49,10 @@ def test_the_step_of_least_loss_is_kept(objective: Objective, method: Calibrator
     if not isinstance(method, IPINN):
         assert history.spectrum_loss[history.best] == pytest.approx(weighted.item())
         unknowns = objective.unknowns
-        away = np.square((search.point - unknowns.center) / unknowns.deviation).sum() / objective.measured.numel()
+        away = (
+            np.square((search.point - unknowns.center) / unknowns.deviation).sum()
+            / objective.measured.numel()
+        )
         assert history.least_loss == pytest.approx(np.sqrt(weighted.item() ** 2 + away))
     assert len(history.gradient_norm) == len(history.loss)
     assert (history.gradient_norm > 0).all()
@@ -69,7 +74,9 @@ def test_the_same_seed_gives_the_same_bits_and_leaves_random_numbers_as_they_wer
     np.testing.assert_array_equal(first.point, again.point)
 
 
-def test_the_papers_recipe_counts_no_prior_of_the_six_values(objective: Objective, constants: Objective) -> None:
+def test_the_papers_recipe_counts_no_prior_of_the_six_values(
+    objective: Objective, constants: Objective
+) -> None:
     paper = IPINN(epochs=8).search(objective, seed=0).history
     np.testing.assert_array_equal(paper.prior_loss, 0)
     assert (np.diff(paper.points, axis=0) != 0).any()

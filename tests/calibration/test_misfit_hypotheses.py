@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from twin_recordings import SIX_VALUES, recording_of, with_amplitudes
 
-from swashtwin.calibration import Calibration, GaussNewton, Nuisances, calibrate, is_warning, measure, objective_of
+from swashtwin.calibration import (
+    Calibration,
+    GaussNewton,
+    Nuisances,
+    calibrate,
+    is_warning,
+    measure,
+    objective_of,
+)
 from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
 from swashtwin.calibration.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
 from swashtwin.foundation import MPa, stream
@@ -54,7 +62,10 @@ def test_a_right_twin_is_not_warned_of(twin: Twin, recording: Recording) -> None
             with_mixing(("body_x", "body_y"), np.eye(2)[::-1]),
             "body_y and body_x have each other's name: look at the wiring",
         ),
-        (with_unit_error(("cover_z",)), "cover_z reads 0.1 times what it should beside the others: in g?"),
+        (
+            with_unit_error(("cover_z",)),
+            "cover_z reads 0.1 times what it should beside the others: in g?",
+        ),
         (with_unit_error(CHANNELS), "the gain of all channels is 0.1 times the twin's: in g?"),
     ],
 )
@@ -67,7 +78,10 @@ def test_a_mistake_of_the_recording_is_named(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (partial(scaled, name="mount", factor=0.5), "the mounting's stiffness is 2 times the twin's"),
+        (
+            partial(scaled, name="mount", factor=0.5),
+            "the mounting's stiffness is 2 times the twin's",
+        ),
         (partial(replace, topology="T2"), "the bodies are joined as in topology T1"),
         (shallow, "the defect's excitation is 2 times the twin's"),
     ],
@@ -84,10 +98,13 @@ def assert_named(calibration: Calibration, words: str) -> None:
     assert any("the misfit falls from" in note and words in note for note in warnings), warnings
 
 
-def test_values_do_not_depend_on_mistakes_beyond_what_is_searched(twin: Twin, recording: Recording) -> None:
+def test_values_do_not_depend_on_mistakes_beyond_what_is_searched(
+    twin: Twin, recording: Recording
+) -> None:
     wrong = scaled(twin, "mount", 1.5)
     explained, plain = (
-        calibrate(wrong, [recording], method=QUICK, explain_misfit=explain, **SIX_VALUES) for explain in (True, False)
+        calibrate(wrong, [recording], method=QUICK, explain_misfit=explain, **SIX_VALUES)
+        for explain in (True, False)
     )
     assert plain.estimates == explained.estimates
     assert_named(explained, "the mounting's stiffness is 0.67 times the twin's")
@@ -97,7 +114,14 @@ def test_values_do_not_depend_on_mistakes_beyond_what_is_searched(twin: Twin, re
 def test_the_search_starts_again_from_a_mistake_and_ends_in_the_better_valley(twin: Twin) -> None:
     stiff = recording_of(replace(twin, scales=Scales(mount=1.8)))
     once, again = (
-        calibrate(twin, [stiff], method=QUICK, nuisances=Nuisances(mount=0.3), phases=False, explain_misfit=explain)
+        calibrate(
+            twin,
+            [stiff],
+            method=QUICK,
+            nuisances=Nuisances(mount=0.3),
+            phases=False,
+            explain_misfit=explain,
+        )
         for explain in (False, True)
     )
     assert once.is_in_doubt
@@ -106,7 +130,9 @@ def test_the_search_starts_again_from_a_mistake_and_ends_in_the_better_valley(tw
     np.testing.assert_array_equal(again.posterior.unknowns.start, once.posterior.unknowns.start)
 
 
-def test_a_direction_of_the_mounting_that_was_not_searched_is_named(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_direction_of_the_mounting_that_was_not_searched_is_named(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     healthy = Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
     machine = recording_of(replace(healthy, scales=Scales(mount_y=1.5)), np.ones(6))
     notes = calibrate(healthy, [machine], method=QUICK, **SIX_VALUES).notes
@@ -119,11 +145,15 @@ def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin
     objective = objective_of(twin, measure(twin, [recording_of(twin, np.ones(6))]))
     start = objective.unknowns.start
     covariance = posterior_covariance(objective, start)
-    assert "identified" in [estimate.verdict for estimate in estimates_of(objective, start, covariance)]
+    assert "identified" in [
+        estimate.verdict for estimate in estimates_of(objective, start, covariance)
+    ]
     factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
     scattered = with_amplitudes(objective, objective.measured.numpy() * factor)
     assert misfit_of(scattered, start) > MISFIT
-    assert "identified" not in [estimate.verdict for estimate in estimates_of(scattered, start, covariance)]
+    assert "identified" not in [
+        estimate.verdict for estimate in estimates_of(scattered, start, covariance)
+    ]
     point = QUICK.search(scattered, seed=0).point
     assert (misfit := misfit_of(scattered, point)) > MISFIT
     assert misfit_hypotheses(scattered, misfit) == ()

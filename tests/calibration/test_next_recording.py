@@ -38,15 +38,21 @@ def recording_at(
     machine: Twin, speed: float, pressure: float, channels: tuple[str, ...] = USUAL, seed: int = 0
 ) -> Recording:
     """Noisy recording of 1.3 s."""
-    there = machine.at(machine.condition.replaced(speed=rpm(speed), discharge_pressure=MPa(pressure)))
-    recording = there.simulate(1.3, 6400.0, phase=1.0 + seed, recording_id=f"{speed:g} {pressure:g} {seed}")
+    there = machine.at(
+        machine.condition.replaced(speed=rpm(speed), discharge_pressure=MPa(pressure))
+    )
+    recording = there.simulate(
+        1.3, 6400.0, phase=1.0 + seed, recording_id=f"{speed:g} {pressure:g} {seed}"
+    )
     recording = recording.picked(list(channels))
     return recording.replace(signal=add_noise(recording.signal, 30.0, seed))
 
 
 def calibrated(machine: Twin, *recordings: Recording) -> Calibration:
     method = GaussNewton(starts=1)
-    return calibrate(machine.pump, recordings, method=method, nuisances=Nuisances.housing(), explain_misfit=False)
+    return calibrate(
+        machine.pump, recordings, method=method, nuisances=Nuisances.housing(), explain_misfit=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +65,9 @@ def calibration(machine: Twin, first: Recording) -> Calibration:
     return calibrated(machine, first)
 
 
-def test_the_width_that_was_foretold_comes_true(machine: Twin, calibration: Calibration, first: Recording) -> None:
+def test_the_width_that_was_foretold_comes_true(
+    machine: Twin, calibration: Calibration, first: Recording
+) -> None:
     (foretold,) = plan_recording(calibration, speeds=[rpm(1500)], pressures=[MPa(15)]).candidates
     after = calibrated(machine, first, recording_at(machine, 1500, 15))
     assert foretold.total_width < total_width(calibration.estimates) - 1
@@ -71,7 +79,9 @@ def test_the_width_that_was_foretold_comes_true(machine: Twin, calibration: Cali
 def test_a_sensor_elsewhere_is_foretold_and_calibrated_with_the_others(
     machine: Twin, calibration: Calibration, first: Recording
 ) -> None:
-    (foretold,) = plan_recording(calibration, speeds=[rpm(860)], pressures=[MPa(15)], sensors=[MOVED]).candidates
+    (foretold,) = plan_recording(
+        calibration, speeds=[rpm(860)], pressures=[MPa(15)], sensors=[MOVED]
+    ).candidates
     after = calibrated(machine, first, recording_at(machine, 860, 15, MOVED))
     assert after.posterior.channels == (*USUAL, "cover_y")
     assert [fit.spectra.channels for fit in after.fits] == [USUAL, MOVED]
@@ -84,16 +94,25 @@ def test_a_repetition_with_fewer_sensors_is_no_new_information(
     machine: Twin, calibration: Calibration, first: Recording
 ) -> None:
     again = recording_at(machine, 860, 10, USUAL[:2], seed=1)
-    before, after = total_width(calibration.estimates), total_width(calibrated(machine, first, again).estimates)
+    before, after = (
+        total_width(calibration.estimates),
+        total_width(calibrated(machine, first, again).estimates),
+    )
     assert after == pytest.approx(before, abs=0.4)
-    (foretold,) = plan_recording(calibration, speeds=[rpm(860)], pressures=[MPa(10)], sensors=[USUAL[:2]]).candidates
+    (foretold,) = plan_recording(
+        calibration, speeds=[rpm(860)], pressures=[MPa(10)], sensors=[USUAL[:2]]
+    ).candidates
     assert foretold.total_width == pytest.approx(after, abs=0.15)
 
 
-def test_candidates_are_ranked_within_the_rating_and_a_repetition_comes_last(calibration: Calibration) -> None:
+def test_candidates_are_ranked_within_the_rating_and_a_repetition_comes_last(
+    calibration: Calibration,
+) -> None:
     plan = plan_recording(calibration)
     widths = [item.total_width for item in plan.candidates]
-    assert len(widths) == 3  # 860 rev/min is the rated speed, and at less 1.3 s are below 16 revolutions
+    assert (
+        len(widths) == 3
+    )  # 860 rev/min is the rated speed, and at less 1.3 s are below 16 revolutions
     assert max(item.speed for item in plan.candidates) == pytest.approx(rpm(860))
     assert max(item.discharge_pressure for item in plan.candidates) == pytest.approx(MPa(15))
     assert widths == sorted(widths)
@@ -103,14 +122,20 @@ def test_candidates_are_ranked_within_the_rating_and_a_repetition_comes_last(cal
 
 
 def test_what_cannot_be_planned_is_said_in_plain_words(calibration: Calibration) -> None:
-    with pytest.raises(InputError, match=r"sensors \(top\) must be different sensors of the pump, which has cover_z"):
+    with pytest.raises(
+        InputError,
+        match=r"sensors \(top\) must be different sensors of the pump, which has cover_z",
+    ):
         plan_recording(calibration, sensors=[["top"]])
     with pytest.raises(InputError, match="name at least one speed"):
         plan_recording(calibration, speeds=[])
     with pytest.raises(InputError, match="shorter than 16 revolutions: record longer"):
         plan_recording(calibration, speeds=[rpm(60)])
     with pytest.raises(InputError, match="holds no multiple of the piston-pass frequency"):
-        plan_recording(replace(calibration, settings={**calibration.settings, "band": [0, 150]}), speeds=[rpm(1500)])
+        plan_recording(
+            replace(calibration, settings={**calibration.settings, "band": [0, 150]}),
+            speeds=[rpm(1500)],
+        )
 
 
 def test_the_command_ranks_what_the_function_ranks(
@@ -126,12 +151,16 @@ def test_the_command_ranks_what_the_function_ranks(
     )
     expected = asdict(plan)["candidates"]
     for name in ("speed", "discharge_pressure", "duration", "total_width"):
-        answered, wanted = ([row[name] for row in rows] for rows in (answer["candidates"], expected))
+        answered, wanted = (
+            [row[name] for row in rows] for rows in (answer["candidates"], expected)
+        )
         np.testing.assert_allclose(answered, wanted)
     shown = run(*words).stdout
     assert "What to record next" in shown
     assert "1500 rpm" in shown
-    assert "must be different sensors of the pump" in one_line(run("twin", "next", path, "--sensors", "top", code=3))
+    assert "must be different sensors of the pump" in one_line(
+        run("twin", "next", path, "--sensors", "top", code=3)
+    )
     assert "600" in one_line(run("twin", "next", path, "--speeds", "600", code=3))
     widened = replace(plan, total_width=plan.candidates[1].total_width)
     monkeypatch.setattr("swashtwin.calibration.plan_recording", lambda *args, **options: widened)

@@ -48,19 +48,29 @@ def objective(twin: Twin) -> Objective:
     return ideal_objective(twin)
 
 
-@pytest.mark.parametrize("solver", [HarmonicBalance(), RK4(step=0.5e-6)], ids=["harmonic_balance", "rk4"])
-def test_the_spectrum_losses_have_exact_gradients(twin: Twin, objective: Objective, solver: SteadySolver) -> None:
+@pytest.mark.parametrize(
+    "solver", [HarmonicBalance(), RK4(step=0.5e-6)], ids=["harmonic_balance", "rk4"]
+)
+def test_the_spectrum_losses_have_exact_gradients(
+    twin: Twin, objective: Objective, solver: SteadySolver
+) -> None:
     def losses(relative: Tensor) -> tuple[Tensor, Tensor]:
         values = relative * twin.values
         point = point_at(objective, values)
-        return objective.spectrum_loss(point, solver=solver), objective.weighted_loss(point, solver=solver)
+        return objective.spectrum_loss(point, solver=solver), objective.weighted_loss(
+            point, solver=solver
+        )
 
     point = torch.tensor([0.7, 1.4, 1.6, 0.7, 2.5, 0.8], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(losses, (point,), rtol=1e-4)
 
 
-@pytest.mark.parametrize("nuisances", [Nuisances.usual(), Nuisances.housing()], ids=["usual", "housing"])
-def test_the_sensitivities_are_those_of_central_differences(twin: Twin, nuisances: Nuisances) -> None:
+@pytest.mark.parametrize(
+    "nuisances", [Nuisances.usual(), Nuisances.housing()], ids=["usual", "housing"]
+)
+def test_the_sensitivities_are_those_of_central_differences(
+    twin: Twin, nuisances: Nuisances
+) -> None:
     objective = ideal_objective(twin, nuisances=nuisances)
     generator = np.random.default_rng(0)
     point = objective.start + 0.2 * torch.as_tensor(
@@ -83,8 +93,12 @@ def test_the_losses_vanish_only_at_the_twin_itself(twin: Twin, objective: Object
     assert torch.isfinite(values.grad).all()
 
 
-def test_doubling_a_value_changes_the_spectrum_as_the_physics_notes_say(pump: Pump, at_15: OperatingCondition) -> None:
-    """docs/explanation/physics.md, section 6: relative change of the linear spectrum, 3 axes, 5 kHz."""
+def test_doubling_a_value_changes_the_spectrum_as_the_physics_notes_say(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    """docs/explanation/physics.md, section 6: relative change of the linear spectrum, 3 axes, 5
+    kHz.
+    """
     twin = Twin(pump, at_15, DEFECT, bandwidth=5000)
     objective = ideal_objective(twin)
     changes = []
@@ -107,7 +121,9 @@ def test_doubling_a_value_changes_the_spectrum_as_the_physics_notes_say(pump: Pu
 def test_the_deviations_are_those_of_the_physics_notes(
     pump: Pump, at_15: OperatingCondition, film: float, nuisances: Nuisances, expected: list[float]
 ) -> None:
-    """docs/explanation/physics.md, section 6, rows T1 P0 and thick film: no prior on the values, 3 axes, 5 kHz."""
+    """docs/explanation/physics.md, section 6, rows T1 P0 and thick film: no prior on the values, 3
+    axes, 5 kHz.
+    """
     values = np.array(pump.interfaces.values())
     values[0] = film
     twin = Twin(pump, at_15, DEFECT, Interfaces.from_values(values), bandwidth=5000)

@@ -20,7 +20,9 @@ FACTORS = np.array([1.0, 1.0, 1.6, 0.7, 2.5, 1.0])
 
 @pytest.fixture(scope="module")
 def nominal(pump, at_15) -> Twin:
-    return Twin(pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600.0)
+    return Twin(
+        pump, at_15, SwashPlateDefect(length=mm(30), width=mm(24), depth=mm(0.6)), bandwidth=2600.0
+    )
 
 
 def recorded(twin: Twin, start: float = 1.0, wander: float = 0.003, name: str = "one") -> Recording:
@@ -31,7 +33,14 @@ def recorded(twin: Twin, start: float = 1.0, wander: float = 0.003, name: str = 
         lines = twin.acceleration().numpy()
     signal = synchronous_signal(lines, twin.orders, angle)
     signal = signal + 0.05 * stream(0, "phases", name).standard_normal(signal.shape)
-    return Recording(signal, rate, name, channels=twin.pump.channels, label="swash_plate", condition=twin.condition)
+    return Recording(
+        signal,
+        rate,
+        name,
+        channels=twin.pump.channels,
+        label="swash_plate",
+        condition=twin.condition,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +69,11 @@ def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
     line, deviation = phased_lines(recorded(nominal), orders, 7)
     with torch.no_grad():
         simulated = nominal.acceleration().numpy()[:, np.isin(nominal.orders, orders)]
-    angle = float(best_position(torch.as_tensor((simulated * line.conj()).sum(axis=0)), torch.as_tensor(orders)))
+    angle = float(
+        best_position(
+            torch.as_tensor((simulated * line.conj()).sum(axis=0)), torch.as_tensor(orders)
+        )
+    )
     error = np.abs(simulated * np.exp(1j * orders * angle) - line)
     assert error.max() < 0.01 * np.abs(simulated).max()
     assert np.median(deviation) < 0.01
@@ -68,7 +81,10 @@ def test_lines_of_a_swinging_speed_keep_amplitude_and_phase(nominal):
 
 def test_recordings_that_begin_at_other_shaft_positions_add_up(nominal):
     orders = np.array([7, 14, 21, 28])
-    pairs = [phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7) for start in (0.3, 1.7)]
+    pairs = [
+        phased_lines(recorded(nominal, start, name=f"at {start}"), orders, 7)
+        for start in (0.3, 1.7)
+    ]
     line, deviation = combine_lines(pairs, orders)
     np.testing.assert_allclose(np.abs(line), np.abs(pairs[0][0]), atol=0.02)
     assert deviation.shape == line.shape
@@ -94,7 +110,9 @@ def value_of(twin: Twin, letter: str) -> float:
 
 
 def test_observables_with_phases_have_exact_derivatives(nominal, true):
-    objective = objective_of(nominal, measure(nominal, [recorded(true)], phases=True), None, Nuisances.housing())
+    objective = objective_of(
+        nominal, measure(nominal, [recorded(true)], phases=True), None, Nuisances.housing()
+    )
     point = objective.start
     observables, slope = objective.sensitivity(point)
     assert observables.shape == objective.measured.shape == objective.sigma.shape
@@ -102,8 +120,12 @@ def test_observables_with_phases_have_exact_derivatives(nominal, true):
         step = torch.zeros_like(point)
         step[index] = 1e-6
         with torch.no_grad():
-            difference = (objective.observables(point + step) - objective.observables(point - step)) / 2e-6
-        np.testing.assert_allclose(slope[:, index], difference, atol=1e-5 * float(slope[:, index].abs().max()))
+            difference = (
+                objective.observables(point + step) - objective.observables(point - step)
+            ) / 2e-6
+        np.testing.assert_allclose(
+            slope[:, index], difference, atol=1e-5 * float(slope[:, index].abs().max())
+        )
 
 
 def test_a_recording_without_a_clear_line_has_no_phases(nominal):

@@ -31,7 +31,9 @@ from swashtwin.signals import add_noise
 NONE = Nuisances()
 
 
-def objective_for(assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: float = 2500) -> Objective:
+def objective_for(
+    assumed: Twin, true: Twin, nuisances: Nuisances = NONE, band: float = 2500
+) -> Objective:
     """Objective of calibrating `assumed` on a noisy recording (30 dB) of `true`."""
     recording = true.simulate(1.3, 6400.0, phase=1.0, recording_id="rec")
     recording = replace(recording, signal=add_noise(recording.signal, 30, 0))
@@ -74,7 +76,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
         noise = clean.sigma.numpy() * stream(0, "coverage", index).standard_normal(len(clean.sigma))
         noisy = with_amplitudes(objective, np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
-        for estimate, true in zip(estimates_of(noisy, point, posterior_covariance(noisy, point)), truth, strict=False):
+        for estimate, true in zip(
+            estimates_of(noisy, point, posterior_covariance(noisy, point)), truth, strict=False
+        ):
             if estimate.verdict == "identified":
                 low, high = np.log(estimate.interval)
                 is_held.append(low <= true <= high)
@@ -87,9 +91,17 @@ def test_the_slippers_stiffness_is_identified_under_a_thick_film_only(
     objective: Objective, point: np.ndarray, thick: Twin
 ) -> None:
     assert thick.values[0] <= 1e5
-    assert estimates_of(objective, point, posterior_covariance(objective, point))[1].verdict == "not identified"
+    assert (
+        estimates_of(objective, point, posterior_covariance(objective, point))[1].verdict
+        == "not identified"
+    )
     other = objective_for(thick, thick)
-    assert estimates_of(other, solution(other), posterior_covariance(other, solution(other)))[1].verdict == "identified"
+    assert (
+        estimates_of(other, solution(other), posterior_covariance(other, solution(other)))[
+            1
+        ].verdict
+        == "identified"
+    )
 
 
 def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
@@ -101,15 +113,23 @@ def test_a_twin_that_is_right_lacks_nothing_and_has_the_deviations_of_its_noise(
     assert all(share == 0 for _, share in discrepancy.constants)
     scaled = around.slope / around.sigma[:, None]
     fisher = scaled.T @ scaled + np.diag(objective.unknowns.deviation**-2.0)
-    np.testing.assert_allclose(posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        posterior_covariance(objective, point), np.linalg.inv(fisher), rtol=1e-6, atol=1e-12
+    )
 
 
-def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(objective: Objective, point: np.ndarray) -> None:
-    """Errors drawn from the covariance of a discrepancy move a linear search by as much as the sandwich says."""
+def test_the_covariance_is_that_of_estimates_under_the_noise_it_names(
+    objective: Objective, point: np.ndarray
+) -> None:
+    """Errors drawn from the covariance of a discrepancy move a linear search by as much as the
+    sandwich says.
+    """
     around = linearize(objective, point)
     discrepancy = replace(estimate_discrepancy(around), path=0.1, constants=(("mount", 0.05),))
     noise = noise_covariance(around, discrepancy)
-    draws = np.random.default_rng(0).multivariate_normal(np.zeros(len(noise)), noise, 4000, method="cholesky")
+    draws = np.random.default_rng(0).multivariate_normal(
+        np.zeros(len(noise)), noise, 4000, method="cholesky"
+    )
     scaled = around.slope / around.sigma[:, None]
     precision = np.diag(objective.unknowns.deviation**-2.0)
     moved = np.linalg.solve(scaled.T @ scaled + precision, scaled.T @ (draws / around.sigma).T)
@@ -128,7 +148,9 @@ def test_an_interval_always_holds_its_value(objective: Objective, share: float, 
         assert estimate.value <= estimate.interval[1] * (1 + 1e-12)
         assert estimate.open_sides[0] == (estimate.interval[0] <= estimate.bounds[0] * (1 + 1e-9))
         wide = math.log(estimate.interval[1] / estimate.interval[0])
-        assert wide == pytest.approx(min(2 * 1.645 * std, wide), rel=1e-3) or any(estimate.open_sides)
+        assert wide == pytest.approx(min(2 * 1.645 * std, wide), rel=1e-3) or any(
+            estimate.open_sides
+        )
 
 
 def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
@@ -142,7 +164,9 @@ def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
     assert interval_words(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
 
 
-def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(twin: Twin) -> None:
+def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(
+    twin: Twin,
+) -> None:
     true = replace(twin, scales=Scales(mount=1.2))
     recording = true.simulate(1.3, 6400.0, recording_id="rec")
     calibration = calibrate(twin, [recording], method=GaussNewton(starts=1), **SIX_VALUES)
@@ -158,14 +182,20 @@ def test_draws_follow_the_covariance_within_the_bounds(posterior: Posterior) -> 
     space = replace(posterior.unknowns.space, lower=np.full(6, 1e-30), upper=np.full(6, 1e30))
     wide = replace(posterior, unknowns=replace(posterior.unknowns, space=space))
     draws = wide.draws(2000, seed=1)
-    np.testing.assert_allclose(draws.mean(axis=0), posterior.point, atol=0.1 * draws.std(axis=0).max())
-    np.testing.assert_allclose(np.cov(draws.T), posterior.covariance, atol=0.1 * posterior.covariance.max())
+    np.testing.assert_allclose(
+        draws.mean(axis=0), posterior.point, atol=0.1 * draws.std(axis=0).max()
+    )
+    np.testing.assert_allclose(
+        np.cov(draws.T), posterior.covariance, atol=0.1 * posterior.covariance.max()
+    )
     cut = posterior.draws(200, seed=1)
     assert (cut >= posterior.unknowns.lower).all()
     assert (cut <= posterior.unknowns.upper).all()
 
 
-def test_a_draw_depends_on_the_seed_and_not_on_how_many_are_drawn(twin: Twin, posterior: Posterior) -> None:
+def test_a_draw_depends_on_the_seed_and_not_on_how_many_are_drawn(
+    twin: Twin, posterior: Posterior
+) -> None:
     draws = posterior.draws(5, seed=2)
     np.testing.assert_array_equal(draws[:2], posterior.draws(2, seed=2))
     assert not np.array_equal(draws, posterior.draws(5, seed=3))

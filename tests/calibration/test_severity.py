@@ -20,7 +20,11 @@ from swashtwin.calibration import (
 )
 from swashtwin.calibration.severity.dimensions import fault_space
 from swashtwin.calibration.severity.inversion import Inversion, Minimum
-from swashtwin.calibration.severity.profile_likelihood import ProfileProblem, interval_of, profile_likelihood
+from swashtwin.calibration.severity.profile_likelihood import (
+    ProfileProblem,
+    interval_of,
+    profile_likelihood,
+)
 from swashtwin.calibration.severity.severity import DimensionEstimate, either_law
 from swashtwin.calibration.severity.severity_search import _severity
 from swashtwin.foundation import DataError, InputError, deg, mm, um
@@ -70,11 +74,18 @@ def healthy(record: Record) -> list[Recording]:
 def calibration(pump: Pump, at_15: OperatingCondition, healthy: list[Recording]) -> Calibration:
     method = GaussNewton(starts=1)
     return calibrate(
-        Twin(pump, at_15), healthy, method=method, nuisances=Nuisances.usual(), band=(0, 1000), phases=False
+        Twin(pump, at_15),
+        healthy,
+        method=method,
+        nuisances=Nuisances.usual(),
+        band=(0, 1000),
+        phases=False,
     )
 
 
-def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: Calibration, record: Record) -> None:
+def test_depth_and_length_of_a_recess_are_found_from_another_start(
+    calibration: Calibration, record: Record
+) -> None:
     true = SwashPlateDefect(depth=mm(0.06), length=mm(30), width=mm(24))
     (estimate,) = estimate_severity(calibration, [record(true, "recess")], LONG).estimates
     depth, length = estimate.dimensions
@@ -101,7 +112,9 @@ def test_depth_and_length_of_a_recess_are_found_from_another_start(calibration: 
 def test_severities_of_single_parts_and_dams_are_found(
     calibration: Calibration, healthy: list[Recording], record: Record, true: Fault, start: Fault
 ) -> None:
-    (estimate,) = estimate_severity(calibration, [record(true, "worn")], start, healthy=healthy).estimates
+    (estimate,) = estimate_severity(
+        calibration, [record(true, "worn")], start, healthy=healthy
+    ).estimates
     assert estimate.severity.value == pytest.approx(true.severity, rel=0.15)
     assert estimate.severity.interval[0] < true.severity < estimate.severity.interval[1]
     assert estimate.severity.verdict == "identified"
@@ -112,18 +125,29 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
     pump: Pump, true_twin: Twin, at_15: OperatingCondition
 ) -> None:
     plate = pump.valve_plate
-    early = replace(plate, discharge_open=plate.discharge_open - deg(0.8), suction_open=plate.suction_open + deg(0.3))
+    early = replace(
+        plate,
+        discharge_open=plate.discharge_open - deg(0.8),
+        suction_open=plate.suction_open + deg(0.3),
+    )
     machine = replace(true_twin, pump=replace(pump, valve_plate=early))
     eroded = machine.with_fault(GrooveErosion(deg(4)))
     healthy, worn = (
-        twin.simulate(3.0, 5120.0, recording_id=name) for twin, name in ((machine, "healthy"), (eroded, "worn"))
+        twin.simulate(3.0, 5120.0, recording_id=name)
+        for twin, name in ((machine, "healthy"), (eroded, "worn"))
     )
     of_healthy = calibrate(
-        Twin(pump, at_15), [healthy], method=GaussNewton(starts=1), nuisances=Nuisances.usual(), band=(0, 1000)
+        Twin(pump, at_15),
+        [healthy],
+        method=GaussNewton(starts=1),
+        nuisances=Nuisances.usual(),
+        band=(0, 1000),
     )
 
     def estimated(settings: SeveritySettings) -> DimensionEstimate:
-        trend = estimate_severity(of_healthy, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings)
+        trend = estimate_severity(
+            of_healthy, [worn], GrooveErosion(deg(4)), healthy=[healthy], settings=settings
+        )
         return trend.estimates[0].severity
 
     estimate = estimated(SeveritySettings())
@@ -133,14 +157,18 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
     assert not low < deg(4) < high
 
 
-def test_a_label_in_other_words_is_that_of_the_fault(calibration: Calibration, record: Record) -> None:
+def test_a_label_in_other_words_is_that_of_the_fault(
+    calibration: Calibration, record: Record
+) -> None:
     worn = record(PistonWear(um(45)), "worn").relabeled("Kolbenverschleiss")
     assert estimate_severity(calibration, [worn], PistonWear(um(60))).left_out == ()
     with pytest.raises(DataError, match="label is Kolbenverschleiss, the fault's swash_plate"):
         estimate_severity(calibration, [worn], LONG)
 
 
-def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration, healthy: list[Recording]) -> None:
+def test_a_healthy_pump_has_a_severity_that_may_be_zero(
+    calibration: Calibration, healthy: list[Recording]
+) -> None:
     (estimate,) = estimate_severity(calibration, healthy[:1], BUSH, healthy=healthy).estimates
     assert estimate.dimensions[1].verdict == "not identified"  # what may not be there has no width
     assert estimate.severity.verdict == "not detected"
@@ -149,16 +177,21 @@ def test_a_healthy_pump_has_a_severity_that_may_be_zero(calibration: Calibration
     assert estimate.detection_limit <= estimate.severity.interval[1] < 3 * estimate.detection_limit
 
 
-def test_nothing_is_called_identified_on_a_calibration_in_doubt(calibration: Calibration, record: Record) -> None:
+def test_nothing_is_called_identified_on_a_calibration_in_doubt(
+    calibration: Calibration, record: Record
+) -> None:
     worn, doubtful = record(PistonWear(um(45)), "worn"), replace(calibration, misfit=2.6)
     trend = estimate_severity(doubtful, [worn], PistonWear(um(60)))
     assert trend.estimates[0].severity.verdict == "weak"
     assert any(
-        "misses lines by 2.6 times" in note and "no severity is called identified" in note for note in trend.notes
+        "misses lines by 2.6 times" in note and "no severity is called identified" in note
+        for note in trend.notes
     )
 
 
-def test_a_recess_that_two_laws_explain_has_an_interval_around_both(calibration: Calibration, record: Record) -> None:
+def test_a_recess_that_two_laws_explain_has_an_interval_around_both(
+    calibration: Calibration, record: Record
+) -> None:
     (shared,) = estimate_severity(calibration, [record(LONG, "recess")], LONG, free=()).estimates
     depth = replace(shared.severity, interval=(mm(0.3), mm(0.9)), value=mm(0.6))
     lifting = replace(shared, dimensions=(depth,))
@@ -170,14 +203,18 @@ def test_a_recess_that_two_laws_explain_has_an_interval_around_both(calibration:
     assert either_law((shared, 20.0), (lifting, 11.0)).severity == depth
 
 
-def test_a_change_is_known_better_than_either_severity(calibration: Calibration, record: Record) -> None:
+def test_a_change_is_known_better_than_either_severity(
+    calibration: Calibration, record: Record
+) -> None:
     small, large = (record(replace(LONG, depth=mm(depth)), f"at_{depth}") for depth in (0.05, 0.1))
     trend = estimate_severity(calibration, [small, large], LONG, free=())
     severities = [estimate.severity for estimate in trend.estimates]
     assert severities[1].value / severities[0].value == pytest.approx(2, rel=0.15)
     assert repr(trend).startswith("<SeverityTrend of SwashPlateDefect: at_0.05: ")
     deviation = math.hypot(*(estimate.repeatability for estimate in trend.estimates))
-    assert 2 * QUANTILE * deviation < math.log(severities[1].interval[1] / severities[1].interval[0])
+    assert 2 * QUANTILE * deviation < math.log(
+        severities[1].interval[1] / severities[1].interval[0]
+    )
 
 
 def test_a_recess_that_slippers_follow_less_at_high_frequencies_is_still_as_deep(
@@ -187,14 +224,18 @@ def test_a_recess_that_slippers_follow_less_at_high_frequencies_is_still_as_deep
     without, recording = record(None, "same"), record(true, "same")
     frequency = np.fft.rfftfreq(recording.signal.shape[1], 1 / recording.sample_rate)
     share = 1 / (1 + (frequency / 1500) ** 2)
-    by_fault = np.fft.irfft(np.fft.rfft(recording.signal - without.signal) * share, recording.signal.shape[1])
+    by_fault = np.fft.irfft(
+        np.fft.rfft(recording.signal - without.signal) * share, recording.signal.shape[1]
+    )
     muffled = recording.replace(signal=without.signal + by_fault)
     (estimate,) = estimate_severity(calibration, [muffled], LONG).estimates
     assert estimate.severity.interval[0] < true.depth < estimate.severity.interval[1]
     assert estimate.severity.value == pytest.approx(true.depth, rel=0.25)
 
 
-def test_an_eroded_groove_has_a_limit_from_which_its_advance_is_seen(calibration: Calibration, record: Record) -> None:
+def test_an_eroded_groove_has_a_limit_from_which_its_advance_is_seen(
+    calibration: Calibration, record: Record
+) -> None:
     (estimate,) = estimate_severity(
         calibration, [record(GrooveErosion(deg(9)), "eroded")], GrooveErosion(deg(5))
     ).estimates
@@ -204,7 +245,9 @@ def test_an_eroded_groove_has_a_limit_from_which_its_advance_is_seen(calibration
 
 
 class _TwoMinima(Inversion):
-    """Sum of squares that is 0 at 1 and `height` at 3, with a ridge between that is the square of `steep`."""
+    """Sum of squares that is 0 at 1 and `height` at 3, with a ridge between that is the square of
+    `steep`.
+    """
 
     def __init__(self, height: float, steep: float = 9.0) -> None:
         self.n_unknowns, self.lower, self.upper = 0, np.array([0.0]), np.array([8.0])
@@ -222,7 +265,9 @@ class _TwoMinima(Inversion):
 @pytest.mark.parametrize("height", [0.5, 2.5])
 def test_an_interval_reaches_around_all_minima_that_explain_the_lines(height: float) -> None:
     problem = _TwoMinima(height)
-    _, (low, high) = problem.profiled([Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)])
+    _, (low, high) = problem.profiled(
+        [Minimum(np.array([1.0]), 0.0), Minimum(np.array([3.0]), height)]
+    )
     assert low is not None
     assert high is not None
     assert 0.8 < low < 1
@@ -233,7 +278,9 @@ def test_an_interval_reaches_around_all_minima_that_explain_the_lines(height: fl
 
 
 def test_a_valley_that_only_the_profile_finds_is_the_estimate() -> None:
-    (deepest, *_), (low, high) = _TwoMinima(2.0, steep=1.0).profiled([Minimum(np.array([2.9]), 1.84)])
+    (deepest, *_), (low, high) = _TwoMinima(2.0, steep=1.0).profiled(
+        [Minimum(np.array([2.9]), 1.84)]
+    )
     assert deepest.point[0] == pytest.approx(1, abs=0.05)
     assert low is not None
     assert high is not None
@@ -244,7 +291,8 @@ def test_a_fault_that_is_there_is_never_called_not_detected() -> None:
     problem = _TwoMinima(2.0)
     problem.space = fault_space(GrooveErosion(deg(5)))
     verdicts = [
-        _severity(problem, np.array([0.8]), (None, 1.5), is_there=is_there).verdict for is_there in (True, False)
+        _severity(problem, np.array([0.8]), (None, 1.5), is_there=is_there).verdict
+        for is_there in (True, False)
     ]
     assert verdicts == ["not identified", "not detected"]
 
@@ -254,14 +302,18 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
 ) -> None:
     other = replace(healthy[0], label="piston", recording_id="other")
     unknown = replace(healthy[0], condition=None, recording_id="unknown")
-    with pytest.raises(DataError, match="label is piston, the fault's swash_plate; unknown: it lacks speed"):
+    with pytest.raises(
+        DataError, match="label is piston, the fault's swash_plate; unknown: it lacks speed"
+    ):
         estimate_severity(calibration, [other, unknown], LONG)
     with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
         estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)
     with pytest.raises(DataError, match="the recording has the channels cover_z, the calibration"):
         estimate_severity(calibration, [healthy[0].picked(["cover_z"])], LONG)
     with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
-        estimate_severity(replace(calibration, twin=calibration.twin.with_fault(LONG)), healthy, LONG)
+        estimate_severity(
+            replace(calibration, twin=calibration.twin.with_fault(LONG)), healthy, LONG
+        )
     with pytest.raises(InputError, match="depth is 0"):
         estimate_severity(calibration, healthy, replace(LONG, depth=0.0))
     with pytest.raises(InputError, match=r"drift \(-1\) must be zero or a positive"):
@@ -273,17 +325,28 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
 ) -> None:
     new = replace(healthy[0], recording_id="new and sound")
     recordings = [*healthy, new, record(PistonWear(um(45)), "worn")]
-    files = [write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in recordings]
-    index, saved = write_index(recordings, files, tmp_path), calibration.save(tmp_path / "healthy.json")
+    files = [
+        write_recording(recording, tmp_path / f"{recording.recording_id}.h5")
+        for recording in recordings
+    ]
+    index, saved = (
+        write_index(recordings, files, tmp_path),
+        calibration.save(tmp_path / "healthy.json"),
+    )
     answer = run_json("twin", "severity", saved, index, "--fault", "piston")
     (worn,) = answer["estimates"]
     assert worn["recording_id"] == "worn"
     assert worn["dimensions"][0]["value"] == pytest.approx(um(45), rel=0.15)
     assert "µm" in run("twin", "severity", saved, index, "--fault", "plunger:clearance=80um").stdout
     run("twin", "severity", saved, index, "--fault", "normal", code=2)
-    assert answer["healthy"] == [*(recording.recording_id for recording in healthy), "new and sound"]
+    assert answer["healthy"] == [
+        *(recording.recording_id for recording in healthy),
+        "new and sound",
+    ]
     files[-1] = write_recording(replace(recordings[-1], specimen="B"), tmp_path / "other.h5")
-    two = write_index([*recordings[:-1], replace(recordings[-1], specimen="B")], files, tmp_path / "two.toml")
+    two = write_index(
+        [*recordings[:-1], replace(recordings[-1], specimen="B")], files, tmp_path / "two.toml"
+    )
     other = run("twin", "severity", saved, two, "--specimen", "B", "--fault", "piston")
     assert "is of machine A, these are of B: calibrate B" in other.stderr
     only = write_index(recordings[:-1], files[:-1], tmp_path / "sound.toml")
@@ -292,7 +355,8 @@ def test_the_command_estimates_the_severity_of_faulty_recordings_and_takes_those
 
 
 def test_a_search_stays_where_pumps_run() -> None:
-    # Found by a recess whose lift-off leaked all that the pump displaced: the search ended with that error.
+    # Found by a recess whose lift-off leaked all that the pump displaced: the search ended with
+    # that error.
     class Runs(ProfileProblem):
         lower, upper = np.zeros(2), np.full(2, 9.0)
 

@@ -24,7 +24,9 @@ def thick(twin: Twin) -> Recording:
     return recording_of(twin, THICK)
 
 
-def test_a_truth_beyond_the_tenfold_bounds_is_found_and_said_to_lie_there(twin: Twin, thick: Recording) -> None:
+def test_a_truth_beyond_the_tenfold_bounds_is_found_and_said_to_lie_there(
+    twin: Twin, thick: Recording
+) -> None:
     calibration = calibrate(twin, [thick], method=QUICK)
     for estimate, truth in zip(calibration.estimates, twin.values.numpy() * THICK, strict=True):
         assert estimate.interval[0] <= truth <= estimate.interval[1], estimate.letter
@@ -35,15 +37,21 @@ def test_a_truth_beyond_the_tenfold_bounds_is_found_and_said_to_lie_there(twin: 
     assert not any(map(is_warning, calibration.notes))
 
 
-def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(twin: Twin, thick: Recording) -> None:
+def test_stated_bounds_stay_and_a_value_they_stop_is_named_with_the_option(
+    twin: Twin, thick: Recording
+) -> None:
     for bounds in (10.0, {"C_sw": (1.86e5, 1.86e7)}):
-        stopped = calibrate(twin, [thick], method=QUICK, bounds=bounds, explain_misfit=False, **SIX_VALUES)
+        stopped = calibrate(
+            twin, [thick], method=QUICK, bounds=bounds, explain_misfit=False, **SIX_VALUES
+        )
         assert stopped.estimate("C_sw").verdict == "at bound"
         assert stopped.estimate("C_sw").bounds == pytest.approx((1.86e5, 1.86e7))
         assert any('--set "bounds=C_sw=' in note for note in stopped.notes)
 
 
-def test_the_papers_network_keeps_its_bounds_where_a_value_crosses_one(twin: Twin, thick: Recording) -> None:
+def test_the_papers_network_keeps_its_bounds_where_a_value_crosses_one(
+    twin: Twin, thick: Recording
+) -> None:
     calibration = calibrate(
         twin, [thick], method=IPINN(learning_rate=0.3, epochs=4), explain_misfit=False, **SIX_VALUES
     )

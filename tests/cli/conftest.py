@@ -10,13 +10,16 @@ from commandline import FACTS, run, write_tones
 
 @pytest.fixture(scope="module", autouse=True)
 def _no_misfit_hypotheses() -> Iterator[None]:
-    """Calibrate without the refits that explain a misfit, half of the time of each calibration of the rig.
+    """Calibrate without the refits that explain a misfit, half of the time of each calibration of
+    the rig.
 
     Their notes are tested in tests/calibration, and counted in the golden answers of calibrations.
     """
     with pytest.MonkeyPatch.context() as patch:
         if find_spec("torch"):
-            patch.setattr("swashtwin.calibration.misfit_hypotheses.misfit_hypotheses", lambda *_: ())
+            patch.setattr(
+                "swashtwin.calibration.misfit_hypotheses.misfit_hypotheses", lambda *_: ()
+            )
         yield
 
 

@@ -22,12 +22,16 @@ def rig(plant: Plant) -> Path:
 
 @pytest.fixture(scope="module")
 def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """What split, calibrate, synthesize and train answer, each fed with the files of the one before."""
+    """What split, calibrate, synthesize and train answer, each fed with the files of the one
+    before.
+    """
     folder = tmp_path_factory.mktemp("chain")
     answers = {"split": run_json("data", "split", rig, "--out", folder, "--test-fraction", 0.5)}
     train = answers["split"]["train"]
     out = folder / "calibration.json"
-    answers["calibrate"] = run_json("calibrate", train, "--specimen", "A", *AT_15, *DEFECT, *QUICK, "--out", out)
+    answers["calibrate"] = run_json(
+        "calibrate", train, "--specimen", "A", *AT_15, *DEFECT, *QUICK, "--out", out
+    )
     windows = ("--count", 3, "--out", folder / "made.safetensors")
     answers["synthesize"] = run_json("synthesize", out, "--like", train, *windows)
     options = ("--test-fraction", 0, "--out", folder / "model.safetensors", *TINY)
@@ -35,26 +39,44 @@ def chain(rig: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict
     return answers
 
 
-def test_a_split_written_down_holds_every_recording_once(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
+def test_a_split_written_down_holds_every_recording_once(
+    rig: Path, chain: dict[str, dict[str, Any]]
+) -> None:
     sides = [
-        {recording.recording_id for recording in load_recordings(chain["split"][name])} for name in ("train", "test")
+        {recording.recording_id for recording in load_recordings(chain["split"][name])}
+        for name in ("train", "test")
     ]
     assert not sides[0] & sides[1]
     assert sides[0] | sides[1] == {recording.recording_id for recording in load_recordings(rig)}
     assert sides[1] == set(chain["split"]["test_recordings"])
 
 
-def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(chain: dict[str, dict[str, Any]]) -> None:
+def test_calibrate_uses_the_training_side_only_and_saves_what_it_tells(
+    chain: dict[str, dict[str, Any]],
+) -> None:
     answer = chain["calibrate"]
     assert set(answer["recording_ids"]) <= set(chain["split"]["train_recordings"])
     saved = swashtwin.load_calibration(answer["calibration"])
-    assert [estimate["value"] for estimate in answer["estimates"]] == [estimate.value for estimate in saved.estimates]
-    assert answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
+    assert [estimate["value"] for estimate in answer["estimates"]] == [
+        estimate.value for estimate in saved.estimates
+    ]
+    assert (
+        answer["fit_after"]["spectrum_value_error"] < answer["fit_before"]["spectrum_value_error"]
+    )
     assert "[interfaces.block_valve]" in Path(answer["interfaces"]).read_text(encoding="utf-8")
 
 
-def test_the_fidelity_of_synthetic_windows_is_printed(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
-    words = ("synthesize", chain["calibrate"]["calibration"], "--like", chain["split"]["train"], "--count", 3)
+def test_the_fidelity_of_synthetic_windows_is_printed(
+    chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    words = (
+        "synthesize",
+        chain["calibrate"]["calibration"],
+        "--like",
+        chain["split"]["train"],
+        "--count",
+        3,
+    )
     facts = (*words, "--out", tmp_path / "made.safetensors")
     printed = run(*facts).stdout
     assert "fidelity: " in printed
@@ -68,7 +90,9 @@ def test_a_model_knows_every_recording_behind_it(chain: dict[str, dict[str, Any]
     assert chain["train"]["synthetic_windows"] == 3
 
 
-def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[str, dict[str, Any]]) -> None:
+def test_evaluate_tests_on_what_the_model_has_not_seen(
+    rig: Path, chain: dict[str, dict[str, Any]]
+) -> None:
     answer = run_json("evaluate", chain["train"]["model"], rig)
     assert answer["recordings"] == [
         recording.recording_id
@@ -76,7 +100,9 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(rig: Path, chain: dict[st
         if recording.recording_id in set(chain["split"]["test_recordings"])
     ]
     assert answer["level"] == "L2"
-    assert "all 4 recordings" in one_line(run("evaluate", chain["train"]["model"], chain["split"]["train"], code=3))
+    assert "all 4 recordings" in one_line(
+        run("evaluate", chain["train"]["model"], chain["split"]["train"], code=3)
+    )
     assert sum(map(sum, answer["confusion"])) == answer["n_windows"]
     assert "g mean" in run("evaluate", chain["train"]["model"], rig).stdout
 
@@ -85,7 +111,20 @@ def test_train_refuses_to_test_on_a_recording_behind_the_synthetic_windows(
     rig: Path, chain: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:
     windows, out = chain["synthesize"]["windows"], tmp_path / "m.safetensors"
-    result = run("train", rig, "--add", windows, "--test-fraction", 0.5, "--seed", 1, "--out", out, *TINY, code=3)
+    result = run(
+        "train",
+        rig,
+        "--add",
+        windows,
+        "--test-fraction",
+        0.5,
+        "--seed",
+        1,
+        "--out",
+        out,
+        *TINY,
+        code=3,
+    )
     assert "split first" in one_line(result)
     assert not out.exists()
 
@@ -102,7 +141,9 @@ def test_a_new_pump_is_shown_with_every_number_and_its_source(tmp_path: Path) ->
     assert "block_valve" in run("twin", "pump", "show").stdout
 
 
-def test_simulate_writes_the_twin_of_a_calibration(chain: dict[str, dict[str, Any]], tmp_path: Path) -> None:
+def test_simulate_writes_the_twin_of_a_calibration(
+    chain: dict[str, dict[str, Any]], tmp_path: Path
+) -> None:
     out = tmp_path / "worn.h5"
     words = ("twin", "simulate", "--duration", "0.2 s", "--out", out, *AT_15, *DEFECT, "--force")
     nominal = run_json(*words)
@@ -136,7 +177,10 @@ def test_bad_input_ends_with_one_line_and_code_3(
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda signal: np.where(np.arange(signal.shape[1]) == 7, np.nan, signal), "missing or infinite"),
+        (
+            lambda signal: np.where(np.arange(signal.shape[1]) == 7, np.nan, signal),
+            "missing or infinite",
+        ),
         (lambda signal: signal * 0 + 1.0, "every sample is 1"),
         (lambda signal: signal[:, :1500], "shorter than one revolution"),
     ],
@@ -147,7 +191,8 @@ def test_an_unfit_recording_is_named_by_inspect_and_refused_by_train(
     recordings = load_recordings(rig)
     broken = replace(recordings[0], signal=change(recordings[0].signal))
     files = [
-        write_recording(recording, tmp_path / f"{recording.recording_id}.h5") for recording in (broken, *recordings[1:])
+        write_recording(recording, tmp_path / f"{recording.recording_id}.h5")
+        for recording in (broken, *recordings[1:])
     ]
     write_index([broken, *recordings[1:]], files, tmp_path)
     report = run_json("inspect", tmp_path, code=3)
@@ -162,9 +207,14 @@ def test_mixed_rates_and_a_lone_recording_are_refused(rig: Path, tmp_path: Path)
     recordings = [recording for recording in load_recordings(rig) if recording.label == "normal"]
     other = replace(recordings[0], sample_rate=12800.0, recording_id="slow", label="swash_plate")
     for name, members in {"mixed": [*recordings, other], "lone": recordings[:1]}.items():
-        files = [write_recording(recording, tmp_path / name / f"{recording.recording_id}.h5") for recording in members]
+        files = [
+            write_recording(recording, tmp_path / name / f"{recording.recording_id}.h5")
+            for recording in members
+        ]
         write_index(members, files, tmp_path / name)
-    assert "12800 Hz: slow (swash_plate)" in one_line(run("train", tmp_path / "mixed", *TINY, code=3))
+    assert "12800 Hz: slow (swash_plate)" in one_line(
+        run("train", tmp_path / "mixed", *TINY, code=3)
+    )
     assert run_json("inspect", tmp_path / "mixed", code=3)["has_errors"]
     assert "5 are needed at least" in one_line(run("train", tmp_path / "lone", code=3))
 

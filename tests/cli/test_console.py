@@ -21,7 +21,9 @@ def test_control_characters_are_written_as_codes() -> None:
     assert shown == r"a\x1b]0;owned\x07\u009b2J\u202eb"
     marks = "".join(map(chr, (*range(0x20), *range(0x7F, 0xA0), *range(0x2000, 0x2100), 0xFEFF)))
     hidden = {mark for mark in marks if escape_controls(mark) != mark}
-    assert plain_text(f"a{marks}b") == "".join(mark for mark in plain_text(f"a{marks}b") if mark not in hidden)
+    assert plain_text(f"a{marks}b") == "".join(
+        mark for mark in plain_text(f"a{marks}b") if mark not in hidden
+    )
     assert all(plain_text(f"a{mark}b") == "ab" for mark in hidden)
     assert escape_controls("Größe 中 \U0001f600 \u05d0") == "Größe 中 \U0001f600 \u05d0"
 
@@ -48,7 +50,9 @@ def test_progress_shows_codes_and_no_markup(
     assert not {"\x07", "\x9b", "\u202e"} & set(shown)
 
 
-@pytest.mark.parametrize("words", [("inspect", HOSTILE), ("inspect", f"--{HOSTILE}"), (f"--{HOSTILE}",), (HOSTILE,)])
+@pytest.mark.parametrize(
+    "words", [("inspect", HOSTILE), ("inspect", f"--{HOSTILE}"), (f"--{HOSTILE}",), (HOSTILE,)]
+)
 def test_errors_show_the_codes_of_a_hostile_name(words: tuple[str, ...]) -> None:
     result = CliRunner().invoke(app, words)
     assert result.exit_code in (2, 3)
@@ -66,7 +70,11 @@ def test_hostile_names_in_an_index_never_reach_the_terminal(tmp_path: Path) -> N
     entry = '[[recording]]\nfile = "a.csv"\nsample_rate = "1 kHz"\nunit = "g"\n'
     entry += "".join(f"{key} = {json.dumps(HOSTILE)}\n" for key in ("id", "label", "specimen"))
     (tmp_path / "recordings.toml").write_text(f"format = 1\n{entry}", encoding="utf-8")
-    for words in (("inspect", tmp_path), ("inspect", tmp_path, "--json"), ("signal", "features", tmp_path / "a.csv")):
+    for words in (
+        ("inspect", tmp_path),
+        ("inspect", tmp_path, "--json"),
+        ("signal", "features", tmp_path / "a.csv"),
+    ):
         shown = CliRunner().invoke(app, [str(word) for word in words]).output
         assert shown
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & set(shown)
@@ -79,7 +87,9 @@ def test_a_console_without_unicode_shows_tables_and_json(encoding: str) -> None:
         "console.table('µ 中', ('mm³',), [('中 ± 1',)]); console.say('中 ≥'); console.tell({'a': '中ä'}, True, None)"
     )
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
-    process = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=False)
+    process = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, check=False
+    )
     assert process.returncode == 0, process.stderr
     lines = process.stdout.decode(encoding).splitlines()
     assert r"\u4e2d ± 1" in "".join(lines)
@@ -93,7 +103,11 @@ def test_no_number_of_a_table_is_cut_on_a_narrow_terminal(
     monkeypatch.setattr(console, "_UNLIMITED", width)
     numbers = [[1001.0 + 10 * row + order for order in range(9)] for row in range(3)]
     header = ("recording", *(f"order {order}x" for order in range(9)))
-    console.table("levels", header, [(f"A01_normal_15MPa_{row}", *values) for row, values in enumerate(numbers)])
+    console.table(
+        "levels",
+        header,
+        [(f"A01_normal_15MPa_{row}", *values) for row, values in enumerate(numbers)],
+    )
     text = capsys.readouterr().out
     assert "…" not in text
     assert all(f" {value:.0f} " in text for values in numbers for value in values)

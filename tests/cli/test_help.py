@@ -55,7 +55,9 @@ def test_help_loads_few_modules_and_none_that_is_heavy() -> None:
         "try: main()\n"
         "except SystemExit: print(*sys.modules, file=sys.stderr)"
     )
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     modules = process.stderr.split()
     assert "calibrate" in process.stdout
     assert not set(HEAVY) & set(modules)
@@ -64,7 +66,11 @@ def test_help_loads_few_modules_and_none_that_is_heavy() -> None:
 
 def _paths(command: Any, *names: str) -> list[tuple[str, ...]]:
     inner = getattr(command, "commands", None)
-    return [names] if inner is None else [path for name in inner for path in _paths(inner[name], *names, name)]
+    return (
+        [names]
+        if inner is None
+        else [path for name in inner for path in _paths(inner[name], *names, name)]
+    )
 
 
 @pytest.mark.parametrize("path", _paths(get_command(app)), ids=" ".join)
@@ -73,7 +79,9 @@ def test_every_command_explains_itself_and_can_print_json(path: tuple[str, ...])
     assert "--json" in said or path == ("explore",)  # which serves a page until it is ended
 
 
-def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_without_a_terminal_progress_is_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     moment = iter([0.0, 5.0, 25.0, 25.0, 30.0])
     monkeypatch.setattr(console.time, "monotonic", lambda: next(moment))
     with console.progress("slow") as bar:
@@ -82,11 +90,15 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch: pytest.
     assert capsys.readouterr().err == "slow: 1 of 3\n"
 
 
-@pytest.mark.parametrize("words", [("bench", "study", "case1"), ("demo",), ("watch", "demo", "--end")])
+@pytest.mark.parametrize(
+    "words", [("bench", "study", "case1"), ("demo",), ("watch", "demo", "--end")]
+)
 def test_without_the_bench_its_commands_say_the_line_that_installs_it(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: importlib.metadata.EntryPoints())
+    monkeypatch.setattr(
+        importlib.metadata, "entry_points", lambda **_: importlib.metadata.EntryPoints()
+    )
     spec = importlib.util.spec_from_file_location("application_alone", application.__file__)
     assert spec is not None
     assert spec.loader is not None
@@ -102,14 +114,22 @@ PACKAGE = Path(swashtwin.__file__).parent
 
 def options_of(command: Any) -> set[str]:
     """Every option of a command and of the commands within it."""
-    options = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+    options = {
+        option
+        for parameter in command.params
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    }
     return options.union(*map(options_of, getattr(command, "commands", {}).values()))
 
 
 def test_every_option_that_the_package_names_exists() -> None:
     known = options_of(get_command(app)) | {"--help", "--nthreads"}  # the second of dask worker
     texts = {path.name: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
-    named = {(name, option) for name, text in texts.items() for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)}
+    named = {
+        (name, option)
+        for name, text in texts.items()
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)
+    }
     assert len(named) > 50
     assert [(name, option) for name, option in named if option not in known] == []
 

@@ -36,8 +36,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve healthy recordings, a loud one and one like them."""
     path = tmp_path_factory.mktemp("pump")
     recordings = [measured(f"healthy{i}", 1 + 0.01 * (i % 3), i) for i in range(12)]
-    recordings += [measured("loud", 1.6, 13, label="piston"), measured("like", 1.0, 14, label="piston")]
-    files = [write_recording(recording, path / f"{recording.recording_id}.h5") for recording in recordings]
+    recordings += [
+        measured("loud", 1.6, 13, label="piston"),
+        measured("like", 1.0, 14, label="piston"),
+    ]
+    files = [
+        write_recording(recording, path / f"{recording.recording_id}.h5")
+        for recording in recordings
+    ]
     write_index(recordings, files, path)
     return path
 
@@ -47,14 +53,19 @@ def test_features_writes_every_indicator_with_its_unit_in_the_bands_that_are_ask
 ) -> None:
     out = tmp_path / "features.csv"
     bands = ("--band", "10-200 Hz", "--band", "0.5-1.5x")
-    answer = run_json("signal", "features", folder, "--pistons", 7, "--tachometer", "tacho", *bands, "--out", out)
+    answer = run_json(
+        "signal", "features", folder, "--pistons", 7, "--tachometer", "tacho", *bands, "--out", out
+    )
     rows = list(csv.DictReader(out.read_text(encoding="utf-8").splitlines()))
     assert len(rows) == len(answer["rows"]) == 14
     assert {row["channel"] for row in rows} == {"cover"}
     first = answer["rows"][0]["values"]
     assert first["order_amplitude 7x"] == pytest.approx(1.0, rel=0.01)
     assert first["band_rms 0.5-1.5x"] == pytest.approx(0.3 / math.sqrt(2), rel=0.02)
-    assert [name for name in first if name.startswith("band_rms")] == ["band_rms 10-200 Hz", "band_rms 0.5-1.5x"]
+    assert [name for name in first if name.startswith("band_rms")] == [
+        "band_rms 10-200 Hz",
+        "band_rms 0.5-1.5x",
+    ]
     assert float(rows[0]["velocity_rms [m/s]"]) == first["velocity_rms"]
 
 
@@ -71,14 +82,25 @@ def test_of_many_recordings_the_furthest_come_first_and_the_rest_is_in_the_file(
     assert "9 more rows" in run("signal", "features", folder, "--tachometer", "tacho").stdout
 
 
-def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_features_goes_on_after_an_interrupt(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole, out, described = tmp_path / "whole.csv", tmp_path / "out.csv", []
     recordings = load_recordings(folder)[:6]
     files = [folder / f"{recording.recording_id}.h5" for recording in recordings]
-    words = ("signal", "features", write_index(recordings, files, tmp_path), "--track", "7", "--out")
+    words = (
+        "signal",
+        "features",
+        write_index(recordings, files, tmp_path),
+        "--track",
+        "7",
+        "--out",
+    )
     run(*words, whole)
 
-    def stopping(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
+    def stopping(
+        recording: Recording, describe: Callable[[Recording], IndicatorTable]
+    ) -> IndicatorTable:
         described.append(recording.recording_id)
         if len(described) == 4:
             raise KeyboardInterrupt
@@ -95,7 +117,9 @@ def test_features_goes_on_after_an_interrupt(folder: Path, tmp_path: Path, monke
     assert sorted(path.name for path in tmp_path.glob("*.csv*")) == ["out.csv", "whole.csv"]
 
 
-@pytest.mark.parametrize(("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0)])
+@pytest.mark.parametrize(
+    ("kind", "at"), [("amplitude", 105.0), ("envelope", 105.0), ("order", 7.0)]
+)
 def test_spectrum_writes_a_figure_and_its_data_and_marks_the_piston_line(
     folder: Path, tmp_path: Path, kind: str, at: float
 ) -> None:
@@ -122,8 +146,19 @@ def test_a_spectrum_without_a_speed_says_how_to_get_marks(tmp_path: Path) -> Non
     assert [mark["name"] for mark in answer["marks"]] == ["1x", "2x"]
 
 
-def test_trend_by_time_draws_the_loud_recording_beside_the_others(folder: Path, tmp_path: Path) -> None:
-    options = ("--indicator", "rms", "--channel", "cover", "--by", "time", "--out", tmp_path / "trend.svg")
+def test_trend_by_time_draws_the_loud_recording_beside_the_others(
+    folder: Path, tmp_path: Path
+) -> None:
+    options = (
+        "--indicator",
+        "rms",
+        "--channel",
+        "cover",
+        "--by",
+        "time",
+        "--out",
+        tmp_path / "trend.svg",
+    )
     answer = run_json("signal", "trend", folder, *options)
     assert answer["flagged"] == ["loud"]
     assert [point["recording"] for point in answer["points"]][:2] == ["like", "loud"]
@@ -137,16 +172,31 @@ def test_trend_by_time_draws_the_loud_recording_beside_the_others(folder: Path, 
         ("signal trend .", ("--indicator", "loudness"), 3, "no indicator 'loudness'"),
         ("signal trend .", ("--baseline", "fine"), 3, "stated to be healthy"),
         ("signal features .", ("--out", "a.txt"), 3, "must end in .csv"),
-        ("signal features .", ("--tachometer", "tacho:2", "--track", "7"), 2, "Invalid value for --track"),
+        (
+            "signal features .",
+            ("--tachometer", "tacho:2", "--track", "7"),
+            2,
+            "Invalid value for --track",
+        ),
         ("signal spectrum .", (), 2, "Invalid value for FILE"),
         ("signal spectrum loud.h5", ("--track", "0"), 3, "is no line of the shaft"),
-        ("signal spectrum loud.h5", ("--kind", "envelope", "--band", "1-99 kHz"), 3, "half the sample rate"),
+        (
+            "signal spectrum loud.h5",
+            ("--kind", "envelope", "--band", "1-99 kHz"),
+            3,
+            "half the sample rate",
+        ),
         ("signal spectrum loud.h5", ("--band", "100-900 Hz"), 2, "Invalid value for --band"),
         ("data split .", ("--test-fraction", 0.7), 3, "at most 0.5"),
     ],
 )
 def test_what_cannot_be_told_is_refused(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, command: str, options: tuple[object, ...], code: int, said: str
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    options: tuple[object, ...],
+    code: int,
+    said: str,
 ) -> None:
     monkeypatch.chdir(folder)
     before = set(folder.iterdir())
@@ -157,7 +207,9 @@ def test_what_cannot_be_told_is_refused(
 
 def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(tmp_path: Path) -> None:
     loud = measured("loud", 1.6, 7).picked(["cover"])
-    lost = loud.replace(signal=np.random.default_rng(0).standard_normal(loud.signal.shape), recording_id="lost")
+    lost = loud.replace(
+        signal=np.random.default_rng(0).standard_normal(loud.signal.shape), recording_id="lost"
+    )
     files = [write_recording(item, tmp_path / f"{item.recording_id}.h5") for item in (loud, lost)]
     write_index([loud, lost], files, tmp_path)
     options = ("--pistons", 7, "--track", "7")
@@ -169,13 +221,20 @@ def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(tmp_path: 
     assert rows["lost"]["values"]["order_amplitude 7x"] is None
     assert rows["lost"]["values"]["rms"] == pytest.approx(1.0, rel=0.05)
     write_index([lost], files[1:], tmp_path / "other")
-    assert "the line at order 7" in one_line(run("signal", "features", tmp_path / "other", *options, code=3))
+    assert "the line at order 7" in one_line(
+        run("signal", "features", tmp_path / "other", *options, code=3)
+    )
 
 
 def test_a_tachometer_in_volts_stands_beside_accelerations(tmp_path: Path) -> None:
     time = np.arange(3 * 2000) / 2000
-    rows = zip(time, np.sin(2 * np.pi * 175 * time), 5.0 * (np.mod(25 * time, 1) < 0.1), strict=True)
-    lines = ["Time [s],acc [g],tacho [V]", *(f"{moment:.4f},{level:.5f},{pulse}" for moment, level, pulse in rows)]
+    rows = zip(
+        time, np.sin(2 * np.pi * 175 * time), 5.0 * (np.mod(25 * time, 1) < 0.1), strict=True
+    )
+    lines = [
+        "Time [s],acc [g],tacho [V]",
+        *(f"{moment:.4f},{level:.5f},{pulse}" for moment, level, pulse in rows),
+    ]
     (file := tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     words = ("signal", "spectrum", file, "--kind", "order", "--out", tmp_path / "a.svg")
     answer = run_json(*words, "--tachometer", "tacho")

@@ -16,7 +16,11 @@ WRITERS = {
         ".x",
         "a.h5 recordings.toml windows.safetensors",
     ),
-    "train on": ("train recordings.toml --network bitcn --add kept.x --out {}", ".x", "kept.x table.csv"),
+    "train on": (
+        "train recordings.toml --network bitcn --add kept.x --out {}",
+        ".x",
+        "kept.x table.csv",
+    ),
     "evaluate": ("evaluate model.safetensors recordings.toml --report {}", ".html", "a.html"),
     "evaluate in": ("evaluate model.safetensors recordings.toml --report {folder}", ".html", ""),
     "diagnose": ("diagnose model.safetensors a.html a.h5 --report {}", ".html", "a.html"),
@@ -31,7 +35,11 @@ WRITERS = {
         "healthy.json recordings.toml a.h5 table.csv",
     ),
     "convert": ("data convert a.h5 --out {}", ".h5", "a.h5"),
-    "convert all": ("data convert recordings.toml --out {}", ".h5", "recordings.toml a.h5 table.csv"),
+    "convert all": (
+        "data convert recordings.toml --out {}",
+        ".h5",
+        "recordings.toml a.h5 table.csv",
+    ),
     "split": ("data split recordings.toml --out {folder}", ".toml", ""),
     "split train": ("data split train.toml", ".toml", "train.toml"),
     "features": ("signal features recordings.toml --out {}", ".csv", "table.csv"),
@@ -41,10 +49,16 @@ WRITERS = {
     "simulate": (f"twin simulate --calibration healthy.json {POINT} --out {{}}", ".csv", ""),
     "simulate of": (f"twin simulate --pump a.csv {POINT} --out {{}}", ".csv", "a.csv"),
     "prior": ("twin prior --pump a.safetensors --out {}", ".safetensors", "a.safetensors"),
-    "adapt": ("model adapt model.safetensors recordings.toml --out {}", ".safetensors", "model.safetensors"),
+    "adapt": (
+        "model adapt model.safetensors recordings.toml --out {}",
+        ".safetensors",
+        "model.safetensors",
+    ),
     "export": ("model export a.onnx --out {}", ".onnx", "a.onnx"),
 }
-"""Command line, suffix of what it writes, and files that it reads, in whose place its output is put."""
+"""Command line, suffix of what it writes, and files that it reads, in whose place its output is
+put.
+"""
 WRITTEN = {
     "report in": "report.html",
     "evaluate in": "results.json",
@@ -56,16 +70,28 @@ WRITTEN = {
 
 @pytest.fixture
 def files(plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Folder with a copy of each file that a command reads; what has another suffix than its kind is read as text."""
-    kept = {"model.safetensors": plant.model, "windows.safetensors": plant.synthetic, "healthy.json": plant.calibration}
-    for name, path in {**kept, "a.h5": plant.worn, "kept.x": plant.model, "a.onnx": plant.model}.items():
+    """Folder with a copy of each file that a command reads; what has another suffix than its kind
+    is read as text.
+    """
+    kept = {
+        "model.safetensors": plant.model,
+        "windows.safetensors": plant.synthetic,
+        "healthy.json": plant.calibration,
+    }
+    for name, path in {
+        **kept,
+        "a.h5": plant.worn,
+        "kept.x": plant.model,
+        "a.onnx": plant.model,
+    }.items():
         shutil.copy(path, tmp_path / name)
     for name in ("table.csv", "a.csv", "a.json", "a.html", "a.svg", "a-data.csv", "a.safetensors"):
         (tmp_path / name).write_text("x\n" + "1\n2\n" * 200)
     shutil.copytree(plant.folder / "recordings", tmp_path / "recordings")
     shutil.copy(plant.pair, tmp_path / "pair.toml")
     entries = "".join(
-        f'[[recording]]\nfile = "{name}"\n' for name in ("a.h5", "table.csv", "a.json", "a.html", "a.svg")
+        f'[[recording]]\nfile = "{name}"\n'
+        for name in ("a.h5", "table.csv", "a.json", "a.html", "a.svg")
     )
     for name in ("recordings.toml", "train.toml"):
         (tmp_path / name).write_text(f"format = 1\n{entries}")
@@ -90,7 +116,8 @@ def test_a_file_that_is_there_is_replaced_only_where_told(name: str, files: Path
 
 
 @pytest.mark.parametrize(
-    ("name", "read"), [(name, read) for name, (_, _, inputs) in WRITERS.items() for read in inputs.split()]
+    ("name", "read"),
+    [(name, read) for name, (_, _, inputs) in WRITERS.items() for read in inputs.split()],
 )
 def test_no_command_replaces_what_it_reads(name: str, read: str, files: Path) -> None:
     before = contents(files)

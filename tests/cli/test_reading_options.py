@@ -1,4 +1,6 @@
-"""One set of options says how to read a file, and a message advises no option that its command lacks."""
+"""One set of options says how to read a file, and a message advises no option that its command
+lacks.
+"""
 
 import re
 from pathlib import Path
@@ -43,12 +45,32 @@ FILES = {
     [
         ("plain", ["--unit", "g"], "--sample-rate", ["--sample-rate", "1 kHz"]),
         ("plain", ["--sample-rate", "1 kHz"], "--unit", ["--unit", "g"]),
-        ("plain", ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"], "--unit", ["--unit", "V"]),
-        ("doubtful", ["--unit", "g", "--sample-rate", "1 kHz"], '--read "decimal=,"', ["--read", "decimal=,"]),
+        (
+            "plain",
+            ["--sample-rate", "1 kHz", "--sensitivity", "100 mV/g"],
+            "--unit",
+            ["--unit", "V"],
+        ),
+        (
+            "doubtful",
+            ["--unit", "g", "--sample-rate", "1 kHz"],
+            '--read "decimal=,"',
+            ["--read", "decimal=,"],
+        ),
         ("wav", [], "--sensitivity", ["--sensitivity", "50 m/s^2"]),
         ("wav", ["--sensitivity", "100 mV/g"], "50 m/s^2", ["--sensitivity", "50 m/s^2"]),
-        ("volts", ["--sample-rate", "1 kHz", "--unit", "g"], "--sensitivity", ["--sensitivity", "100 mV/g"]),
-        ("counts", ["--sample-rate", "1 kHz", "--unit", "g"], '--sensitivity "1 g"', ["--sensitivity", "1 g"]),
+        (
+            "volts",
+            ["--sample-rate", "1 kHz", "--unit", "g"],
+            "--sensitivity",
+            ["--sensitivity", "100 mV/g"],
+        ),
+        (
+            "counts",
+            ["--sample-rate", "1 kHz", "--unit", "g"],
+            '--sensitivity "1 g"',
+            ["--sensitivity", "1 g"],
+        ),
     ],
 )
 def test_the_option_that_a_message_advises_reads_the_file(
@@ -65,4 +87,8 @@ def test_the_option_that_a_message_advises_reads_the_file(
     for option in re.findall(r"--[a-z][a-z-]*", message):
         assert all(option in options_of(command) for command in READERS), option
     replaced = mended[0] in given or "leave out" in message
-    run(*arguments[: -len(given) or None], *(RATE if replaced and file != "wav" else given * (not replaced)), *mended)
+    run(
+        *arguments[: -len(given) or None],
+        *(RATE if replaced and file != "wav" else given * (not replaced)),
+        *mended,
+    )

@@ -26,7 +26,15 @@ def settings(*texts: str) -> list[str]:
 def test_train_takes_any_network_and_its_settings(
     tones: Path, tmp_path: Path, network: str, texts: tuple[str, ...], expected: dict[str, object]
 ) -> None:
-    words = ("--network", network, *settings(*texts, "epochs=30"), "--window", 100, "--test-fraction", 0.34)
+    words = (
+        "--network",
+        network,
+        *settings(*texts, "epochs=30"),
+        "--window",
+        100,
+        "--test-fraction",
+        0.34,
+    )
     out = tmp_path / "model.safetensors"
     run_json("train", tones, *words, "--out", out)
     trained = load_classifier(out).network
@@ -35,10 +43,20 @@ def test_train_takes_any_network_and_its_settings(
     assert run_json("evaluate", out, tones)["accuracy"] > 0.8
 
 
-def test_an_interrupted_training_goes_on_to_the_same_bits(tones: Path, tmp_path: Path, monkeypatch) -> None:
+def test_an_interrupted_training_goes_on_to_the_same_bits(
+    tones: Path, tmp_path: Path, monkeypatch
+) -> None:
     from swashtwin.learning.training import loop
 
-    words = ("train", tones, "--network", "bitcn", *settings("channels=4,4", "epochs=2"), "--window", 100)
+    words = (
+        "train",
+        tones,
+        "--network",
+        "bitcn",
+        *settings("channels=4,4", "epochs=2"),
+        "--window",
+        100,
+    )
     straight, resumed = tmp_path / "straight.safetensors", tmp_path / "resumed.safetensors"
     run(*words, "--out", straight)
     save = loop.save_checkpoint
@@ -56,11 +74,17 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(tones: Path, tmp_path:
     assert {path.name for path in tmp_path.glob("*.safetensors")} == {straight.name, resumed.name}
 
 
-def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(tones: Path, tmp_path: Path) -> None:
+def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(
+    tones: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "paper.safetensors"
     run("train", tones, "--window", 100, "--preset", "paper", *settings("epochs=1"), "--out", out)
     paper = load_classifier(out)
-    assert (paper.network.name, paper.settings.batch_size, paper.settings.decay) == ("bitcn", 30, "none")
+    assert (paper.network.name, paper.settings.batch_size, paper.settings.decay) == (
+        "bitcn",
+        30,
+        "none",
+    )
     out = tmp_path / "chosen.safetensors"
     answer = run_json("train", tones, "--window", 100, "--out", out)
     chosen = load_classifier(out)
@@ -94,15 +118,31 @@ def test_a_setting_that_does_not_exist_is_a_wrong_command_line(text: str, reason
         (("bi_tcn",), "Did you mean 'bitcn'"),
     ],
 )
-def test_a_value_that_cannot_be_is_one_line_before_any_recording_is_read(words: tuple[str, ...], reason: str) -> None:
+def test_a_value_that_cannot_be_is_one_line_before_any_recording_is_read(
+    words: tuple[str, ...], reason: str
+) -> None:
     line = one_line(run("train", "nowhere", "--network", *words, code=3))
     assert reason in line
     assert "bug" not in line
 
 
 def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None:
-    defaults = {"patch": 4, "dropout": 0.1, "causal": True, "hidden": (8, 8), "decay": "none", "dilations": None}
-    texts = ["patch=8", "dropout=1", "causal=false", "hidden=256,128", "decay=cosine", "dilations=1,2"]
+    defaults = {
+        "patch": 4,
+        "dropout": 0.1,
+        "causal": True,
+        "hidden": (8, 8),
+        "decay": "none",
+        "dilations": None,
+    }
+    texts = [
+        "patch=8",
+        "dropout=1",
+        "causal=false",
+        "hidden=256,128",
+        "decay=cosine",
+        "dilations=1,2",
+    ]
     assert read_settings(texts, defaults, "a test") == {
         "patch": 8, "dropout": 1.0, "causal": False, "hidden": (256, 128), "decay": "cosine", "dilations": (1, 2),
     }  # fmt: skip
@@ -110,7 +150,9 @@ def test_a_setting_is_a_number_a_truth_value_a_word_or_several_numbers() -> None
         read_settings(["hidden="], defaults, "a test")
 
 
-def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_training(tones: Path, tmp_path: Path) -> None:
+def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_training(
+    tones: Path, tmp_path: Path
+) -> None:
     out, index, part = tmp_path / "m.safetensors", tmp_path / "german.toml", tmp_path / "part.toml"
     text = (tones / "recordings.toml").read_text().replace('"piston"', '"Kolbenverschleiss"')
     head, rest = text.split("[defaults]")
@@ -122,7 +164,11 @@ def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_trainin
     run("train", part, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
     trained = load_classifier(out)
     assert trained.fault_of == {"Kolbenverschleiss": "piston"}
-    assert (trained.settings.noise_snr, trained.settings.gain, trained.settings.stretch) == (0.0, 3.0, 0.02)
+    assert (trained.settings.noise_snr, trained.settings.gain, trained.settings.stretch) == (
+        0.0,
+        3.0,
+        0.02,
+    )
 
 
 @pytest.mark.parametrize(
@@ -134,9 +180,16 @@ def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_trainin
     ],
 )
 def test_a_split_that_cannot_be_is_refused_before_windows_are_cut(
-    tones: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[object, ...], code: int, reason: str
+    tones: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[object, ...],
+    code: int,
+    reason: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delattr("swashtwin.learning.windows.cutting.cut_windows")
     monkeypatch.setattr("swashtwin.learning.cut_windows", None, raising=False)
-    assert reason in " ".join(run("train", tones, *words, code=code).stderr.replace("│", " ").split())
+    assert reason in " ".join(
+        run("train", tones, *words, code=code).stderr.replace("│", " ").split()
+    )

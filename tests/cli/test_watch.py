@@ -11,10 +11,14 @@ from typer.testing import CliRunner
 
 from swashtwin.cli import app
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "tutorials" / "watch.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "tutorials" / "watch.md").read_text(
+    encoding="utf-8"
+)
 
 
-def test_the_tutorial_runs_as_printed_and_ends_with_an_alarm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tutorial_runs_as_printed_and_ends_with_an_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     answers = []
@@ -31,10 +35,14 @@ def test_the_tutorial_runs_as_printed_and_ends_with_an_alarm(tmp_path: Path, mon
     assert "r019.h5: learning 20/20" in answers[1]
     assert "pump alarm raised" in answers[2]
     assert "learned anew" in answers[3]
-    assert "pump alarm opened" in (tmp_path / "watch-data" / "alarms.log").read_text(encoding="utf-8")
+    assert "pump alarm opened" in (tmp_path / "watch-data" / "alarms.log").read_text(
+        encoding="utf-8"
+    )
 
 
-def test_a_configuration_may_follow_watch_directly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_configuration_may_follow_watch_directly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     run("watch", "init")
     (tmp_path / "incoming").mkdir()
@@ -42,16 +50,26 @@ def test_a_configuration_may_follow_watch_directly(tmp_path: Path, monkeypatch: 
     assert json.loads(run("watch", "--once", "watch.toml", "--json").stdout)["judged"] == 0
 
 
-def test_people_and_programs_are_let_in_and_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_people_and_programs_are_let_in_and_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     run("watch", "init")
     config = Path("watch.toml")
-    config.write_text(config.read_text(encoding="utf-8").replace("# users = ", "users = "), encoding="utf-8")
+    config.write_text(
+        config.read_text(encoding="utf-8").replace("# users = ", "users = "), encoding="utf-8"
+    )
     password = "correct horse battery"
-    said = CliRunner().invoke(app, ["watch", "user", "watch.toml", "kim"], input=f"{password}\n{password}\n").output
+    said = (
+        CliRunner()
+        .invoke(app, ["watch", "user", "watch.toml", "kim"], input=f"{password}\n{password}\n")
+        .output
+    )
     assert "kim is in" in said
     assert password not in said
-    token = json.loads(run("watch", "user", "watch.toml", "uploader", "--token", "--json").stdout)["token"]
+    token = json.loads(run("watch", "user", "watch.toml", "uploader", "--token", "--json").stdout)[
+        "token"
+    ]
     saved = Path("users.json").read_text(encoding="utf-8")
     assert "kim" in saved
     assert token not in saved

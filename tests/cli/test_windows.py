@@ -32,19 +32,29 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
     for label in ("normal", "piston"):
         for number in range(4):
             signal = stream(0, label, number).normal(size=(1, 4096))
-            recording = Recording(signal, 6400.0, f"{label}_{number}", label=label, condition=condition)
+            recording = Recording(
+                signal, 6400.0, f"{label}_{number}", label=label, condition=condition
+            )
             write_recording(recording, tmp_path / "data" / f"{label}_{number}.h5")
     command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr[-3000:]
-    written = "store.h5", "model.safetensors", "spectrum.svg", "mine.toml", "report of one/report.html"
+    written = (
+        "store.h5",
+        "model.safetensors",
+        "spectrum.svg",
+        "mine.toml",
+        "report of one/report.html",
+    )
     assert all((tmp_path / name).is_file() for name in written)
     assert not list(tmp_path.rglob(".swashtwin-*"))
 
 
 def test_recordings_are_indexed_and_inspected_without_what_only_posix_has(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
-    text = "Zeit [s];Gehäuse [m/s²]\r\n" + "".join(f"{n / 100:.2f};{n % 7}\r\n".replace(".", ",") for n in range(400))
+    text = "Zeit [s];Gehäuse [m/s²]\r\n" + "".join(
+        f"{n / 100:.2f};{n % 7}\r\n".replace(".", ",") for n in range(400)
+    )
     (tmp_path / "data" / "normal_0.csv").write_bytes(text.encode("cp1252"))
     command = [sys.executable, "-X", "warn_default_encoding", SCRIPT, *COMMANDS[:2]]
     process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -61,7 +71,9 @@ def test_names_of_machines_become_names_that_every_system_takes() -> None:
 
 def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> None:
     index = {"format": 1, "recording": [{"file": "Pr\udcfcfung_1.csv"}]}
-    with pytest.raises(DataError, match=r"'Pr\\udcfcfung_1.csv' is no name in Unicode.*rename the file"):
+    with pytest.raises(
+        DataError, match=r"'Pr\\udcfcfung_1.csv' is no name in Unicode.*rename the file"
+    ):
         save_index(index, tmp_path / "recordings.toml")
 
 
@@ -74,4 +86,6 @@ def test_an_index_on_another_drive_than_its_files_states_whole_paths(
         raise ValueError("path is on mount 'D:', start on mount 'C:'")
 
     monkeypatch.setattr("os.path.relpath", other_drive)
-    assert path_from(tmp_path / "a", tmp_path / "b" / "c.csv") == (tmp_path / "b" / "c.csv").as_posix()
+    assert (
+        path_from(tmp_path / "a", tmp_path / "b" / "c.csv") == (tmp_path / "b" / "c.csv").as_posix()
+    )

@@ -1,4 +1,6 @@
-"""A detector from healthy recordings alone: false alarms, what it says that moved, when it says nothing, its file."""
+"""A detector from healthy recordings alone: false alarms, what it says that moved, when it says
+nothing, its file.
+"""
 
 import json
 import math
@@ -13,7 +15,14 @@ from commandline import one_line, run
 
 import swashtwin as st
 from swashtwin.diagnosis import Diagnosis
-from swashtwin.foundation import ArtifactError, DataError, InputError, LeakError, read_artifact, write_artifact
+from swashtwin.foundation import (
+    ArtifactError,
+    DataError,
+    InputError,
+    LeakError,
+    read_artifact,
+    write_artifact,
+)
 from swashtwin.learning import least_rise
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
@@ -23,7 +32,9 @@ SHAFT = 20.0
 
 
 def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: str = "normal"):
-    """A machine whose orders and noise follow the pressure [MPa]; order 9 of channel x is raised by `rise` [dB]."""
+    """A machine whose orders and noise follow the pressure [MPa]; order 9 of channel x is raised by
+    `rise` [dB].
+    """
     draw = np.random.default_rng([*name.encode()])
     time = np.arange(LENGTH) / RATE
     scatter = 10 ** (draw.normal(0, 1.0, (2, 12)) / 20)
@@ -32,9 +43,13 @@ def recording(name: str, *, pressure: float = 10.0, rise: float = 0.0, label: st
     phase = draw.uniform(0, 2 * math.pi, (2, 12, 1))
     angle = 2 * math.pi * SHAFT * np.arange(1, 13)[:, None] * time
     signal = (amplitude[..., None] * np.sin(angle + phase)).sum(axis=1)
-    signal = signal + 0.3 * pressure / 10 * 10 ** (draw.normal(0, 0.5) / 20) * draw.normal(size=signal.shape)
+    signal = signal + 0.3 * pressure / 10 * 10 ** (draw.normal(0, 0.5) / 20) * draw.normal(
+        size=signal.shape
+    )
     condition = OperatingCondition(2 * math.pi * SHAFT, st.MPa(pressure))
-    return Recording(signal, RATE, name, channels=("x", "y"), label=label, condition=condition, specimen="A")
+    return Recording(
+        signal, RATE, name, channels=("x", "y"), label=label, condition=condition, specimen="A"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +65,9 @@ def detector(healthy: list[Recording]) -> st.AnomalyDetector:
     return detector
 
 
-def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(detector: st.AnomalyDetector) -> None:
+def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(
+    detector: st.AnomalyDetector,
+) -> None:
     verdict = detector.diagnose(recording("fault", rise=12.0))
     assert verdict.alarm
     assert verdict.p_value == pytest.approx(1 / 21)
@@ -67,7 +84,10 @@ def test_a_pressure_in_whole_pascals_or_single_precision_is_compared_like_any_ot
 ) -> None:
     for pressure in (10_100_000, np.float32(10.1e6)):
         condition = OperatingCondition(np.float32(2 * math.pi * SHAFT), pressure)
-        assert detector.diagnose(replace(healthy[1], recording_id="again", condition=condition)).alarm is not None
+        assert (
+            detector.diagnose(replace(healthy[1], recording_id="again", condition=condition)).alarm
+            is not None
+        )
 
 
 def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> None:
@@ -76,14 +96,19 @@ def test_false_alarms_stay_within_the_stated_rate(healthy: list[Recording]) -> N
     for part in range(6):
         few = [recording(f"{part} h{n}", pressure=(5.0, 10.0)[n % 2]) for n in range(9)]
         detector = st.AnomalyDetector(error_rate=0.1).fit(few)
-        verdicts = [detector.diagnose(recording(f"{part} t{n}", pressure=(5.0, 10.0)[n % 2])) for n in range(20)]
+        verdicts = [
+            detector.diagnose(recording(f"{part} t{n}", pressure=(5.0, 10.0)[n % 2]))
+            for n in range(20)
+        ]
         alarms += [verdict.alarm for verdict in verdicts]
     assert np.mean(alarms) <= 0.1 + 2 * math.sqrt(0.1 * 0.9 / len(alarms))
     assert any(alarms)
 
 
 def burst(signal: np.ndarray) -> np.ndarray:
-    return signal + 20 * (np.arange(LENGTH) // 40 % 20 == 7) * np.random.default_rng(0).normal(size=signal.shape)
+    return signal + 20 * (np.arange(LENGTH) // 40 % 20 == 7) * np.random.default_rng(0).normal(
+        size=signal.shape
+    )
 
 
 def gain(signal: np.ndarray) -> np.ndarray:
@@ -103,9 +128,16 @@ def other_point(signal: np.ndarray) -> np.ndarray:
         (other_point, "like those at A, 1200 rev/min, 5 MPa"),
     ],
 )
-def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(healthy, disturb, words: str) -> None:
-    """Two that are odd alike hide neither each other nor a fault; the rate is that of the recordings left."""
-    odd = [one.replace(signal=disturb(one.signal), recording_id=f"odd{n}") for n, one in enumerate(healthy[1:5:2])]
+def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(
+    healthy, disturb, words: str
+) -> None:
+    """Two that are odd alike hide neither each other nor a fault; the rate is that of the
+    recordings left.
+    """
+    odd = [
+        one.replace(signal=disturb(one.signal), recording_id=f"odd{n}")
+        for n, one in enumerate(healthy[1:5:2])
+    ]
     usual = [one for one in healthy if one not in healthy[1:5:2]]
     detector, without = st.AnomalyDetector().fit([*odd, *usual]), st.AnomalyDetector().fit(usual)
     first, second, cost, few = detector.notes_
@@ -113,33 +145,46 @@ def test_two_odd_recordings_of_twenty_are_named_and_left_out_and_hide_no_fault(h
     assert words in first
     assert "odd1 is left out" in second
     assert re.search(
-        r"With odd0, odd1 a change would have to be \d+\.\d times as large .* false-alarm rate is 0.14", cost
+        r"With odd0, odd1 a change would have to be \d+\.\d times as large .* false-alarm rate is 0.14",
+        cost,
     )
     assert "18 healthy recordings allow no false-alarm rate below 0.053" in few
     fault = recording("fault", rise=12.0)
     assert detector.diagnose(fault).to_dict() == without.diagnose(fault).to_dict()
     assert detector.diagnose(fault).alarm
     assert detector.diagnose(odd[0].replace(recording_id="new", signal=odd[0].signal + 1e-6)).alarm
-    with pytest.raises(InputError, match=r"needs 19 healthy recordings at least, there are 18 without odd0, odd1;"):
+    with pytest.raises(
+        InputError, match=r"needs 19 healthy recordings at least, there are 18 without odd0, odd1;"
+    ):
         st.AnomalyDetector(error_rate=0.05).fit([*odd, *usual])
 
 
-def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_disagrees_is(healthy) -> None:
+def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_disagrees_is(
+    healthy,
+) -> None:
     state = [one.replace(signal=gain(one.signal)) for one in healthy[:6]]
     detector = st.AnomalyDetector().fit([*state, *healthy[6:]])
     assert detector.fitted_.n_recordings == 20
-    assert "6 of 20 healthy recordings are unlike the others (h0, h1, h2, h3, h4, h5), too many" in detector.notes_[0]
+    assert (
+        "6 of 20 healthy recordings are unlike the others (h0, h1, h2, h3, h4, h5), too many"
+        in detector.notes_[0]
+    )
     pair = [recording("p0", pressure=15.0), recording("p1", pressure=15.0)]
     pair[1] = pair[1].replace(signal=gain(pair[1].signal))
     detector = st.AnomalyDetector().fit([*healthy, *pair])
     assert detector.fitted_.n_recordings == 20
-    assert "p0 is left out: the recordings of its operating point are not alike" in detector.notes_[0]
     assert (
-        "no healthy recording is at the pressure 15 MPa" in detector.diagnose(recording("q", pressure=15.0)).sentence()
+        "p0 is left out: the recordings of its operating point are not alike" in detector.notes_[0]
+    )
+    assert (
+        "no healthy recording is at the pressure 15 MPa"
+        in detector.diagnose(recording("q", pressure=15.0)).sentence()
     )
 
 
-def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(detector: st.AnomalyDetector) -> None:
+def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(
+    detector: st.AnomalyDetector,
+) -> None:
     """Half of `least_rise` in one level is seldom an alarm, twice as much mostly is."""
     fitted = detector.fitted_
     rise = least_rise(fitted.levels, fitted.point_index, 0.05) * np.eye(fitted.levels.shape[1])
@@ -147,7 +192,9 @@ def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(detector: st.A
     for row, column in product(range(20), range(0, len(rise), 16)):
         others, point = fitted.subset(np.arange(20) != row), fitted.points[fitted.point_index[row]]
         risen = [fitted.levels[row] + factor * rise[column] for factor in (0.5, 2.0)]
-        alarms.append([others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen])
+        alarms.append(
+            [others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen]
+        )
     half, twice = np.mean(alarms, axis=0)
     assert half < 0.3
     assert twice > 0.6
@@ -157,10 +204,15 @@ def test_the_p_value_does_not_depend_on_the_order_of_the_healthy_recordings(
     healthy: list[Recording], detector: st.AnomalyDetector
 ) -> None:
     new = recording("new", rise=3.0)
-    assert st.AnomalyDetector().fit(healthy[::-1]).diagnose(new).p_value == detector.diagnose(new).p_value
+    assert (
+        st.AnomalyDetector().fit(healthy[::-1]).diagnose(new).p_value
+        == detector.diagnose(new).p_value
+    )
 
 
-def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(detector: st.AnomalyDetector) -> None:
+def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(
+    detector: st.AnomalyDetector,
+) -> None:
     loud = recording("loud")
     verdict = detector.diagnose(loud.replace(signal=loud.signal * np.array([[4.0], [1.0]])))
     assert verdict.alarm
@@ -172,7 +224,10 @@ def test_a_changed_gain_is_said_of_the_channel_and_not_of_its_lines(detector: st
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"pressure": 7.0}, "no healthy recording is at the pressure 7 MPa (5 MPa, 10 MPa were recorded)"),
+        (
+            {"pressure": 7.0},
+            "no healthy recording is at the pressure 7 MPa (5 MPa, 10 MPa were recorded)",
+        ),
         ({"specimen": "B"}, "no healthy recording is of specimen B (A was recorded)"),
         ({"condition": None}, "does not state its speed and pressure"),
         ({"length": 900}, "lasts 0.45 s (900 samples); to compare its levels takes 0.5 s"),
@@ -197,9 +252,13 @@ def test_what_the_healthy_recordings_do_not_cover_has_no_verdict(
 
 def test_a_missing_pressure_is_assumed_where_only_one_was_recorded() -> None:
     detector = st.AnomalyDetector().fit([recording(f"h{n}") for n in range(6)])
-    verdict = detector.diagnose(recording("new").replace(condition=None, specimen=None, attributes={"speed": "20 Hz"}))
+    verdict = detector.diagnose(
+        recording("new").replace(condition=None, specimen=None, attributes={"speed": "20 Hz"})
+    )
     assert verdict.alarm is not None
-    assert verdict.notes == ("It does not state its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",)
+    assert verdict.notes == (
+        "It does not state its specimen and pressure; A, 1200 rev/min, 10 MPa was assumed.",
+    )
 
 
 def test_recordings_without_a_speed_are_compared_by_bands() -> None:
@@ -210,10 +269,15 @@ def test_recordings_without_a_speed_are_compared_by_bands() -> None:
     assert detector.diagnose(recording("new", rise=25.0).replace(condition=None)).alarm
 
 
-def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(healthy: list[Recording]) -> None:
+def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(
+    healthy: list[Recording],
+) -> None:
     detector = st.AnomalyDetector().fit(healthy[:8])
     assert detector.error_rate_ == 0.112
-    assert "8 healthy recordings allow no false-alarm rate below 0.112; 0.05 takes 19." in detector.notes_
+    assert (
+        "8 healthy recordings allow no false-alarm rate below 0.112; 0.05 takes 19."
+        in detector.notes_
+    )
     with pytest.raises(InputError, match="needs 99 healthy recordings at least, there are 20"):
         st.AnomalyDetector(error_rate=0.01).fit(healthy)
     with pytest.raises(InputError, match="needs 99"):
@@ -222,7 +286,9 @@ def test_few_recordings_say_which_rate_they_allow_and_a_lower_one_is_refused(hea
         st.AnomalyDetector().fit(healthy[:4])
 
 
-def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(healthy: list[Recording]) -> None:
+def test_a_fault_and_a_copy_among_the_healthy_recordings_are_noticed(
+    healthy: list[Recording],
+) -> None:
     with pytest.raises(DataError, match="'piston'"):
         st.AnomalyDetector().fit([*healthy, recording("p", label="piston")])
     detector = st.AnomalyDetector().fit([*healthy, healthy[0].replace(recording_id="z")])
@@ -267,14 +333,23 @@ def test_a_saved_detector_answers_as_before(detector: st.AnomalyDetector, tmp_pa
         {"layout": {"channels": []}}, {"layout": {"length": 0}}, {"layout": {"channels": ["x"] * 3}},
     ],
 )  # fmt: skip
-def test_a_card_that_lies_is_refused_in_one_line(detector: st.AnomalyDetector, tmp_path: Path, lie: dict) -> None:
+def test_a_card_that_lies_is_refused_in_one_line(
+    detector: st.AnomalyDetector, tmp_path: Path, lie: dict
+) -> None:
     kind, path = st.AnomalyDetector.KIND, detector.save(tmp_path / "d.safetensors")
     card, tensors = read_artifact(path, kind, 2, advice="", may_be_nan=None)
     healthy = card["healthy"]
     for name, value in lie.items():
         healthy[name] = {**healthy[name], **value} if name == "layout" else value
-    for changed in (card, {**card, "error_rate": 0.001}, {**card, "error_rate": "x"}, {**card, "notes": None}):
-        path = write_artifact(tmp_path / "lie.safetensors", kind, 2, changed, tensors, may_be_nan=None)
+    for changed in (
+        card,
+        {**card, "error_rate": 0.001},
+        {**card, "error_rate": "x"},
+        {**card, "notes": None},
+    ):
+        path = write_artifact(
+            tmp_path / "lie.safetensors", kind, 2, changed, tensors, may_be_nan=None
+        )
         with pytest.raises(ArtifactError) as caught:
             st.AnomalyDetector.load(path)
         assert len(str(caught.value).splitlines()) == 1
@@ -297,17 +372,30 @@ def folder(tmp_path_factory: pytest.TempPathFactory, healthy: list[Recording]) -
 
 def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Path) -> None:
     model = folder / "model.safetensors"
-    trained = json.loads(run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout)
-    assert (trained["kind"], trained["error_rate"], len(trained["recordings"])) == ("anomaly detector", 0.05, 20)
+    trained = json.loads(
+        run("train", str(folder / "healthy"), "--out", str(model), "--json").stdout
+    )
+    assert (trained["kind"], trained["error_rate"], len(trained["recordings"])) == (
+        "anomaly detector",
+        0.05,
+        20,
+    )
     scored = json.loads(run("evaluate", str(model), str(folder / "all"), "--json").stdout)
-    assert [(item["label"], item["n_recordings"]) for item in scored["classes"]] == [("normal", 1), ("piston", 2)]
+    assert [(item["label"], item["n_recordings"]) for item in scored["classes"]] == [
+        ("normal", 1),
+        ("piston", 2),
+    ]
     page = folder / "page.html"
-    answer = run("diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json")
+    answer = run(
+        "diagnose", str(model), str(folder / "all" / "p0.h5"), "--report", str(page), "--json"
+    )
     (verdict,) = json.loads(answer.stdout)["diagnoses"]
     assert verdict["alarm"] is True
     assert verdict["changes"][0]["level"] == "shaft order 9 (180 Hz)"
     assert "Change of the levels" in page.read_text(encoding="utf-8")
-    shown = run("diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3)
+    shown = run(
+        "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3
+    )
     assert "20" in one_line(shown)
 
 
@@ -317,7 +405,9 @@ def test_check_finds_healthy_recordings_alone_enough_for_a_detector(folder: Path
     assert "The data are sound and enough for an anomaly detector." in shown
 
 
-def test_a_classifier_of_healthy_recordings_alone_is_refused(folder: Path, healthy: list[Recording]) -> None:
+def test_a_classifier_of_healthy_recordings_alone_is_refused(
+    folder: Path, healthy: list[Recording]
+) -> None:
     refused = run("train", str(folder / "healthy"), "--network", "bitcn", code=2)
     assert "anomaly" in refused.stderr
     with pytest.raises((DataError, InputError), match="AnomalyDetector"):

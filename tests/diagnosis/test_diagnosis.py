@@ -1,4 +1,6 @@
-"""A saved classifier answers as the one that was saved, or is refused; a diagnosis says what to doubt."""
+"""A saved classifier answers as the one that was saved, or is refused; a diagnosis says what to
+doubt.
+"""
 
 import copy
 import math
@@ -43,7 +45,9 @@ from swashtwin.report import write_report
 CLASSES = ("normal", "piston")
 
 
-def recording(name: str, label: str, *, pressure: float = 15, speed: float = 860, samples: int = 480) -> Recording:
+def recording(
+    name: str, label: str, *, pressure: float = 15, speed: float = 860, samples: int = 480
+) -> Recording:
     draw = np.random.default_rng(list(name.encode()))
     cycles = {"normal": 0.05, "piston": 0.15}[label] * np.arange(samples)
     signal = np.sin(2 * np.pi * cycles + draw.uniform(0, 6)) + 0.3 * draw.normal(size=samples)
@@ -52,7 +56,9 @@ def recording(name: str, label: str, *, pressure: float = 15, speed: float = 860
 
 
 def windows() -> WindowSet:
-    return cut_windows([recording(f"{label} {n}", label) for label in CLASSES for n in range(3)], length=80)
+    return cut_windows(
+        [recording(f"{label} {n}", label) for label in CLASSES for n in range(3)], length=80
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +79,20 @@ def test_a_classifier_loaded_answers_bit_for_bit_as_the_one_saved(tmp_path, name
     settings = TrainingSettings(epochs=1, normalization=normalization)
     classifier = fit(build_network(name, 1, 2), windows(), settings=settings, manifest=["extra"])
     loaded = load_classifier(save_classifier(classifier, tmp_path / "deep" / "model.safetensors"))
-    np.testing.assert_array_equal(loaded.predict_proba(windows()), classifier.predict_proba(windows()))
+    np.testing.assert_array_equal(
+        loaded.predict_proba(windows()), classifier.predict_proba(windows())
+    )
     np.testing.assert_array_equal(loaded.embed(windows()), classifier.embed(windows()))
-    for fact in ("classes", "layout", "settings", "seed", "history", "manifest", "pressures", "speeds"):
+    for fact in (
+        "classes",
+        "layout",
+        "settings",
+        "seed",
+        "history",
+        "manifest",
+        "pressures",
+        "speeds",
+    ):
         assert getattr(loaded, fact) == getattr(classifier, fact)
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["model.safetensors"]
 
@@ -88,7 +105,13 @@ def test_saving_the_loaded_classifier_gives_the_same_bytes(saved, tmp_path):
 def test_a_file_whose_card_misses_something_is_refused_in_one_line(saved):
     card, tensors = read_artifact(saved, "classifier", 8, advice="")
     for name in card:
-        write_artifact(saved, "classifier", 8, {key: value for key, value in card.items() if key != name}, tensors)
+        write_artifact(
+            saved,
+            "classifier",
+            8,
+            {key: value for key, value in card.items() if key != name},
+            tensors,
+        )
         with pytest.raises(ArtifactError, match=f"does not fit this swashtwin.*{name}") as caught:
             load_classifier(saved)
         assert "\n" not in str(caught.value)
@@ -108,7 +131,9 @@ def test_other_files_are_refused(tmp_path):
 
 def test_a_file_whose_network_is_not_registered_is_refused_with_what_to_call(saved, monkeypatch):
     monkeypatch.delitem(NETWORKS, "bitcn")
-    with pytest.raises(ArtifactError, match=r"'bitcn', which is not registered here; register the same network"):
+    with pytest.raises(
+        ArtifactError, match=r"'bitcn', which is not registered here; register the same network"
+    ):
         load_classifier(saved)
 
 
@@ -123,7 +148,9 @@ def test_a_network_that_is_not_registered_is_not_saved(classifier, tmp_path):
 
 @pytest.mark.parametrize("label", CLASSES)
 def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
-    diagnosis = diagnose(classifier, recording(f"new {label}", label).relabeled("a label never trained"))
+    diagnosis = diagnose(
+        classifier, recording(f"new {label}", label).relabeled("a label never trained")
+    )
     assert diagnosis.label == label
     assert diagnosis.n_windows == 6
     assert diagnosis.agreement == pytest.approx(diagnosis.window_labels.count(label) / 6)
@@ -153,7 +180,9 @@ def test_a_condition_that_was_never_trained_and_a_recording_seen_are_noted(class
         (("",) * 6, "B", []),
     ],
 )
-def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(classifier, machines, specimen, words):
+def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(
+    classifier, machines, specimen, words
+):
     reference = replace(classifier.training_reference, specimen=tuple(machines))
     trained = replace(classifier, training_reference=reference)
     notes = diagnose(trained, replace(recording("new", "piston"), specimen=specimen)).notes
@@ -164,13 +193,24 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(clas
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"sample_rate": 2000.0}, 'sample rate 1000 Hz against 2000 Hz; if 2000 Hz is right, add --resample "1000 Hz"'),
-        ({"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")}, "1 channel.s. against 2"),
+        (
+            {"sample_rate": 2000.0},
+            'sample rate 1000 Hz against 2000 Hz; if 2000 Hz is right, add --resample "1000 Hz"',
+        ),
+        (
+            {"signal": np.random.default_rng(0).normal(size=(2, 480)), "channels": ("a", "b")},
+            "1 channel.s. against 2",
+        ),
         ({"unit": "g"}, "against g; state what a number in the file is: --sensitivity"),
-        ({"channels": ("other",)}, "against other; say what the channels of the file are with --names, once for each"),
+        (
+            {"channels": ("other",)},
+            "against other; say what the channels of the file are with --names, once for each",
+        ),
     ],
 )
-def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(classifier, change, words):
+def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_values(
+    classifier, change, words
+):
     with pytest.raises(DataError, match=words):
         diagnose(classifier, replace(recording("new", "normal"), **change))
 
@@ -178,7 +218,9 @@ def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_value
 def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
     default = build_network("levels", 1, 2)
     settings = TrainingSettings(epochs=5, batch_size=12, learning_rate=3e-3, normalization="set")
-    saved = save_classifier(fit(default, windows(), settings=settings), tmp_path / "pump.safetensors")
+    saved = save_classifier(
+        fit(default, windows(), settings=settings), tmp_path / "pump.safetensors"
+    )
     path = write_recording(recording("new", "piston"), tmp_path / "new.h5")
     code = (
         "import sys; from swashtwin.cli import main; sys.argv[1:] = ['diagnose', *sys.argv[1:]]\n"
@@ -201,7 +243,10 @@ def spiked(size: float) -> Recording:
 
 
 def test_a_recording_too_short_for_a_window_has_no_verdict(classifier):
-    assert "too few for one window" in diagnose(classifier, recording("new", "normal", samples=79)).no_verdict
+    assert (
+        "too few for one window"
+        in diagnose(classifier, recording("new", "normal", samples=79)).no_verdict
+    )
 
 
 @pytest.mark.parametrize("size", [1e20, 1e39, np.nan])
@@ -210,19 +255,25 @@ def test_one_sample_that_is_no_number_or_far_too_large_leaves_no_verdict(classif
     verdict = diagnose(classifier, spiked(size))
     assert verdict.label is None
     assert verdict.to_dict()["no_verdict"] == verdict.no_verdict
-    assert ("1e+20 m/s^2" if size == 1e20 else "1e+39" if size == 1e39 else "missing or infinite") in verdict.no_verdict
+    assert (
+        "1e+20 m/s^2" if size == 1e20 else "1e+39" if size == 1e39 else "missing or infinite"
+    ) in verdict.no_verdict
     assert "no verdict" in repr(verdict)
     with pytest.raises(InputError, match="no verdict to explain"):
         explain(classifier, spiked(size), verdict)
 
 
-def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved_nor_loaded(classifier, tmp_path):
+def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved_nor_loaded(
+    classifier, tmp_path
+):
     network = copy.deepcopy(classifier.network)
     with torch.no_grad():
         next(network.parameters()).fill_(math.nan)
     damaged = replace(classifier, network=network)
     assert "the model is damaged" in diagnose(damaged, recording("new", "normal")).no_verdict
-    test = cut_windows([recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES)
+    test = cut_windows(
+        [recording("new", "normal"), recording("newer", "piston")], length=80, classes=CLASSES
+    )
     scores = evaluate(damaged, test)
     assert (scores.accuracy, scores.recording_accuracy) == (0, 0)
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (1, 1)
@@ -235,7 +286,9 @@ def test_a_model_with_a_weight_that_is_nan_gives_no_verdict_and_is_neither_saved
         save_classifier(damaged, tmp_path / "model.safetensors")
 
 
-def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved, tmp_path, monkeypatch):
+def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(
+    saved, tmp_path, monkeypatch
+):
     for name, item in (("good", recording("good", "piston")), ("spiked", spiked(1e20))):
         write_recording(item, tmp_path / f"{name}.h5")
     words = ["diagnose", saved, tmp_path / "good.h5", tmp_path / "spiked.h5"]
@@ -245,7 +298,9 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     assert "Diagnosis of spiked" in page
     assert "<h2>No verdict</h2>" in page
     text = run(*words, code=4).output
-    assert "note: spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
+    assert (
+        "note: spiked: no verdict: the model's answer to 1 of 6 windows is no finite number" in text
+    )
     run(*words[:3])
     for name in ("short", "brief"):
         write_recording(recording(name, "piston", samples=79), tmp_path / f"{name}.h5")
@@ -264,7 +319,9 @@ def test_the_command_line_says_no_verdict_in_words_json_page_and_exit_code(saved
     assert "piston" in late.stdout
 
 
-def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_is_refused(classifier, saved, tmp_path):
+def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_is_refused(
+    classifier, saved, tmp_path
+):
     """A recording was known by its name alone."""
     for folder in ("same", "other"):
         for index, name in enumerate(("normal 0", "piston 0")):
@@ -279,4 +336,7 @@ def test_another_machine_with_the_same_file_names_is_tested_and_a_renamed_copy_i
     assert "all 2 recordings had a part in the model" in one_line(refused)
     said = run_json("diagnose", saved, tmp_path / "same" / "renamed 0.h5")["diagnoses"][0]["notes"]
     assert "under the name normal 0; the answer proves nothing" in said[0]
-    assert run_json("diagnose", saved, tmp_path / "other" / "normal 0.h5")["diagnoses"][0]["notes"] == []
+    assert (
+        run_json("diagnose", saved, tmp_path / "other" / "normal 0.h5")["diagnoses"][0]["notes"]
+        == []
+    )

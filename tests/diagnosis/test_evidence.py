@@ -24,19 +24,25 @@ LABELS = ("normal", "valve_plate")
 
 
 def recording(name: str, label: str, burst: bool = False) -> Recording:
-    """Noise, the shaft's line on both channels, and for valve_plate the 7th order on the second channel."""
+    """Noise, the shaft's line on both channels, and for valve_plate the 7th order on the second
+    channel.
+    """
     draw = np.random.default_rng(list(name.encode()))
     angle = 2 * np.pi * SHAFT * np.arange(2048) / RATE + draw.uniform(0, 6)
     signal = 0.5 * draw.normal(size=(2, 2048)) + np.cos(angle)
     if label == "valve_plate":
         signal[1] += np.cos(7 * angle) * (np.arange(2048) >= 1024 if burst else 1)
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
-    return Recording(signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z"))
+    return Recording(
+        signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
+    )
 
 
 @pytest.fixture(scope="module")
 def classifier() -> FittedClassifier:
-    train = cut_windows([recording(f"{label} {n}", label) for label in LABELS for n in range(4)], length=128)
+    train = cut_windows(
+        [recording(f"{label} {n}", label) for label in LABELS for n in range(4)], length=128
+    )
     settings = TrainingSettings(epochs=15, batch_size=16, learning_rate=3e-3, normalization="set")
     return fit(BiTCN(2, 2, channels=(8, 12), kernel_size=5, dropout=0.0), train, settings=settings)
 
@@ -47,7 +53,9 @@ def evidence_of(classifier: FittedClassifier, recording: Recording) -> Evidence:
 
 @pytest.fixture(scope="module")
 def evidence(classifier: FittedClassifier) -> Evidence:
-    return evidence_of(classifier, recording("new", "valve_plate").replace(attributes={"pistons": "7"}))
+    return evidence_of(
+        classifier, recording("new", "valve_plate").replace(attributes={"pistons": "7"})
+    )
 
 
 def test_lines_add_up_to_the_answer(evidence: Evidence) -> None:
@@ -59,7 +67,10 @@ def test_readings_that_speak_against_their_own_verdict_say_so(evidence: Evidence
     assert evidence.margin > 0
     assert not any("even more firmly" in said for said in evidence.sentences())
     against = replace(evidence, margin=-evidence.margin)
-    assert any("to silence the network answers valve plate even more firmly" in said for said in against.sentences())
+    assert any(
+        "to silence the network answers valve plate even more firmly" in said
+        for said in against.sentences()
+    )
 
 
 def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() -> None:
@@ -70,7 +81,9 @@ def test_of_a_linear_answer_the_gradient_is_the_weights_and_nothing_is_missed() 
     weights = torch.arange(12, dtype=torch.float32).reshape(2, 6)
     signal = np.random.default_rng(0).normal(size=(3, 2, 6)).astype(np.float32)
     gradient, change = mean_gradients(Line(), signal, 0, 1)
-    np.testing.assert_allclose(gradient, np.broadcast_to(weights.numpy(), gradient.shape), atol=1e-5)
+    np.testing.assert_allclose(
+        gradient, np.broadcast_to(weights.numpy(), gradient.shape), atol=1e-5
+    )
     np.testing.assert_allclose((signal * gradient).sum(axis=(1, 2)), change, atol=1e-4)
 
 
@@ -90,8 +103,12 @@ def test_the_planted_line_is_named_with_its_channel_and_its_order(evidence: Evid
     assert "valve plate rather than normal" in evidence.sentences()[0]
 
 
-def test_random_weights_give_other_evidence(classifier: FittedClassifier, evidence: Evidence) -> None:
-    """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it shows the data only."""
+def test_random_weights_give_other_evidence(
+    classifier: FittedClassifier, evidence: Evidence
+) -> None:
+    """The sanity check of Adebayo and others 2018 (arXiv:1810.03292): evidence that survives it
+    shows the data only.
+    """
     measurement, similar = recording("new", "valve_plate"), []
     for seed in range(5):
         drawn = replace(classifier, network=classifier.network.fresh(seed).eval())
@@ -108,7 +125,9 @@ def test_the_nearest_known_recordings_are_of_the_class(evidence: Evidence) -> No
     assert distances == sorted(distances)
 
 
-def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(classifier: FittedClassifier) -> None:
+def test_without_a_speed_evidence_is_by_third_octaves_that_leave_no_gap(
+    classifier: FittedClassifier,
+) -> None:
     result = evidence_of(classifier, replace(recording("new", "valve_plate"), condition=None))
     assert all(band.order is None for band in result.bands)
     assert result.bands[0].low == 0
@@ -126,13 +145,24 @@ def test_of_a_long_recording_the_windows_that_speak_most_are_taken(classifier, m
     assert result.duration == pytest.approx(4 * 128 / RATE)
 
 
-def test_evidence_is_json_and_of_one_recording(classifier: FittedClassifier, evidence: Evidence) -> None:
-    assert json.loads(json.dumps(evidence.to_dict(), allow_nan=False))["strongest"][0]["band"] == "order 7"
+def test_evidence_is_json_and_of_one_recording(
+    classifier: FittedClassifier, evidence: Evidence
+) -> None:
+    assert (
+        json.loads(json.dumps(evidence.to_dict(), allow_nan=False))["strongest"][0]["band"]
+        == "order 7"
+    )
     with pytest.raises(InputError, match="the diagnosis is of new"):
-        explain(classifier, recording("other", "normal"), diagnose(classifier, recording("new", "normal")))
+        explain(
+            classifier,
+            recording("other", "normal"),
+            diagnose(classifier, recording("new", "normal")),
+        )
 
 
-def test_contributions_that_do_not_add_up_are_not_shown_as_shares(evidence: Evidence, tmp_path) -> None:
+def test_contributions_that_do_not_add_up_are_not_shown_as_shares(
+    evidence: Evidence, tmp_path
+) -> None:
     assert evidence.adds_up
     assert evidence.total == pytest.approx(1, abs=0.03)
     lines = evidence.lines * (1.3 * evidence.margin / evidence.lines.sum())
@@ -141,7 +171,10 @@ def test_contributions_that_do_not_add_up_are_not_shown_as_shares(evidence: Evid
     assert (answer["adds_up"], answer["strongest"][0]["share"]) == (False, None)
     assert answer["total"] == pytest.approx(1.3)
     assert answer["strongest"][0]["band"] == "order 7"
-    assert "No shares are shown: the contributions of all lines together add to 130 % of the score." in off.sentences()
+    assert (
+        "No shares are shown: the contributions of all lines together add to 130 % of the score."
+        in off.sentences()
+    )
     assert " %)" not in off.sentences()[0]
     assert replace(off, margin=0.0).to_dict()["total"] is None
     text = write_report(off, folder=tmp_path).read_text(encoding="utf-8")
@@ -151,7 +184,9 @@ def test_contributions_that_do_not_add_up_are_not_shown_as_shares(evidence: Evid
 
 
 def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_path) -> None:
-    page = write_report(diagnose(classifier, recording("new", "valve_plate")), evidence, folder=tmp_path)
+    page = write_report(
+        diagnose(classifier, recording("new", "valve_plate")), evidence, folder=tmp_path
+    )
     text = page.read_text(encoding="utf-8")
     for words in (
         "order 7 (112 Hz, piston-pass line)",
@@ -160,9 +195,13 @@ def test_the_page_shows_lines_neighbors_and_checks(classifier, evidence, tmp_pat
         "case drain flow",
     ):
         assert words in text
-    table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)
+    table = np.genfromtxt(
+        tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
+    )
     assert table["adds"].sum() == pytest.approx(evidence.margin, rel=0.03)
-    assert json.loads((tmp_path / "results.json").read_text())["evidence"][0]["label"] == "valve_plate"
+    assert (
+        json.loads((tmp_path / "results.json").read_text())["evidence"][0]["label"] == "valve_plate"
+    )
 
 
 def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) -> None:
@@ -172,7 +211,11 @@ def test_diagnose_writes_one_page_with_its_evidence(classifier, tmp_path: Path) 
     assert answer["report"] == str(tmp_path / "page.html")
     assert answer["evidence"][0]["strongest"][0]["channel"] == "cover_z"
     assert "piston-pass line" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.safetensors", "new.h5", "page.html"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "m.safetensors",
+        "new.h5",
+        "page.html",
+    ]
     assert run_json("diagnose", model, file)["evidence"] == []
 
 
@@ -197,4 +240,6 @@ def test_a_named_network_without_confidence_notes_what_its_training_never_saw(
 ) -> None:
     new = recording("new", "normal")
     assert diagnose(classifier, new).notes == ()
-    assert any(words in note for note in diagnose(classifier, new.replace(signal=change(new.signal))).notes)
+    assert any(
+        words in note for note in diagnose(classifier, new.replace(signal=change(new.signal))).notes
+    )

@@ -1,4 +1,6 @@
-"""`FaultClassifier` keeps scikit-learn's conventions, answers per recording, and scores no training recording."""
+"""`FaultClassifier` keeps scikit-learn's conventions, answers per recording, and scores no training
+recording.
+"""
 
 from dataclasses import replace
 
@@ -63,18 +65,30 @@ def test_the_checks_of_scikit_learn_pass():
         "check_methods_sample_order_invariance": "levels are of single precision",
         "check_methods_subset_invariance": "levels are of single precision",
     }
-    results = check_estimator(FaultClassifier("levels"), expected_failed_checks=expected, on_fail=None, on_skip=None)
-    failed = {result["check_name"]: result["exception"] for result in results if result["status"] == "failed"}
+    results = check_estimator(
+        FaultClassifier("levels"), expected_failed_checks=expected, on_fail=None, on_skip=None
+    )
+    failed = {
+        result["check_name"]: result["exception"]
+        for result in results
+        if result["status"] == "failed"
+    }
     skipped = {result["check_name"] for result in results if result["status"] == "skipped"}
     assert failed == {}
-    needs_more = {"check_array_api_input", "check_classifier_data_not_an_array"}  # SCIPY_ARRAY_API, and pandas
+    needs_more = {
+        "check_array_api_input",
+        "check_classifier_data_not_an_array",
+    }  # SCIPY_ARRAY_API, and pandas
     assert skipped <= needs_more
     assert len(results) > 40
 
 
 def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers():
     assert checked_settings(FaultClassifier("levels")) == RECOMMENDED_TRAINING
-    assert FaultClassifier(**presets.recommended.classifier).get_params() == FaultClassifier().get_params()
+    assert (
+        FaultClassifier(**presets.recommended.classifier).get_params()
+        == FaultClassifier().get_params()
+    )
     paper = FaultClassifier(**presets.paper.classifier)
     assert (paper.network, checked_settings(paper)) == ("bitcn", PAPER_TRAINING)
 
@@ -94,8 +108,12 @@ def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifie
     labels = classifier.predict(new)
     assert labels.tolist() == [recording.label for recording in new]
     for row, recording in zip(classifier.predict_proba(new), new, strict=True):
-        assert dict(zip(CLASSES, row, strict=True)) == pytest.approx(classifier.diagnose(recording).probabilities)
-    assert repr(classifier.diagnose(new[0])).startswith("<Diagnosis of new normal 0: normal (normal ")
+        assert dict(zip(CLASSES, row, strict=True)) == pytest.approx(
+            classifier.diagnose(recording).probabilities
+        )
+    assert repr(classifier.diagnose(new[0])).startswith(
+        "<Diagnosis of new normal 0: normal (normal "
+    )
     assert classifier.diagnose(new[0]).to_dict() == diagnose(classifier.fitted_, new[0]).to_dict()
     assert classifier.predict(cut_windows(new, length=128)).shape == (30,)
 
@@ -103,7 +121,9 @@ def test_recordings_get_one_answer_each_which_is_that_of_the_diagnosis(classifie
 def test_the_score_is_the_accuracy_of_the_predictions(classifier):
     new = recordings("new")
     windows = cut_windows(new, length=128)
-    assert classifier.score(new) == np.mean(classifier.predict(new) == [recording.label for recording in new])
+    assert classifier.score(new) == np.mean(
+        classifier.predict(new) == [recording.label for recording in new]
+    )
     assert classifier.score(iter(new)) == classifier.score(new)
     assert classifier.score(windows) == np.mean(classifier.predict(windows) == windows.label)
     assert classifier.score(new, ["piston"] * 6) == 0.5
@@ -124,7 +144,10 @@ def test_a_recording_with_a_part_in_the_training_is_not_scored(classifier):
 
 def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
     classifier = FaultClassifier("levels", window=128)
-    classifier.fit(recordings("train"), synthetic=[synthetic_windows("valve_plate"), synthetic_windows("normal")])
+    classifier.fit(
+        recordings("train"),
+        synthetic=[synthetic_windows("valve_plate"), synthetic_windows("normal")],
+    )
     assert classifier.classes_.tolist() == ["normal", "piston", "valve_plate"]
     assert classifier.predict(recordings("new")).shape == (6,)
     with pytest.raises(DataError, match="train normal 0 is measured; give it in X"):
@@ -140,15 +163,22 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     assert '--fault-of "Kolbenverschleiss=piston"' in classifier.notes_[0]
     only_healthy = classifier.fit(train[:3], synthetic=sets)
     assert not any("--fault-of" in note for note in only_healthy.notes_)
-    mapped = FaultClassifier("levels", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"})
+    mapped = FaultClassifier(
+        "levels", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"}
+    )
     mapped.fit(train, synthetic=sets)
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     assert not any("--fault-of" in note for note in mapped.notes_)
     assert mapped.diagnose(recordings("new")[0]).fault_of == {"Kolbenverschleiss": "piston"}
-    like = [replace(item, classes=(*item.classes, "Kolbenverschleiss"), target=item.target) for item in sets]
+    like = [
+        replace(item, classes=(*item.classes, "Kolbenverschleiss"), target=item.target)
+        for item in sets
+    ]
     assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     with pytest.raises(InputError, match="no recording is of the class 'Kolben'"):
-        FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(train, synthetic=sets)
+        FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(
+            train, synthetic=sets
+        )
 
 
 def test_validation_recordings_have_no_part_in_the_synthetic_windows():
@@ -190,7 +220,9 @@ def test_arrays_are_cross_validated_by_recording():
 
 def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
     windows = cut_windows(recordings("all"), length=128)
-    classifier = FaultClassifier("levels").fit(windows.signal, windows.target, groups=windows.recording_id)
+    classifier = FaultClassifier("levels").fit(
+        windows.signal, windows.target, groups=windows.recording_id
+    )
     assert classifier.classes_.dtype.kind == "i"
     assert set(classifier.predict(windows.signal)) == {0, 1}
     assert tuple(classifier.fitted_.manifest) == tuple(np.unique(windows.recording_id))
@@ -246,7 +278,9 @@ def test_data_that_do_not_belong_are_refused(classifier):
         FaultClassifier(**SMALL).fit(recordings("train"), synthetic_windows("normal"))
     none = windows.subset(windows.target < 0)
     for use in (FaultClassifier(**SMALL).fit, classifier.predict, classifier.score):
-        with pytest.raises(DataError, match=r"no window of 128 samples .* give recordings that are longer"):
+        with pytest.raises(
+            DataError, match=r"no window of 128 samples .* give recordings that are longer"
+        ):
             use(none)
     for nothing in ([], Recordings([])):
         with pytest.raises(InputError, match="X holds no recording and no window"):
@@ -265,6 +299,14 @@ def test_data_that_do_not_belong_are_refused(classifier):
 @pytest.mark.parametrize("thing", [None, "folder", ["a.csv"], np.zeros((1, 400)), 3])
 def test_what_is_no_recording_is_refused_in_a_sentence(classifier: FaultClassifier, thing: object):
     prior = PriorClassifier.load("25scy14-1b")
-    for ask in (classifier.diagnose, prior.diagnose, AnomalyDetector().fit, prior.fit, prior.evaluate):
-        with pytest.raises(InputError, match=r"is no recording|recordings are expected|than recordings"):
+    for ask in (
+        classifier.diagnose,
+        prior.diagnose,
+        AnomalyDetector().fit,
+        prior.fit,
+        prior.evaluate,
+    ):
+        with pytest.raises(
+            InputError, match=r"is no recording|recordings are expected|than recordings"
+        ):
             ask(thing)

@@ -1,4 +1,6 @@
-"""Models whose card lies, with a checksum that fits: refused in one line, with no more memory than the weights take."""
+"""Models whose card lies, with a checksum that fits: refused in one line, with no more memory than
+the weights take.
+"""
 
 import resource
 from pathlib import Path
@@ -16,16 +18,23 @@ from swashtwin.recordings import Recording
 @pytest.fixture
 def saved(tmp_path: Path) -> Path:
     draw = np.random.default_rng(0)
-    recordings = [Recording(draw.normal(size=(1, 80)), 1e3, label, label=label) for label in ("normal", "piston")]
+    recordings = [
+        Recording(draw.normal(size=(1, 80)), 1e3, label, label=label)
+        for label in ("normal", "piston")
+    ]
     windows = cut_windows(recordings, length=80)
-    classifier = fit(BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1))
+    classifier = fit(
+        BiTCN(1, 2, channels=(8,), kernel_size=3), windows, settings=TrainingSettings(epochs=1)
+    )
     return save_classifier(with_confidence(classifier), tmp_path / "saved.safetensors")
 
 
 def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, tmp_path):
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="", may_be_nan=None)
     load_classifier(
-        write_artifact(tmp_path / "model.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None)
+        write_artifact(
+            tmp_path / "model.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
+        )
     )
     wrong, count = [], 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -33,7 +42,12 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
         if number % 6 and name not in CONTRADICTIONS:
             continue
         path = write_artifact(
-            tmp_path / "hostile.safetensors", "classifier", VERSION, changed, tensors, may_be_nan=None
+            tmp_path / "hostile.safetensors",
+            "classifier",
+            VERSION,
+            changed,
+            tensors,
+            may_be_nan=None,
         )
         try:
             load_classifier(path)
@@ -44,7 +58,9 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
         except Exception as error:
             wrong.append(f"{name}: {type(error).__name__}: {error}")
         count += 1
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, "kB beside what was in memory"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000, (
+        "kB beside what was in memory"
+    )
     assert not wrong, "\n".join(wrong)
     assert count >= 60
 
@@ -70,9 +86,13 @@ def test_every_hostile_card_is_refused_in_one_short_line_without_memory(saved, t
         ("training_reference.condition", lambda values: np.zeros(values.shape, dtype=int)),
     ],
 )
-def test_tensors_that_fit_neither_the_card_nor_the_classes_are_refused(saved, tmp_path, name, change):
+def test_tensors_that_fit_neither_the_card_nor_the_classes_are_refused(
+    saved, tmp_path, name, change
+):
     card, tensors = read_artifact(saved, "classifier", VERSION, advice="", may_be_nan=None)
     tensors[name] = change(tensors[name])
-    path = write_artifact(tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None)
+    path = write_artifact(
+        tmp_path / "hostile.safetensors", "classifier", VERSION, card, tensors, may_be_nan=None
+    )
     with pytest.raises(ArtifactError, match=r"confidence|training.reference|expected"):
         load_classifier(path)

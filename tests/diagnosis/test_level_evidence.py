@@ -1,4 +1,6 @@
-"""Evidence for networks on levels: from the mean of the training, it adds up and names the line that differs."""
+"""Evidence for networks on levels: from the mean of the training, it adds up and names the line
+that differs.
+"""
 
 import numpy as np
 import pytest
@@ -24,12 +26,16 @@ def recording(name: str, label: str) -> Recording:
     if label == "valve_plate":
         signal[1] += 0.3 * np.cos(9 * angle)
     condition = OperatingCondition(speed=rpm(60 * SHAFT), discharge_pressure=MPa(15))
-    return Recording(signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z"))
+    return Recording(
+        signal, RATE, name, label=label, condition=condition, channels=("base_x", "cover_z")
+    )
 
 
 def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
     labels = ("normal", "valve_plate")
-    train = cut_windows([recording(f"{label} {n}", label) for label in labels for n in range(3)], length=LENGTH)
+    train = cut_windows(
+        [recording(f"{label} {n}", label) for label in labels for n in range(3)], length=LENGTH
+    )
     network = LevelNetwork(2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16)
     classifier = fit(network, train, settings=TrainingSettings(epochs=1, normalization="set"))
     new = recording("new", "valve_plate")
@@ -42,24 +48,35 @@ def evidence() -> Evidence:
     return evidence_of("order", True, HEADS[-1])
 
 
-@pytest.mark.parametrize(("axis", "shape", "heads"), [("order", False, HEADS[0]), ("frequency", True, HEADS[1])])
+@pytest.mark.parametrize(
+    ("axis", "shape", "heads"), [("order", False, HEADS[0]), ("frequency", True, HEADS[1])]
+)
 def test_contributions_of_each_head_add_up(axis: str, shape: bool, heads: tuple[str, ...]) -> None:
     result = evidence_of(axis, shape, heads)
     assert result.gap < (1e-4 if heads == ("discriminant",) else 0.1)
-    assert result.strongest()[0][:2] == ("cover_z", next(band for band in result.bands if band.name == "order 9"))
+    assert result.strongest()[0][:2] == (
+        "cover_z",
+        next(band for band in result.bands if band.name == "order 9"),
+    )
 
 
-def test_contributions_of_an_average_add_up_to_its_margin_and_name_the_line(evidence: Evidence) -> None:
+def test_contributions_of_an_average_add_up_to_its_margin_and_name_the_line(
+    evidence: Evidence,
+) -> None:
     assert evidence.gap < 0.01
     assert evidence.lines.sum() == pytest.approx(evidence.margin, rel=0.01)
     assert "order 9 (72 Hz, piston-pass line) on cover_z" in evidence.sentences()[0]
 
 
-def test_the_page_names_the_mean_of_the_training_and_the_envelope(evidence: Evidence, tmp_path) -> None:
+def test_the_page_names_the_mean_of_the_training_and_the_envelope(
+    evidence: Evidence, tmp_path
+) -> None:
     text = write_report(evidence, folder=tmp_path).read_text(encoding="utf-8")
     assert "Compared with the mean of the training, these samples" in text
     assert "silence" not in text
-    table = np.genfromtxt(tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None)
+    table = np.genfromtxt(
+        tmp_path / "figures" / "evidence_lines.csv", delimiter=",", names=True, dtype=None
+    )
     assert {"envelope order 9", "envelope level", "waveform shape"} <= set(table["band"])
 
 
@@ -70,7 +87,11 @@ def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None
     levels = window_levels(line, np.array([turns]) if orders else None)[0, 0]
     catalogue = level_catalogue(2048, orders)
     assert len(catalogue) == len(levels) == len(gain_response(orders))
-    powers = [index for index, level in enumerate(catalogue) if level.quantity == "power" and not level.is_envelope]
+    powers = [
+        index
+        for index, level in enumerate(catalogue)
+        if level.quantity == "power" and not level.is_envelope
+    ]
     for kind in (powers[:-48], powers[-48:]):  # narrow lines, logarithmic bands
         low, high = catalogue[max(kind, key=levels.__getitem__)].edges(turns)
         assert low <= frequency <= high

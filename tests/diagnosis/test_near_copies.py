@@ -1,4 +1,6 @@
-"""A copy of a training recording that was altered is known as one; another recording of the machine is not."""
+"""A copy of a training recording that was altered is known as one; another recording of the machine
+is not.
+"""
 
 from collections.abc import Callable
 
@@ -20,7 +22,9 @@ def recording(number: int, label: str = "normal") -> Recording:
     turns = np.cumsum(1 + 0.001 * draw.normal(size=20000).cumsum() / 100) / RATE
     phase = np.random.default_rng(0).uniform(0, 6, ORDERS.size)
     size = 1 / np.arange(1, 100) ** (0.3 if label == "piston" else 0.6)
-    lines = (size[:, None] * np.sin(2 * np.pi * ORDERS[:, None] * turns + phase[:, None])).sum(axis=0)
+    lines = (size[:, None] * np.sin(2 * np.pi * ORDERS[:, None] * turns + phase[:, None])).sum(
+        axis=0
+    )
     signal = np.stack([lines, 0.5 * lines]) + 0.3 * draw.normal(size=(2, turns.size))
     return Recording(signal, RATE, f"{label} {number}", channels=("x", "y"), label=label)
 
@@ -63,7 +67,11 @@ KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "exchanged channels": lambda x: 1.01 * x[::-1],
     "one channel": lambda x: 1.01 * x[1:],
 }
-RATES = {"half the rate": 1 / 2, "two thirds of the rate": 2 / 3, "one and a half times the rate": 3 / 2}
+RATES = {
+    "half the rate": 1 / 2,
+    "two thirds of the rate": 2 / 3,
+    "one and a half times the rate": 3 / 2,
+}
 
 
 @pytest.fixture(scope="module")
@@ -72,17 +80,25 @@ def manifest() -> dict[str, tuple[str, ...]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_altered_copy_is_known_by_the_recording_it_is_of(manifest: dict[str, tuple[str, ...]], kind: str) -> None:
+def test_an_altered_copy_is_known_by_the_recording_it_is_of(
+    manifest: dict[str, tuple[str, ...]], kind: str
+) -> None:
     signal = KINDS[kind](recording(3).signal)
-    copy = Recording(signal, RATE * RATES.get(kind, 1.0), "new", channels=tuple("xy")[: len(signal)])
+    copy = Recording(
+        signal, RATE * RATES.get(kind, 1.0), "new", channels=tuple("xy")[: len(signal)]
+    )
     assert seen_recordings(manifest, manifest_of([copy])) == {"new": "normal 3"}
 
 
 def beating(draw: np.random.Generator) -> np.ndarray:
     """Lines close together, whose levels rise and fall alike in every recording."""
     time, phase = np.arange(20000) / RATE, draw.uniform(0, 6)
-    lines = [np.sin(2 * np.pi * f * time + k * phase) for f in 95.0 * np.arange(1, 20) for k in range(3)]
-    return np.sum(lines, axis=0) * (1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)) + draw.normal(size=time.size)
+    lines = [
+        np.sin(2 * np.pi * f * time + k * phase) for f in 95.0 * np.arange(1, 20) for k in range(3)
+    ]
+    return np.sum(lines, axis=0) * (1 + 0.8 * np.sin(2 * np.pi * 2.3 * time + phase)) + draw.normal(
+        size=time.size
+    )
 
 
 def impacts(draw: np.random.Generator) -> np.ndarray:
@@ -95,33 +111,54 @@ def impacts(draw: np.random.Generator) -> np.ndarray:
 
 
 def tones(draw: np.random.Generator) -> np.ndarray:
-    """Tones in each band without noise between them, which would tell one recording from another."""
+    """Tones in each band without noise between them, which would tell one recording from
+    another.
+    """
     time = np.arange(20000) / RATE
-    return np.sum([np.sin(2 * np.pi * f * time + draw.uniform(0, 6)) for f in (100, 163.3, 340, 1150, 1480)], axis=0)
+    return np.sum(
+        [np.sin(2 * np.pi * f * time + draw.uniform(0, 6)) for f in (100, 163.3, 340, 1150, 1480)],
+        axis=0,
+    )
 
 
 @pytest.mark.parametrize("kind", [beating, impacts, tones])
-def test_steady_recordings_of_one_machine_are_no_copies(kind: Callable[[np.random.Generator], np.ndarray]) -> None:
+def test_steady_recordings_of_one_machine_are_no_copies(
+    kind: Callable[[np.random.Generator], np.ndarray],
+) -> None:
     made = [
-        Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",)) for number in range(12)
+        Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",))
+        for number in range(12)
     ]
     assert not seen_recordings(manifest_of(made[:6]), manifest_of(made[6:]))
 
 
-def test_other_recordings_of_the_machine_are_no_copies(manifest: dict[str, tuple[str, ...]]) -> None:
-    assert not seen_recordings(manifest, manifest_of(recording(number) for number in range(100, 130)))
+def test_other_recordings_of_the_machine_are_no_copies(
+    manifest: dict[str, tuple[str, ...]],
+) -> None:
+    assert not seen_recordings(
+        manifest, manifest_of(recording(number) for number in range(100, 130))
+    )
 
 
 def test_a_copy_is_found_among_more_recordings_than_are_compared_at_a_time(
     manifest: dict[str, tuple[str, ...]],
 ) -> None:
     others = {name: texts for name, texts in manifest.items() if name != "normal 3"}
-    padded = {f"{number} of {name}": texts[2:] for name, texts in others.items() for number in range(20)}
+    padded = {
+        f"{number} of {name}": texts[2:] for name, texts in others.items() for number in range(20)
+    }
     listed = {**padded, **manifest, "short": manifest_of([recording(0).slice(0, 9000)])["normal 0"]}
     half = recording(3).signal[:, 10000:]
-    copies = [Recording(2 * half, RATE, "new", ("x", "y")), recording(9), recording(5).replace(recording_id="other")]
+    copies = [
+        Recording(2 * half, RATE, "new", ("x", "y")),
+        recording(9),
+        recording(5).replace(recording_id="other"),
+    ]
     assert seen_recordings(listed, manifest_of(copies[:2])) == {"new": "normal 3"}
-    assert seen_recordings(manifest, manifest_of(copies)) == {"new": "normal 3", "other": "normal 5"}
+    assert seen_recordings(manifest, manifest_of(copies)) == {
+        "new": "normal 3",
+        "other": "normal 5",
+    }
 
 
 def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_alone(
@@ -132,7 +169,10 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
     copy = recording(1, "piston")
     copy = copy.replace(recording_id="new", signal=1 + 2 * copy.signal[:, 2000:])
     assert classifier.evaluate([recording(7), recording(8, "piston")]).n_recordings == 2
-    with pytest.raises(LeakError, match="recording new, which holds the samples of piston 1, as they are or altered"):
+    with pytest.raises(
+        LeakError,
+        match="recording new, which holds the samples of piston 1, as they are or altered",
+    ):
         classifier.evaluate([copy])
     monkeypatch.setattr("swashtwin.recordings.manifest.near_copies", None)
     again = recording(1, "piston").replace(recording_id="again")

@@ -15,7 +15,14 @@ from commandline import one_line, run, run_json
 
 from swashtwin.diagnosis import export_onnx, save_classifier
 from swashtwin.foundation import MissingExtraError
-from swashtwin.learning import FittedClassifier, TrainingSettings, WindowSet, build_network, cut_windows, fit
+from swashtwin.learning import (
+    FittedClassifier,
+    TrainingSettings,
+    WindowSet,
+    build_network,
+    cut_windows,
+    fit,
+)
 from swashtwin.learning.networks.registry import BUILT_IN
 from swashtwin.recordings import Recording
 
@@ -48,7 +55,9 @@ def fitted(name: str) -> FittedClassifier:
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[FittedClassifier, Path]]:
+def exported(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[str], tuple[FittedClassifier, Path]]:
     """A fitted network by its name, and its file."""
 
     @cache
@@ -65,11 +74,16 @@ def session(path: Path) -> onnxruntime.InferenceSession:
 
 def facts_of(opened: onnxruntime.InferenceSession) -> dict[str, Any]:
     """What the file says of itself."""
-    return {name: json.loads(value) for name, value in opened.get_modelmeta().custom_metadata_map.items()}
+    return {
+        name: json.loads(value)
+        for name, value in opened.get_modelmeta().custom_metadata_map.items()
+    }
 
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
-def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_windows(exported, name: str) -> None:
+def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_windows(
+    exported, name: str
+) -> None:
     classifier, path = exported(name)
     opened = session(path)
     expected = classifier.predict_proba(windows())
@@ -81,11 +95,17 @@ def test_the_file_of_every_network_gives_its_probabilities_for_any_number_of_win
 
 
 @pytest.mark.parametrize("normalization", ["set", "window"])
-def test_the_file_of_a_network_on_orders_takes_the_speed(tmp_path: Path, normalization: str) -> None:
+def test_the_file_of_a_network_on_orders_takes_the_speed(
+    tmp_path: Path, normalization: str
+) -> None:
     speed = np.linspace(60.0, 120.0, len(windows()))
     turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
-    network = build_network("levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8)
-    classifier = fit(network, turning, settings=TrainingSettings(epochs=1, normalization=normalization))
+    network = build_network(
+        "levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8
+    )
+    classifier = fit(
+        network, turning, settings=TrainingSettings(epochs=1, normalization=normalization)
+    )
     opened = session(export_onnx(classifier, tmp_path / "model.onnx"))
     inputs = {"windows": turning.signal, "speed": turning.speed.astype(np.float32)}
     expected = classifier.predict_proba(turning)
@@ -113,9 +133,16 @@ def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Pat
     np.testing.assert_allclose(probability, classifier.predict_proba(windows()), atol=1e-5)
     facts = facts_of(opened)
     assert facts["classes"] == ["normal", "piston"]
-    assert facts["layout"] == {"sample_rate": 1000.0, "channels": ["x", "y"], "unit": "m/s^2", "length": 97}
+    assert facts["layout"] == {
+        "sample_rate": 1000.0,
+        "channels": ["x", "y"],
+        "unit": "m/s^2",
+        "length": 97,
+    }
     assert facts["manifest"] == ["0", "1", "2", "3"]
-    assert "must end in .onnx" in one_line(run("model", "export", saved, "--out", tmp_path / "model.pt", code=3))
+    assert "must end in .onnx" in one_line(
+        run("model", "export", saved, "--out", tmp_path / "model.pt", code=3)
+    )
 
 
 def test_without_the_packages_nothing_is_written_and_the_extra_is_named(

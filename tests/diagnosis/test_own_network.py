@@ -1,4 +1,6 @@
-"""A person's own `nn.Module` is registered, trained, saved, loaded and used, without a word in the package."""
+"""A person's own `nn.Module` is registered, trained, saved, loaded and used, without a word in the
+package.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,9 @@ def registered():
     NETWORKS.update(before)
 
 
-def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(registered, tmp_path):
+def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(
+    registered, tmp_path
+):
     register_network("convolution", Convolution)
     classifier = FaultClassifier(
         "convolution", window=128, epochs=40, learning_rate=0.01, network_settings={"width": 8}
@@ -58,7 +62,10 @@ def test_it_is_trained_saved_and_loaded_and_refused_where_it_is_not_registered(r
     del NETWORKS["convolution"]
     with pytest.raises(ArtifactError, match=r"not registered here; register the same network"):
         load_classifier(path)
-    register_network("convolution", lambda n_channels, n_classes, length: Convolution(n_channels, n_classes, length))
+    register_network(
+        "convolution",
+        lambda n_channels, n_classes, length: Convolution(n_channels, n_classes, length),
+    )
     with pytest.raises(ArtifactError, match="does not fit"):  # another width
         load_classifier(path)
 
@@ -68,7 +75,9 @@ def test_an_entry_point_registers_it_for_the_command_line(registered, monkeypatc
         def load(self):
             return Convolution
 
-    monkeypatch.setattr("swashtwin.learning.networks.registry.entry_points", lambda group, name: [EntryPoint()])
+    monkeypatch.setattr(
+        "swashtwin.learning.networks.registry.entry_points", lambda group, name: [EntryPoint()]
+    )
     assert build_network("from_a_package", 2, 3, length=64).n_classes == 3
 
 
@@ -79,7 +88,9 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
         register_network("", Convolution)
     with pytest.raises(InputError, match=r"BiTCN\.name is 'bitcn'"):
         register_network("mine", network_class("bitcn"))
-    with pytest.raises(InputError, match=r"takes \(n_channels, depth\): too many positional arguments"):
+    with pytest.raises(
+        InputError, match=r"takes \(n_channels, depth\): too many positional arguments"
+    ):
         register_network("short", lambda n_channels, depth: nn.Flatten())
     register_network("number", lambda n_channels, n_classes, length: 7)
     with pytest.raises(InputError, match=r"was built as a int; it must be an nn\.Module"):
@@ -89,8 +100,12 @@ def test_wrong_registrations_and_wrong_modules_are_refused(registered):
     register_network("flat", lambda n_channels, n_classes, length: nn.Flatten())
     with pytest.raises(InputError, match="'flat' has no weight to train"):
         build_network("flat", 1, 2, length=64)
-    register_network("steps", lambda n_channels, n_classes, length: nn.Conv1d(n_channels, n_classes, 3))
-    with pytest.raises(InputError, match=r"gives the shape \(\d+, 2, 126\) .*one score per class, \(\d+, 2\)"):
+    register_network(
+        "steps", lambda n_channels, n_classes, length: nn.Conv1d(n_channels, n_classes, 3)
+    )
+    with pytest.raises(
+        InputError, match=r"gives the shape \(\d+, 2, 126\) .*one score per class, \(\d+, 2\)"
+    ):
         FaultClassifier("steps", window=128, epochs=1).fit(recordings("train"))
     register_network("convolution", Convolution)
     with pytest.raises(InputError, match="has no setting 'depth'; it has width"):

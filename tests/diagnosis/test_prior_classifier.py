@@ -1,4 +1,6 @@
-"""A classifier from a pump prior: faults that nobody measured, what it refuses, its file and its commands."""
+"""A classifier from a pump prior: faults that nobody measured, what it refuses, its file and its
+commands.
+"""
 
 import json
 from collections.abc import Sequence
@@ -26,7 +28,14 @@ from swashtwin.foundation import (
     write_artifact,
 )
 from swashtwin.physics import Twin
-from swashtwin.pump import BoreDefect, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
+from swashtwin.pump import (
+    BoreDefect,
+    Fault,
+    GrooveErosion,
+    OperatingCondition,
+    PistonWear,
+    load_pump,
+)
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin.synthesis import OrderChanges, PumpPrior, operating_range, simulate_changes
 
@@ -41,15 +50,25 @@ FAULTS: dict[str, Fault | None] = {
 
 
 @cache
-def recording(label: str, number: int = 0, *, condition: OperatingCondition = CONDITION) -> Recording:
-    """What the nominal twin's sensors would read in noise, at slightly different damping from one to the next."""
+def recording(
+    label: str, number: int = 0, *, condition: OperatingCondition = CONDITION
+) -> Recording:
+    """What the nominal twin's sensors would read in noise, at slightly different damping from one
+    to the next.
+    """
     draw = np.random.default_rng([number, *label.encode()])
     twin = Twin(load_pump("25scy14-1b"), condition, FAULTS[label], bandwidth=6000.0)
     values = twin.values.numpy() * np.exp(draw.normal(0, 0.05, 6))
     twin = twin.with_interfaces(type(twin.pump.interfaces).from_values(values))
     clean = twin.simulate(1.5, RATE, recording_id=f"{label} {number}")
     noise = draw.normal(0, 0.05, clean.signal.shape)
-    return replace(clean, signal=(clean.signal + noise).astype(np.float32), label=label, synthetic=False, specimen="A")
+    return replace(
+        clean,
+        signal=(clean.signal + noise).astype(np.float32),
+        label=label,
+        synthetic=False,
+        specimen="A",
+    )
 
 
 @cache
@@ -77,7 +96,14 @@ def adapted() -> PriorClassifier:
 def test_a_virtual_pump_does_not_depend_on_how_many_are_drawn() -> None:
     alone = simulate_changes(PumpPrior(), 2, seed=3)
     assert np.array_equal(alone.change, changes().change[: len(alone.change)])
-    assert set(alone.label.tolist()) == {"normal", "swash_plate", "piston", "cylinder_block", "valve_plate", "other"}
+    assert set(alone.label.tolist()) == {
+        "normal",
+        "swash_plate",
+        "piston",
+        "cylinder_block",
+        "valve_plate",
+        "other",
+    }
 
 
 def test_a_fault_changes_levels_more_than_another_healthy_recording_does() -> None:
@@ -97,7 +123,9 @@ def test_a_gain_changes_no_probability() -> None:
     louder = trained().fit([replace(item, signal=4 * item.signal) for item in healthy()])
     test = recording("piston", 9)
     assert np.allclose(
-        louder.predict_proba([replace(test, signal=4 * test.signal)]), adapted().predict_proba([test]), atol=1e-6
+        louder.predict_proba([replace(test, signal=4 * test.signal)]),
+        adapted().predict_proba([test]),
+        atol=1e-6,
     )
 
 
@@ -110,11 +138,17 @@ def test_a_measured_fault_raises_the_probability_of_its_class() -> None:
     assert after[index] > before[index]
     assert taught.taught == {"piston": 1}
     assert "1 of piston" in repr(taught)
-    assert taught.evaluate([replace(recording("piston", 9), label="Verschleiß")]).classes[0].label == "piston"
+    assert (
+        taught.evaluate([replace(recording("piston", 9), label="Verschleiß")]).classes[0].label
+        == "piston"
+    )
 
 
 def test_how_much_healthy_recordings_differ_is_the_unit_of_changes() -> None:
-    scattered = [replace(item, signal=(1 + 0.3 * number) * item.signal) for number, item in enumerate(healthy())]
+    scattered = [
+        replace(item, signal=(1 + 0.3 * number) * item.signal)
+        for number, item in enumerate(healthy())
+    ]
     moving, still = trained().fit(scattered), adapted()
     changes, levels = moving.healthy_changes(), moving.levels
     assert np.allclose(changes[0], (levels[0] - levels[1:].mean(axis=0)) * np.sqrt(2 / 3))
@@ -154,13 +188,21 @@ def test_an_adapted_classifier_is_not_adapted_again() -> None:
 
 
 def test_healthy_recordings_of_another_machine_teach_nothing() -> None:
-    other = [replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)]
+    other = [
+        replace(item, specimen="B", recording_id=f"B {item.recording_id}") for item in healthy(1)
+    ]
     assert len(trained().fit([*healthy(1), *other]).healthy_changes()) == 0
 
 
 def test_an_evaluation_counts_alarms_and_names_by_class() -> None:
     sound, worn = adapted().evaluate([recording("normal", 8), recording("piston", 9)]).classes
-    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_named, worn.auroc) == ("normal", 1, 1, 1, 1.0)
+    assert (sound.label, sound.n_recordings, worn.n_alarms, worn.n_named, worn.auroc) == (
+        "normal",
+        1,
+        1,
+        1,
+        1.0,
+    )
     with pytest.raises(LeakError, match="normal 0 and 2 more had a part in the model"):
         adapted().evaluate(healthy())
 
@@ -176,11 +218,23 @@ def changed(**values: object) -> Recording:
 @pytest.mark.parametrize(
     ("test", "message"),
     [
-        (changed(condition=CONDITION.replaced(speed=rpm(2000))), "2000 rev/min; the prior's virtual pumps run at 344"),
-        (changed(condition=CONDITION.replaced(discharge_pressure=MPa(30))), "30 MPa; the prior's virtual pumps run"),
-        (changed(condition=CONDITION.replaced(discharge_pressure=MPa(15))), "discharge pressure of 15 MPa"),
+        (
+            changed(condition=CONDITION.replaced(speed=rpm(2000))),
+            "2000 rev/min; the prior's virtual pumps run at 344",
+        ),
+        (
+            changed(condition=CONDITION.replaced(discharge_pressure=MPa(30))),
+            "30 MPa; the prior's virtual pumps run",
+        ),
+        (
+            changed(condition=CONDITION.replaced(discharge_pressure=MPa(15))),
+            "discharge pressure of 15 MPa",
+        ),
         (changed(condition=None), "states no speed"),
-        (changed(channels=("a", "b", "c")), "has the channels a, b, c, and the healthy recordings cover_z"),
+        (
+            changed(channels=("a", "b", "c")),
+            "has the channels a, b, c, and the healthy recordings cover_z",
+        ),
         (changed(specimen="B"), "no healthy recording is of the machine B (there are those of A)"),
         (changed(sample_rate=2500.0), "sampled at 2500 Hz"),
         (changed(sample_rate=8000.0), "lower rate than the healthy"),
@@ -201,7 +255,9 @@ def test_what_cannot_be_compared_has_no_verdict(test: Recording, message: str) -
         ([*healthy(1), replace(recording("piston"), label="cavitation")], "and no 'cavitation'"),
     ],
 )
-def test_recordings_that_cannot_adapt_it_are_refused(recordings: Sequence[Recording], message: str) -> None:
+def test_recordings_that_cannot_adapt_it_are_refused(
+    recordings: Sequence[Recording], message: str
+) -> None:
     with pytest.raises(DataError, match=message):
         trained().fit(recordings)
 
@@ -213,7 +269,9 @@ def test_another_design_is_refused_and_the_shipped_prior_is_at_most_8_megabytes(
 
 
 def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
-    verdict = adapted().diagnose(recording("normal", 9, condition=CONDITION.replaced(speed=rpm(1150))))
+    verdict = adapted().diagnose(
+        recording("normal", 9, condition=CONDITION.replaced(speed=rpm(1150)))
+    )
     assert "at another speed only" in verdict.notes[0]
 
 
@@ -244,7 +302,10 @@ def test_the_commands_go_from_healthy_recordings_to_a_diagnosis(tmp_path: Path) 
     model = tmp_path / "model.safetensors"
     trained_by = run("model", "adapt", "25scy14-1b", folder, "--out", model, "--json")
     assert json.loads(trained_by.stdout)["healthy"] == 2
-    assert "adapt it to healthy recordings" in run("diagnose", "25scy14-1b", folder / "2.h5", code=3).stderr
+    assert (
+        "adapt it to healthy recordings"
+        in run("diagnose", "25scy14-1b", folder / "2.h5", code=3).stderr
+    )
     result = run("diagnose", model, folder / "2.h5", "--json")
     (verdict,) = json.loads(result.stdout)["diagnoses"]
     assert verdict["label"] == "piston"
@@ -261,13 +322,21 @@ def test_the_command_that_makes_a_prior(tmp_path: Path) -> None:
 
 def heard() -> list[Recording]:
     """Recordings of a training without a worn piston."""
-    faulty = [recording(name, number) for name in ("cylinder_block", "valve_plate") for number in range(6)]
+    faulty = [
+        recording(name, number) for name in ("cylinder_block", "valve_plate") for number in range(6)
+    ]
     return [*healthy(6), *faulty]
 
 
 def informed(**settings: Any) -> FaultClassifier:
     """A classifier that asks the prior of what it was not trained on."""
-    settings = {"prior": trained(), "validation_fraction": 0.4, "error_rate": 0.15, "epochs": 1, **settings}
+    settings = {
+        "prior": trained(),
+        "validation_fraction": 0.4,
+        "error_rate": 0.15,
+        "epochs": 1,
+        **settings,
+    }
     return FaultClassifier("levels", window=4096, **settings)
 
 
@@ -294,8 +363,14 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
     classifier = without_pistons()
     resemblance = classifier.resemblance_
     assert resemblance is not None
-    answer, new = classifier.diagnose(recording("piston", 20)), replace(recording("piston", 21), specimen="B")
-    assert "was not asked of faults that were never trained" in resemblance.joined(answer, new).notes[-1]
+    answer, new = (
+        classifier.diagnose(recording("piston", 20)),
+        replace(recording("piston", 21), specimen="B"),
+    )
+    assert (
+        "was not asked of faults that were never trained"
+        in resemblance.joined(answer, new).notes[-1]
+    )
     told = resemblance.with_healthy([replace(item, specimen="B") for item in healthy()])
     assert "resembles piston" in told.joined(answer, new).reasons[0]
     doubtful = replace(answer, unknown=False, p_value=0.6, prediction_set=("normal", "valve_plate"))
@@ -311,11 +386,20 @@ def test_a_machine_that_the_prior_never_heard_is_compared_with_its_own_healthy_r
 
 def test_a_prior_without_a_use_is_refused_or_said() -> None:
     pistons = [recording("piston", number) for number in range(12)]
-    everything = [*heard(), *pistons[:6], *(replace(item, label="swash_plate") for item in pistons[6:])]
+    everything = [
+        *heard(),
+        *pistons[:6],
+        *(replace(item, label="swash_plate") for item in pistons[6:]),
+    ]
     few = informed(validation_fraction=0.0, error_rate=None)
     assert any("needs 9" in note for note in few.fit([*healthy(2), *heard()[6:9]]).notes_)
     with pytest.raises(InputError, match=r"and no riss, .* --fault-of \"riss=piston\""):
-        few.fit([replace(item, label="riss") if item.label == "valve_plate" else item for item in heard()])
+        few.fit(
+            [
+                replace(item, label="riss") if item.label == "valve_plate" else item
+                for item in heard()
+            ]
+        )
     with pytest.raises(InputError, match="needs recordings"):
         few.fit(np.zeros((4, 1, 64)), ["a", "a", "b", "b"])
     assert few.fit(everything).resemblance_ is None

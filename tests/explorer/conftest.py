@@ -19,7 +19,8 @@ def pair_folder(plant: "Plant", tmp_path_factory: pytest.TempPathFactory) -> Pat
     folder = tmp_path_factory.mktemp("explored")
     shutil.copytree(plant.folder / "recordings", folder / "recordings")
     index = (
-        plant.pair.read_text(encoding="utf-8") + '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
+        plant.pair.read_text(encoding="utf-8")
+        + '\n[[recording]]\nfile = "recordings/broken.h5"\nlabel = "normal"\n'
     )
     (folder / "recordings.toml").write_text(index, encoding="utf-8")
     (folder / "recordings" / "broken.h5").write_bytes(b"nothing")

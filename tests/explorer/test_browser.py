@@ -1,4 +1,6 @@
-"""The explorer in a real Chromium: rooms opened, dragged, played, edited, undone, calibrated, stopped, diagnosed."""
+"""The explorer in a real Chromium: rooms opened, dragged, played, edited, undone, calibrated,
+stopped, diagnosed.
+"""
 
 import shutil
 from collections.abc import Iterator
@@ -28,7 +30,9 @@ pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")
-def served(pair_folder: Path, plant: Plant, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Path]]:
+def served(
+    pair_folder: Path, plant: Plant, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, Path]]:
     """Address of an explorer, and its folder."""
     folder = Path(shutil.copytree(pair_folder, tmp_path_factory.mktemp("served") / "pair"))
     port = free_port()
@@ -64,7 +68,10 @@ def test_the_table_shows_the_broken_one_first_filters_and_opens_by_keyboard(tab)
 
 def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served) -> None:
     def labels() -> dict[str, str]:
-        return {entry["file"]: entry["label"] for entry in index_table(served[1] / "recordings.toml")["recording"]}
+        return {
+            entry["file"]: entry["label"]
+            for entry in index_table(served[1] / "recordings.toml")["recording"]
+        }
 
     before = labels()
     enter(tab, "#recordings")
@@ -78,7 +85,9 @@ def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served
     row.get_by_text("piston").wait_for()
     for name in ("B_normal_15MPa_1", "B_normal_15MPa_2"):
         tab.get_by_label(f"Select recordings/{name}.h5").check()
-    tab.locator("tr", has=tab.get_by_role("link", name="B_normal_15MPa_1")).click(position={"x": 3, "y": 3})
+    tab.locator("tr", has=tab.get_by_role("link", name="B_normal_15MPa_1")).click(
+        position={"x": 3, "y": 3}
+    )
     tab.keyboard.press("3")  # normal, piston, swash_plate
     tab.get_by_text("Class of 2 recordings").wait_for()
     assert labels()["recordings/B_normal_15MPa_2.h5"] == "swash_plate"
@@ -147,7 +156,9 @@ def test_a_twin_is_moved_calibrated_stopped_and_shows_what_is_not_known(tab) -> 
     playwright.expect(tab.locator(".cutaway text.suspect-name")).to_have_text("piston")
 
 
-def test_a_verdict_leads_to_its_nearest_recordings_and_a_model_is_dropped(tab, plant: Plant) -> None:
+def test_a_verdict_leads_to_its_nearest_recordings_and_a_model_is_dropped(
+    tab, plant: Plant
+) -> None:
     enter(tab, f"#diagnose?name={WORN}")
     tab.get_by_text("Nearest training recordings").first.wait_for()
     tab.get_by_label("Model file").set_input_files(str(plant.synthetic))
@@ -167,7 +178,9 @@ def test_axe_finds_no_serious_fault_in_any_room(browser, served, scheme: str) ->
 
 def test_a_minute_at_50_khz_is_moved_at_thirty_frames_a_second(browser, tmp_path: Path) -> None:
     signal = np.random.default_rng(0).normal(size=(1, 3_000_000))
-    path = write_recording(Recording(signal, 50_000.0, "long", label="normal"), tmp_path / "long.h5")
+    path = write_recording(
+        Recording(signal, 50_000.0, "long", label="normal"), tmp_path / "long.h5"
+    )
     port = free_port()
     pan = """async () => {
       const chart = document.querySelector("section[aria-label=wave]").chart;

@@ -11,7 +11,9 @@ from swashtwin.diagnosis import load_model
 from swashtwin.explorer import Workspace, build_explorer
 
 
-def test_the_verdict_is_that_of_the_command_with_its_evidence(workspace: Workspace, plant: Plant) -> None:
+def test_the_verdict_is_that_of_the_command_with_its_evidence(
+    workspace: Workspace, plant: Plant
+) -> None:
     client = TestClient(build_explorer(workspace, plant.model), base_url="http://127.0.0.1")
     found = client.get("/api/diagnosis", params={"name": WORN}).json()
     verdict = load_model(plant.model).diagnose(workspace.recording(WORN))
@@ -22,14 +24,18 @@ def test_the_verdict_is_that_of_the_command_with_its_evidence(workspace: Workspa
     assert found["evidence"]
 
 
-def test_a_model_is_dropped_and_anything_else_refused_by_name(client: TestClient, plant: Plant) -> None:
+def test_a_model_is_dropped_and_anything_else_refused_by_name(
+    client: TestClient, plant: Plant
+) -> None:
     headers = {"x-explorer": token(client)}
     assert client.get("/api/diagnosis", params={"name": WORN}).status_code == 422
     refused = client.post("/api/drop?name=mine.safetensors", content=b"nothing", headers=headers)
     assert refused.status_code == 422
     assert "mine.safetensors" in refused.json()["detail"]
     assert client.post("/api/drop?name=x", content=plant.model.read_bytes()).status_code == 403
-    answer = client.post("/api/drop?name=mine.safetensors", content=plant.model.read_bytes(), headers=headers)
+    answer = client.post(
+        "/api/drop?name=mine.safetensors", content=plant.model.read_bytes(), headers=headers
+    )
     assert answer.json() == {"model": "mine.safetensors"}
     assert client.get("/api/diagnosis", params={"name": WORN}).json()["verdict"]
 

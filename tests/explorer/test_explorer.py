@@ -36,9 +36,13 @@ def test_the_table_shows_facts_levels_and_why_a_file_is_broken(client: TestClien
 
 
 @pytest.mark.parametrize("width", [1, 4, 64, 1024])
-def test_extremes_are_those_of_the_samples(client: TestClient, workspace: Workspace, width: int) -> None:
+def test_extremes_are_those_of_the_samples(
+    client: TestClient, workspace: Workspace, width: int
+) -> None:
     signal = workspace.recording(HEALTHY).signal
-    content = client.get("/api/samples", params={"name": HEALTHY, "width": width, "start": 3, "count": 9}).content
+    content = client.get(
+        "/api/samples", params={"name": HEALTHY, "width": width, "start": 3, "count": 9}
+    ).content
     extremes = np.frombuffer(content, "<f4").reshape(len(signal), 9, 2)
     parts = signal[:, 3 * width : 12 * width].reshape(len(signal), 9, width)
     np.testing.assert_allclose(extremes[..., 0], parts.min(axis=2), rtol=1e-6)
@@ -46,7 +50,9 @@ def test_extremes_are_those_of_the_samples(client: TestClient, workspace: Worksp
 
 
 @pytest.mark.parametrize("kind", ["amplitude", "order"])
-def test_a_spectrum_has_its_lines_where_the_marks_say_and_its_healthy_range(client: TestClient, kind: str) -> None:
+def test_a_spectrum_has_its_lines_where_the_marks_say_and_its_healthy_range(
+    client: TestClient, kind: str
+) -> None:
     asked = {"name": WORN, "kind": kind, "pistons": 7, "healthy": True, "bodies": 9, "ratio": 0.2}
     spectrum = client.get("/api/spectrum", params=asked).json()
     amplitude = numbers(spectrum["amplitude"]).reshape(len(spectrum["channels"]), -1)
@@ -62,28 +68,39 @@ def test_a_spectrum_has_its_lines_where_the_marks_say_and_its_healthy_range(clie
 def test_a_map_and_the_level_over_time_are_drawn(client: TestClient) -> None:
     for orders in (False, True):
         waterfall = client.get("/api/waterfall", params={"name": WORN, "orders": orders}).json()
-        assert len(base64.b64decode(waterfall["shades"])) == waterfall["frames"] * waterfall["bands"]
+        assert (
+            len(base64.b64decode(waterfall["shades"])) == waterfall["frames"] * waterfall["bands"]
+        )
     assert client.get("/api/levels", params={"name": WORN}).json()["lines"] == 120
 
 
 def test_the_lines_show_the_speed(client: TestClient) -> None:
-    assert client.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()["rpm"] == pytest.approx(
-        860, rel=0.02
+    assert client.get("/api/speed", params={"name": HEALTHY, "pistons": 7}).json()[
+        "rpm"
+    ] == pytest.approx(860, rel=0.02)
+
+
+def test_a_fact_is_written_and_another_window_that_saw_the_old_one_is_told(
+    client: TestClient, folder: Path
+) -> None:
+    assert (
+        send(client, "/api/facts", {"changes": [change("label", "normal", "piston")]}).status_code
+        == 200
     )
-
-
-def test_a_fact_is_written_and_another_window_that_saw_the_old_one_is_told(client: TestClient, folder: Path) -> None:
-    assert send(client, "/api/facts", {"changes": [change("label", "normal", "piston")]}).status_code == 200
     refused = send(client, "/api/facts", {"changes": [change("label", "normal", "valve_plate")]})
     assert refused.status_code == 422
     assert "is 'piston' now" in refused.json()["detail"]
-    undone = send(client, "/api/facts", {"changes": [change("label", "piston", "normal")], "undo": True})
+    undone = send(
+        client, "/api/facts", {"changes": [change("label", "piston", "normal")], "undo": True}
+    )
     row = next(row for row in undone.json()["rows"] if row["name"] == HEALTHY)
     assert row["stated"]["label"] == "normal"
     assert send(client, "/api/facts", {"changes": [change("sha256", None, "0")]}).status_code == 422
 
 
-def test_a_folder_without_an_index_is_asked_about_and_written_with_the_first_fact(tmp_path: Path) -> None:
+def test_a_folder_without_an_index_is_asked_about_and_written_with_the_first_fact(
+    tmp_path: Path,
+) -> None:
     for name in ("normal_1", "normal_2", "piston_1"):
         np.savetxt(
             tmp_path / f"{name}.csv",
@@ -113,14 +130,18 @@ def test_a_folder_without_an_index_is_asked_about_and_written_with_the_first_fac
         ({"x-explorer": "guessed"}, 403),
     ],
 )
-def test_strangers_change_nothing(client: TestClient, folder: Path, headers: dict[str, str], code: int) -> None:
+def test_strangers_change_nothing(
+    client: TestClient, folder: Path, headers: dict[str, str], code: int
+) -> None:
     before = (folder / "recordings.toml").read_text()
     edit = {"changes": [change("label", "normal", "piston")]}
     assert client.post("/api/facts", json=edit, headers=headers).status_code == code
     assert (folder / "recordings.toml").read_text() == before
 
 
-@pytest.mark.parametrize("name", ["/etc/passwd", "../recordings.toml", "recordings/broken.h5", "", "x\0", "a" * 2000])
+@pytest.mark.parametrize(
+    "name", ["/etc/passwd", "../recordings.toml", "recordings/broken.h5", "", "x\0", "a" * 2000]
+)
 def test_no_name_leads_out_of_the_index(client: TestClient, name: str) -> None:
     for path in ("/api/samples", "/api/spectrum", "/api/waterfall", "/api/levels"):
         answer = client.get(path, params={"name": name, "start": 0, "count": 10})

@@ -17,7 +17,11 @@ from swashtwin.foundation import (
 )
 
 CARD = {"names": ["a", "b"], "rate": 0.1, "none": None}
-TENSORS = {"weight": np.arange(12.0).reshape(3, 4), "count": np.array([3, 5]), "flag": np.array([True])}
+TENSORS = {
+    "weight": np.arange(12.0).reshape(3, 4),
+    "count": np.array([3, 5]),
+    "flag": np.array([True]),
+}
 
 
 @pytest.fixture
@@ -35,7 +39,10 @@ def test_card_and_tensors_come_back_and_give_the_same_bytes_again(saved):
     assert all(np.array_equal(tensors[name], tensor) for name, tensor in TENSORS.items())
     again = write_artifact(saved.with_name("again.safetensors"), "thing", 3, card, tensors)
     assert again.read_bytes() == saved.read_bytes()
-    assert sorted(path.name for path in saved.parent.iterdir()) == ["again.safetensors", "x.safetensors"]
+    assert sorted(path.name for path in saved.parent.iterdir()) == [
+        "again.safetensors",
+        "x.safetensors",
+    ]
 
 
 def test_every_flipped_byte_and_every_cut_is_refused_in_one_line(saved):
@@ -79,10 +86,19 @@ def test_an_edited_note_is_refused(saved, changes, words):
 @pytest.mark.parametrize(
     ("metadata", "words"),
     [
-        (None, "was not written by swashtwin; this swashtwin reads version 3 of a thing: make it again"),
+        (
+            None,
+            "was not written by swashtwin; this swashtwin reads version 3 of a thing: make it again",
+        ),
         ({"format": "pt"}, "was not written by swashtwin"),
-        ({"swashtwin-classifier": "{}"}, "has the former format swashtwin-classifier; this swashtwin reads version 3"),
-        ({"card": '{"format": "swashtwin-windows-1"}'}, "has the former format swashtwin-windows-1"),
+        (
+            {"swashtwin-classifier": "{}"},
+            "has the former format swashtwin-classifier; this swashtwin reads version 3",
+        ),
+        (
+            {"card": '{"format": "swashtwin-windows-1"}'},
+            "has the former format swashtwin-windows-1",
+        ),
         ({"format": "swashtwin-checkpoint-2"}, "has the former format swashtwin-checkpoint-2"),
         ({"swashtwin": "{"}, "its card cannot be read"),
         ({"swashtwin": "[1]"}, "its card cannot be read"),
@@ -113,7 +129,9 @@ def test_values_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, value
     with pytest.raises(ArtifactError, match="weight holds NaN or infinity"):
         write_artifact(tmp_path / "x.safetensors", "thing", 3, CARD, tensors)
     assert not list(tmp_path.iterdir())
-    path = write_artifact(tmp_path / "x.safetensors", "thing", 3, CARD, tensors, may_be_nan=["weight"])
+    path = write_artifact(
+        tmp_path / "x.safetensors", "thing", 3, CARD, tensors, may_be_nan=["weight"]
+    )
     with pytest.raises(ArtifactError, match="weight holds NaN or infinity"):
         read(path)
     _, loaded = read_artifact(path, "thing", 3, advice="make it again", may_be_nan=["weight"])
@@ -121,7 +139,17 @@ def test_values_that_are_not_finite_are_neither_saved_nor_loaded(tmp_path, value
 
 
 @pytest.mark.parametrize(
-    "text", ["NaN", "[Infinity]", '{"a": -Infinity}', "1e999", "9" * 5_000_000, "[" * 100_000, "", '{"a": 1,}']
+    "text",
+    [
+        "NaN",
+        "[Infinity]",
+        '{"a": -Infinity}',
+        "1e999",
+        "9" * 5_000_000,
+        "[" * 100_000,
+        "",
+        '{"a": 1,}',
+    ],
 )
 def test_json_that_is_no_number_or_no_json_is_refused(text):
     with pytest.raises((ValueError, RecursionError)):

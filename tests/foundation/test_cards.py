@@ -1,4 +1,6 @@
-"""A dataclass comes back from a table or an artifact as it was, or its entry that misfits is named."""
+"""A dataclass comes back from a table or an artifact as it was, or its entry that misfits is
+named.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -80,13 +82,18 @@ def test_a_dataclass_comes_back_from_a_table() -> None:
     [
         ({"rate": "fast"}, "rate: expected a number, got text"),
         ({"rate": None}, "rate: expected a number, got nothing"),
-        ({"levels": {"level": {"array": "levels.level"}, "names": ["a"]}}, "levels: not one name for each level"),
+        (
+            {"levels": {"level": {"array": "levels.level"}, "names": ["a"]}},
+            "levels: not one name for each level",
+        ),
         ({"levels": {"level": {"array": "speed"}, "names": ["a"]}}, "levels.level: expected"),
         ({"levels": {"level": {"array": "gone"}, "names": ["a"]}}, "'gone'"),
         ({"weights": 3}, "weights: expected a table, got a whole number"),
     ],
 )
-def test_a_card_that_misfits_is_refused_by_the_entry(tmp_path: Path, change: dict, words: str) -> None:
+def test_a_card_that_misfits_is_refused_by_the_entry(
+    tmp_path: Path, change: dict, words: str
+) -> None:
     path = save_artifact(tmp_path / "m.safetensors", "model", 1, MODEL, may_be_nan=["speed"])
     card, tensors = read_artifact(path, "model", 1, advice="", may_be_nan=["speed"])
     write_artifact(path, "model", 1, {**card, **change}, tensors, may_be_nan=["speed"])
@@ -97,7 +104,8 @@ def test_a_card_that_misfits_is_refused_by_the_entry(tmp_path: Path, change: dic
 
 def test_an_unknown_entry_is_refused_with_the_likely_slip() -> None:
     with pytest.raises(
-        InputError, match=r"^watch.toml: machines\[0\]: there is no entry 'limmit'; did you mean 'limit'"
+        InputError,
+        match=r"^watch.toml: machines\[0\]: there is no entry 'limmit'; did you mean 'limit'",
     ):
         from_table({"machines": [{"name": "a", "limmit": 2}]}, Plant, "watch.toml")
     with pytest.raises(InputError, match=r"machines\[0\]: object missing required field `name`"):

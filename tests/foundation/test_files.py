@@ -25,8 +25,12 @@ def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     assert path.read_text() == "new"
 
 
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), ValueError()])
-def test_whatever_goes_wrong_leaves_the_old_file_and_no_debris(tmp_path: Path, error: BaseException) -> None:
+@pytest.mark.parametrize(
+    "error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), ValueError()]
+)
+def test_whatever_goes_wrong_leaves_the_old_file_and_no_debris(
+    tmp_path: Path, error: BaseException
+) -> None:
     path = write_text(tmp_path / "a.txt", "old")
 
     def fill_the_disk() -> None:
@@ -48,8 +52,14 @@ def test_a_folder_in_the_way_is_left_alone(tmp_path: Path) -> None:
     assert os.listdir(tmp_path / "a.txt") == ["inside"]
 
 
-@given(seed=st.integers(0, 2**63), purpose=st.lists(WORDS, max_size=3), other=st.lists(WORDS, max_size=3))
-def test_seeds_are_equal_only_for_the_same_purpose(seed: int, purpose: list[str], other: list[str]) -> None:
+@given(
+    seed=st.integers(0, 2**63),
+    purpose=st.lists(WORDS, max_size=3),
+    other=st.lists(WORDS, max_size=3),
+)
+def test_seeds_are_equal_only_for_the_same_purpose(
+    seed: int, purpose: list[str], other: list[str]
+) -> None:
     derived = derive_seed(seed, *purpose)
     assert 0 <= derived < 2**63
     assert derived == derive_seed(seed, *purpose)
@@ -70,5 +80,7 @@ def test_streams_of_different_purposes_are_uncorrelated() -> None:
 @pytest.mark.wrong_types
 @pytest.mark.parametrize("load", ["load_model", "load_calibration", "load_pump", "load_recordings"])
 def test_what_is_no_path_is_refused_in_one_sentence(load: str) -> None:
-    with pytest.raises(InputError, match=r"^3 is no path of a file; give it as text or as a pathlib.Path\.$"):
+    with pytest.raises(
+        InputError, match=r"^3 is no path of a file; give it as text or as a pathlib.Path\.$"
+    ):
         getattr(swashtwin, load)(3)

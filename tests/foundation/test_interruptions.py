@@ -1,4 +1,6 @@
-"""What a killed process leaves is removed, what a living one writes is not, and pieces are taken up."""
+"""What a killed process leaves is removed, what a living one writes is not, and pieces are taken
+up.
+"""
 
 import os
 import subprocess
@@ -41,7 +43,9 @@ def _new_process() -> None:
 @pytest.fixture
 def writer(tmp_path: Path) -> "subprocess.Popen[bytes]":
     """Process that is in the middle of writing ``a.txt``."""
-    process = subprocess.Popen([sys.executable, "-c", WRITER, tmp_path / "a.txt"], stdout=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, tmp_path / "a.txt"], stdout=subprocess.PIPE
+    )
     with process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -49,7 +53,9 @@ def writer(tmp_path: Path) -> "subprocess.Popen[bytes]":
         process.kill()
 
 
-def test_the_next_start_removes_what_a_killed_process_left(tmp_path: Path, writer: "subprocess.Popen[bytes]") -> None:
+def test_the_next_start_removes_what_a_killed_process_left(
+    tmp_path: Path, writer: "subprocess.Popen[bytes]"
+) -> None:
     write_text(tmp_path / "b.txt", "whole")
     assert len(os.listdir(tmp_path)) == 3, "the file of a living process is left alone"
     writer.kill()
@@ -59,7 +65,9 @@ def test_the_next_start_removes_what_a_killed_process_left(tmp_path: Path, write
     assert sorted(os.listdir(tmp_path)) == ["b.txt", "c.txt"]
 
 
-def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(tmp_path: Path) -> None:
+def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(
+    tmp_path: Path,
+) -> None:
     (tmp_path / ".swashtwin-0123456789ab.part.h5").write_text("half")
     others = {".swashtwin-settings", ".swashtwin-0123456789ab", ".a.h5"}
     for name in others:
@@ -68,8 +76,12 @@ def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(t
     assert set(os.listdir(tmp_path)) == {"a.txt", *others}
 
 
-def test_a_file_is_replaced_on_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows: nothing locks, an open file cannot be removed, and a scanner may hold the target for a moment."""
+def test_a_file_is_replaced_on_a_system_without_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows: nothing locks, an open file cannot be removed, and a scanner may hold the target for
+    a moment.
+    """
     monkeypatch.setattr(files, "fcntl", None)
     monkeypatch.setattr(files, "_WAITS", (0.0, 0.0))
     real, refusals = Path.replace, [PermissionError(13, "in use"), PermissionError(13, "in use")]
@@ -98,13 +110,17 @@ def test_files_have_the_permissions_of_the_users_umask(tmp_path: Path, umask: in
     assert {(tmp_path / name).stat().st_mode & 0o777 for name in names} == {0o666 & ~umask}
 
 
-def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_mark(tmp_path: Path) -> None:
+def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_mark(
+    tmp_path: Path,
+) -> None:
     path = write_text(tmp_path / "a.txt", "ä\nb\udcfc\n")
     assert path.read_bytes() == b"\xc3\xa4\nb\\udcfc\n"
     path.write_bytes(b"\xef\xbb\xbf\xc3\xa4")
     assert read_text(path) == "ä"
     path.write_bytes("ä".encode("utf-16"))
-    with pytest.raises(DataError, match=r"is no UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"):
+    with pytest.raises(
+        DataError, match=r"is no UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"
+    ):
         read_text(path)
 
 
@@ -147,7 +163,9 @@ if __name__ == "__main__":
 def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(PARENT)
-    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as parent:
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as parent:
         assert parent.stdout is not None
         for _ in range(2):
             parent.stdout.readline()

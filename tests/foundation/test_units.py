@@ -65,7 +65,9 @@ def test_a_quantity_is_one_number_and_its_unit(text: str, unit: str, expected: f
 
 
 def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
-    assert any(whole * 1e-3 != whole / 1000 for whole in range(1, 1000))  # what plain multiplication costs
+    assert any(
+        whole * 1e-3 != whole / 1000 for whole in range(1, 1000)
+    )  # what plain multiplication costs
     for whole in range(1, 1000):
         assert parse(f"{whole} mm", "m") == whole / 1000
 
@@ -83,7 +85,9 @@ def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
         ("3 m", "rad/s", "no quantity in rad/s"),
     ],
 )
-def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(text: str, unit: str, message: str) -> None:
+def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(
+    text: str, unit: str, message: str
+) -> None:
     with pytest.raises(UnitError) as caught:
         parse(text, unit, name="it")
     assert str(caught.value).startswith(f"it = '{text}' ")
@@ -92,9 +96,16 @@ def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(text: 
 
 @pytest.mark.parametrize(
     ("text", "unit", "example"),
-    [("31", "m", '"31 m"'), ("16.8", "rad", '"16.8 rad"'), ("860", "rad/s", '"860 rpm"'), ("15", "Pa", '"15 MPa"')],
+    [
+        ("31", "m", '"31 m"'),
+        ("16.8", "rad", '"16.8 rad"'),
+        ("860", "rad/s", '"860 rpm"'),
+        ("15", "Pa", '"15 MPa"'),
+    ],
 )
-def test_a_number_without_a_unit_is_refused_and_shown_with_one(text: str, unit: str, example: str) -> None:
+def test_a_number_without_a_unit_is_refused_and_shown_with_one(
+    text: str, unit: str, example: str
+) -> None:
     with pytest.raises(UnitError, match=f"has no unit; write it with one, for example {example}"):
         parse(text, unit)
 
@@ -120,11 +131,17 @@ def test_an_infinite_number_is_refused() -> None:
 
 @pytest.mark.parametrize(("unit", "example"), [("m", '"17 m"'), ("1", '"17"')])
 def test_a_bare_number_is_refused_even_where_no_unit_is_wanted(unit: str, example: str) -> None:
-    with pytest.raises(UnitError, match=f"piston is the bare number 17; write it .* for example {example}"):
+    with pytest.raises(
+        UnitError, match=f"piston is the bare number 17; write it .* for example {example}"
+    ):
         parse(17, unit, name="piston")
 
 
-@given(number=NUMBERS, digits=st.integers(1, 17), symbol=st.sampled_from(sorted(set(units._COMMON) - {"1"})))
+@given(
+    number=NUMBERS,
+    digits=st.integers(1, 17),
+    symbol=st.sampled_from(sorted(set(units._COMMON) - {"1"})),
+)
 def test_a_common_unit_means_what_pint_says(number: float, digits: int, symbol: str) -> None:
     text = f"{number:.{digits}g} {symbol}"
     for target in {symbol, units._COMMON[symbol][0]}:

@@ -27,7 +27,9 @@ class Command:
     """A command of the command line."""
 
     words: str
-    """What is typed after ``swashtwin``, quoted as in a shell, without ``--json``; paths are those in the workspace."""
+    """What is typed after ``swashtwin``, quoted as in a shell, without ``--json``; paths are those
+    in the workspace.
+    """
     after: tuple[str, ...] = ()
     """Commands whose files it reads, by name in `COMMANDS`."""
     rtol: float = 1e-6
@@ -53,9 +55,12 @@ COMMANDS: dict[str, Command] = {
         **SEARCHED,
     ),
     "calibrate_healthy": Command(
-        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json", **SEARCHED
+        f"calibrate pair.toml {AT_15} {GAUSS_NEWTON} --specimen A --band '0-1 kHz' --out healthy.json",
+        **SEARCHED,
     ),
-    "severity": Command(f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED),
+    "severity": Command(
+        f"twin severity healthy.json wear.toml {RECESS}", after=("calibrate_healthy",), **SEARCHED
+    ),
     "synthesize": Command(
         "synthesize worn.json --like split/train.toml --window 2048 --count 3 --out synthetic.safetensors",
         after=("calibrate",),
@@ -66,18 +71,42 @@ COMMANDS: dict[str, Command] = {
         **LEARNED,
     ),
     "evaluate": Command("evaluate model.safetensors pair.toml", after=("train",), **LEARNED),
-    "diagnose": Command(f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED),
+    "diagnose": Command(
+        f"diagnose model.safetensors {WORN} --report diagnosis", after=("train",), **LEARNED
+    ),
 }
 """Commands by a name that stays, whatever they are called: that of their golden file."""
 
 VOLATILE = frozenset(
-    {"wall_s", "cpu_s", "simulations", "device", "version", "rig_version", "command", "bytes", "key"}
+    {
+        "wall_s",
+        "cpu_s",
+        "simulations",
+        "device",
+        "version",
+        "rig_version",
+        "command",
+        "bytes",
+        "key",
+    }
     | {"sha256", "recording_hashes", "fingerprints", "estimator", "settings"}
 )
-"""Keys of what differs from machine to machine or from version to version, and of settings that are only shown."""
+"""Keys of what differs from machine to machine or from version to version, and of settings that are
+only shown.
+"""
 
 PROSE = frozenset(
-    {"notes", "answer", "message", "sentences", "fact_sources", "skipped", "meaning", "level_meaning", "origin"}
+    {
+        "notes",
+        "answer",
+        "message",
+        "sentences",
+        "fact_sources",
+        "skipped",
+        "meaning",
+        "level_meaning",
+        "origin",
+    }
     | {"source", "title", "compared_with", "what", "why"}
 )
 """Keys of sentences, whose number is compared and not their wording."""

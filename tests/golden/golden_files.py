@@ -1,4 +1,6 @@
-"""The golden files of this folder: how a value is written to one, and in what another value differs from it."""
+"""The golden files of this folder: how a value is written to one, and in what another value differs
+from it.
+"""
 
 import json
 import math
@@ -35,12 +37,15 @@ def rounded(value: Any) -> Any:
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
-def differences(value: Any, golden: Any, *, rtol: float, atol: float = 0.0, path: str = "") -> Iterator[str]:
+def differences(
+    value: Any, golden: Any, *, rtol: float, atol: float = 0.0, path: str = ""
+) -> Iterator[str]:
     """In what `value` differs from `golden`, a line each.
 
     Parameters
     ----------
-    rtol, atol : relative and absolute difference that a number may have; whole numbers may have none.
+    rtol, atol : relative and absolute difference that a number may have; whole numbers may have
+    none.
     path : where in the whole value this one stands.
     """
     if isinstance(value, dict) and isinstance(golden, dict):
@@ -48,7 +53,9 @@ def differences(value: Any, golden: Any, *, rtol: float, atol: float = 0.0, path
             if key not in value or key not in golden:
                 yield f"{path}.{key} is {'missing' if key in golden else 'new'}"
             else:
-                yield from differences(value[key], golden[key], rtol=rtol, atol=atol, path=f"{path}.{key}")
+                yield from differences(
+                    value[key], golden[key], rtol=rtol, atol=atol, path=f"{path}.{key}"
+                )
     elif isinstance(value, list) and isinstance(golden, list) and len(value) == len(golden):
         for number, pair in enumerate(zip(value, golden, strict=True)):
             yield from differences(*pair, rtol=rtol, atol=atol, path=f"{path}[{number}]")
@@ -57,6 +64,10 @@ def differences(value: Any, golden: Any, *, rtol: float, atol: float = 0.0, path
 
 
 def _equal(value: Any, golden: Any, rtol: float, atol: float) -> bool:
-    if isinstance(value, float) and isinstance(golden, int | float) and not isinstance(golden, bool):
+    if (
+        isinstance(value, float)
+        and isinstance(golden, int | float)
+        and not isinstance(golden, bool)
+    ):
         return math.isclose(value, golden, rel_tol=rtol, abs_tol=atol)
     return type(value) is type(golden) and bool(value == golden)

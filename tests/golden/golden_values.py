@@ -1,4 +1,6 @@
-"""What the golden values are: of the twin, the virtual rig, a calibration, synthetic windows and classifiers."""
+"""What the golden values are: of the twin, the virtual rig, a calibration, synthetic windows and
+classifiers.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -41,8 +43,8 @@ TOLERANCES = {
 }
 """Relative and absolute tolerance of each golden value.
 
-Windows hold single precision. Probabilities of a trained network differ by up to 1.2e-4 between instruction sets
-(DEFAULT, AVX2 and AVX512 of torch); the rest by less than 1e-9.
+Windows hold single precision. Probabilities of a trained network differ by up to 1.2e-4 between
+instruction sets (DEFAULT, AVX2 and AVX512 of torch); the rest by less than 1e-9.
 """
 
 
@@ -84,7 +86,11 @@ def calibration(plant: Sequence[Recording]) -> dict[str, Any]:
     """The six values of specimen A, healthy, in SI units, by Gauss-Newton from one start."""
     recordings = Recordings(plant).where(label="normal", specimen="A")
     calibrated = calibrate(
-        twin_of("normal"), recordings, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False
+        twin_of("normal"),
+        recordings,
+        method=GaussNewton(starts=1),
+        nuisances=Nuisances(),
+        phases=False,
     )
     return {estimate.name: estimate.value for estimate in calibrated.estimates}
 
@@ -95,19 +101,25 @@ def synthesis(plant: Sequence[Recording]) -> dict[str, Any]:
     settings: dict[str, Any] = {"count": 4, "like": like, "seed": 0}
     return {
         background: facts_of(
-            synthesize(twin_of("normal"), twin_of("swash_plate").fault, background=background, **settings)
+            synthesize(
+                twin_of("normal"), twin_of("swash_plate").fault, background=background, **settings
+            )
         )
         for background in ("spectrum", "none")
     }
 
 
 def classifiers(plant: Sequence[Recording], folder: Path) -> dict[str, Any]:
-    """Probabilities that networks give to a few windows after two epochs, saved and loaded again."""
+    """Probabilities that networks give to a few windows after two epochs, saved and loaded
+    again.
+    """
     windows = cut_windows(pair_recordings(plant), length=2048)
     probabilities = {}
     for name, shape in NETWORKS.items():
         network = build_network(name, windows.n_channels, len(windows.classes), **shape)
-        path = save_classifier(fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), folder / name)
+        path = save_classifier(
+            fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), folder / name
+        )
         classifier = load_classifier(path or folder / name)
         probabilities[name] = classifier.predict_proba(every_tenth(windows)).tolist()
     return probabilities
@@ -116,10 +128,16 @@ def classifiers(plant: Sequence[Recording], folder: Path) -> dict[str, Any]:
 def extra_trees(plant: Sequence[Recording]) -> list[Any]:
     """Probabilities that extremely randomized trees give to a few windows of other pumps."""
     windows = cut_windows(pair_recordings(plant), length=2048)
-    others = [recording for recording in plant if recording.specimen == "C" and recording.label in windows.classes]
+    others = [
+        recording
+        for recording in plant
+        if recording.specimen == "C" and recording.label in windows.classes
+    ]
     network = build_network("extra_trees", windows.n_channels, len(windows.classes), trees=20)
     trees = fit(network, windows, settings=TrainingSettings(epochs=1, normalization="none"), seed=0)
-    return trees.predict_proba(every_tenth(cut_windows(others, length=2048, classes=windows.classes))).tolist()
+    return trees.predict_proba(
+        every_tenth(cut_windows(others, length=2048, classes=windows.classes))
+    ).tolist()
 
 
 def facts_of(windows: WindowSet) -> dict[str, Any]:

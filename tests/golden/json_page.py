@@ -38,12 +38,15 @@ def page_text() -> str:
     parts: dict[str, str] = {}
     for name, command in COMMANDS.items():
         words = " ".join(takewhile(lambda word: "." not in word, command.words.split()))
-        parts.setdefault(words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n")
+        parts.setdefault(
+            words, f"## `{words}`\n```\n{_lines(load_golden(f'answer_{name}'), {})}\n```\n"
+        )
     return "\n".join([_INTRODUCTION, *parts.values()])
 
 
 def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: str = "") -> str:
-    """Keys and kinds of a value, those of an object in lines of their own where they are many, and once.
+    """Keys and kinds of a value, those of an object in lines of their own where they are many, and
+    once.
 
     Parameters
     ----------
@@ -61,7 +64,9 @@ def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: 
     if len(value) > 3 and keys in shown:
         return f"as `{shown[keys]}`"
     shown[keys] = key
-    inner = [f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, item in value.items()]
+    inner = [
+        f'"{name}": {_lines(item, shown, name, f"{indent}  ")}' for name, item in value.items()
+    ]
     text = "{" + ", ".join(inner) + "}"
     if len(indent) + len(text) <= 100 and "\n" not in text:
         return text
@@ -70,7 +75,9 @@ def _lines(value: Any, shown: dict[frozenset[str], str], key: str = "", indent: 
 
 
 def _of_all(values: Sequence[Any], shown: dict[frozenset[str], str], indent: str) -> str:
-    """Kind of the entries of a list: of the longest, or of each where they are numbers and words."""
+    """Kind of the entries of a list: of the longest, or of each where they are numbers and
+    words.
+    """
     if any(isinstance(value, dict | list) for value in values):
         return _lines(max(values, key=lambda value: len(value or ())), shown, "", indent)
     return " or ".join(dict.fromkeys(map(_kind, values)))

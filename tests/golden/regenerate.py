@@ -1,9 +1,12 @@
-"""Write the golden files and docs/reference/json.md anew: ``python tests/golden/regenerate.py [NAME ...]``.
+"""Write the golden files and docs/reference/json.md anew: ``python tests/golden/regenerate.py [NAME
+...]``.
 
-Only where a change of numbers or of the interface is meant, and is named in CHANGELOG.md. A golden test that fails
-after anything else has seen a mistake: mend that instead. Look over what changed (git diff) before it is committed.
+Only where a change of numbers or of the interface is meant, and is named in CHANGELOG.md. A golden
+test that fails after anything else has seen a mistake: mend that instead. Look over what changed
+(git diff) before it is committed.
 
-A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``; without a name all are written.
+A name is that of a file without ``.json``, such as ``calibration`` or ``answer_train``; without a
+name all are written.
 """
 
 import os
@@ -29,7 +32,9 @@ def regenerate(names: list[str]) -> None:
     answers = {f"answer_{name}": name for name in COMMANDS}
     unknown = sorted({*names} - {*VALUES, *answers})
     if unknown:
-        sys.exit(f"{', '.join(unknown)}: no golden file; there are {', '.join([*VALUES, *answers])}.")
+        sys.exit(
+            f"{', '.join(unknown)}: no golden file; there are {', '.join([*VALUES, *answers])}."
+        )
     plant = plant_recordings()
     with TemporaryDirectory() as temporary:
         folder = Path(temporary).resolve()

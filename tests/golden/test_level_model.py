@@ -35,16 +35,24 @@ def windows() -> WindowSet:
     for number in range(12):
         turns = 0.02 * (1 + 0.1 * (number % 2))
         signal = draw.normal(size=(2, time.size)) * [[1.0], [2.0]]
-        for channel, (order, loud) in enumerate(((9, 0.6 * (number % 3 == 1)), (4, 0.8 * (number % 3 == 2)))):
-            signal[channel] += (1 + loud) * np.cos(2 * np.pi * turns * order * time + draw.uniform(0, 6))
+        for channel, (order, loud) in enumerate(
+            ((9, 0.6 * (number % 3 == 1)), (4, 0.8 * (number % 3 == 2)))
+        ):
+            signal[channel] += (1 + loud) * np.cos(
+                2 * np.pi * turns * order * time + draw.uniform(0, 6)
+            )
         condition = OperatingCondition(speed=2 * np.pi * turns * 1000, discharge_pressure=MPa(15))
-        recordings.append(Recording(signal, 1000.0, f"r{number}", condition=condition, channels=("x", "y")))
+        recordings.append(
+            Recording(signal, 1000.0, f"r{number}", condition=condition, channels=("x", "y"))
+        )
     return cut_windows(recordings, length=512, classes=("normal", "piston", "valve_plate"))
 
 
 def test_a_saved_network_on_levels_answers_as_under_torch() -> None:
     arrays = load_file(MODEL)
-    scaling = Normalization("set", arrays.pop("normalization.mean"), arrays.pop("normalization.deviation"))
+    scaling = Normalization(
+        "set", arrays.pop("normalization.mean"), arrays.pop("normalization.deviation")
+    )
     network = LevelNetwork(2, 3, axis="order", shape=True, turns=0.02, hidden=8).loaded(arrays)
     answer = network.probabilities(scaling.apply(windows()), windows().turns_per_sample)[::8]
     np.testing.assert_allclose(answer, UNDER_TORCH, rtol=0, atol=1e-6)

@@ -13,7 +13,9 @@ from swashtwin.recordings import Recording
 LENGTH = 256
 
 
-def recordings(loudness: float = 1.0, per_class: int = 4, speed: float | None = None) -> list[Recording]:
+def recordings(
+    loudness: float = 1.0, per_class: int = 4, speed: float | None = None
+) -> list[Recording]:
     """Two classes that differ by a line, and by `loudness`."""
     measured = []
     for index, label in enumerate(("normal", "piston")):
@@ -79,9 +81,13 @@ def test_a_negative_seed_is_refused() -> None:
         choose(windows(), seed=-1)
 
 
-def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can_be_left_out() -> None:
+def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can_be_left_out() -> (
+    None
+):
     measured = [
-        replace(recording, recording_id=f"{number:02d}", label="abcdefghij"[number % 10], specimen=None)
+        replace(
+            recording, recording_id=f"{number:02d}", label="abcdefghij"[number % 10], specimen=None
+        )
         for number, recording in enumerate(recordings(per_class=10))
     ]
     few = fit_chosen(cut_windows(measured, length=LENGTH))
@@ -99,19 +105,28 @@ def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
 def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
     measured = windows()
     names = np.array([f"duplicates of {name}" for name in measured.specimen])
-    copies = replace(measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={})
+    copies = replace(
+        measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={}
+    )
     is_tested = measured.specimen == "A"
     _, choice, answers = choose(measured + copies)
-    assert choice.n_windows == len(answers.target) == len(measured), "no synthetic window is tested on"
+    assert choice.n_windows == len(answers.target) == len(measured), (
+        "no synthetic window is tested on"
+    )
     views = _Views(measured, copies, seed=0)
     rows = _training_rows(views, np.flatnonzero(~is_tested), np.flatnonzero(is_tested))
-    assert set(views.windows.specimen[rows]) == {*"BCD", *(f"duplicates of {name}" for name in "BCD")}
+    assert set(views.windows.specimen[rows]) == {
+        *"BCD",
+        *(f"duplicates of {name}" for name in "BCD"),
+    }
 
 
 def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
     with pytest.raises(DataError, match="no label"):
         fit_chosen(replace(windows(), target=np.full(32, -1)))
-    with pytest.raises(InputError, match=r"needs 99 .*there are 80; take more, or allow 0\.048"):  # 20 of each machine
+    with pytest.raises(
+        InputError, match=r"needs 99 .*there are 80; take more, or allow 0\.048"
+    ):  # 20 of each machine
         fit_chosen(windows(per_class=40), error_rate=0.01)
     with pytest.raises(InputError, match="without a trial there is none"):
         fit_chosen(windows(per_class=1), error_rate=0.4)

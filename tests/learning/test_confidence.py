@@ -1,4 +1,6 @@
-"""What a classifier says of its own errors holds on recordings it never saw, and a strange one is called unknown."""
+"""What a classifier says of its own errors holds on recordings it never saw, and a strange one is
+called unknown.
+"""
 
 import json
 from dataclasses import replace
@@ -43,13 +45,19 @@ CYCLES = {"normal": 0.05, "piston": 0.15, "howl": 0.35}
 
 def recording(name: str, label: str, noise: float = 0.3) -> Recording:
     draw = np.random.default_rng(list(name.encode()))
-    signal = np.sin(2 * np.pi * CYCLES[label] * np.arange(320) + draw.uniform(0, 6)) + noise * draw.normal(size=320)
+    signal = np.sin(
+        2 * np.pi * CYCLES[label] * np.arange(320) + draw.uniform(0, 6)
+    ) + noise * draw.normal(size=320)
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
     return Recording(signal[None], 1000.0, name, label=label, condition=condition)
 
 
-def several(purpose: str, count: int, labels: tuple[str, ...] = CLASSES, noise: float = 0.3) -> list[Recording]:
-    return [recording(f"{purpose} {label} {n}", label, noise) for label in labels for n in range(count)]
+def several(
+    purpose: str, count: int, labels: tuple[str, ...] = CLASSES, noise: float = 0.3
+) -> list[Recording]:
+    return [
+        recording(f"{purpose} {label} {n}", label, noise) for label in labels for n in range(count)
+    ]
 
 
 def windows(recordings: list[Recording]) -> WindowSet:
@@ -59,7 +67,11 @@ def windows(recordings: list[Recording]) -> WindowSet:
 @pytest.fixture(scope="module")
 def bare() -> FittedClassifier:
     settings = TrainingSettings(epochs=25, batch_size=12, learning_rate=3e-3, normalization="set")
-    return fit(BiTCN(1, 2, channels=(8, 12), kernel_size=3, stride=2), windows(several("train", 4)), settings=settings)
+    return fit(
+        BiTCN(1, 2, channels=(8, 12), kernel_size=3, stride=2),
+        windows(several("train", 4)),
+        settings=settings,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +79,9 @@ def taught(bare: FittedClassifier) -> FittedClassifier:
     return learn_confidence(bare, windows(several("validation", 10)))
 
 
-def confidence(scores: np.ndarray, rate: float = 0.1, target: np.ndarray | None = None) -> Confidence:
+def confidence(
+    scores: np.ndarray, rate: float = 0.1, target: np.ndarray | None = None
+) -> Confidence:
     target = np.arange(scores.size) % 4 if target is None else target
     return Confidence(1.0, 1.0, (1,), scores[None], target, np.sort(scores), rate)
 
@@ -83,21 +97,31 @@ def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
     assert sizes[-1] == 3
 
 
-def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(taught: FittedClassifier) -> None:
+def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(
+    taught: FittedClassifier,
+) -> None:
     answers = recording_answers(taught, windows(several("test", 5)))
     soft = taught.confidence.temperature_scaled(answers.probability, answers.n_windows)
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
-    assert soft.max() < 0.999  # 20 validation recordings, all told right, prove no more than about 21/22
+    assert (
+        soft.max() < 0.999
+    )  # 20 validation recordings, all told right, prove no more than about 21/22
     assert np.median(soft.max(axis=1)) == pytest.approx(21 / 22, abs=0.05)
 
 
-def correlated(count: int, dependence: float, draw: np.random.Generator, n_windows: int = 16) -> tuple[np.ndarray, ...]:
-    """(window, class) probabilities that are right for each window alone, recordings and classes of the windows."""
+def correlated(
+    count: int, dependence: float, draw: np.random.Generator, n_windows: int = 16
+) -> tuple[np.ndarray, ...]:
+    """(window, class) probabilities that are right for each window alone, recordings and classes of
+    the windows.
+    """
     target = np.arange(count) % 2
     shared = np.sqrt(dependence) * draw.normal(size=(count, 1))
     value = (
-        np.where(target, 0.8, -0.8)[:, None] + shared + np.sqrt(1 - dependence) * draw.normal(size=(count, n_windows))
+        np.where(target, 0.8, -0.8)[:, None]
+        + shared
+        + np.sqrt(1 - dependence) * draw.normal(size=(count, n_windows))
     )
     piston = 1 / (1 + np.exp(-2 * 0.8 * value.ravel()))
     names = np.repeat([f"recording {index:04}" for index in range(count)], n_windows)
@@ -105,12 +129,16 @@ def correlated(count: int, dependence: float, draw: np.random.Generator, n_windo
 
 
 @pytest.mark.parametrize(("dependence", "temperature"), [(0.0, 1.0), (0.3, 2.0), (1.0, 0.5)])
-def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(dependence, temperature) -> None:
+def test_temperature_and_dependence_are_those_that_windows_were_drawn_with(
+    dependence, temperature
+) -> None:
     probability, names, target = correlated(300, dependence, np.random.default_rng(0))
     too_sure = temperature_scaled(probability, 1 / temperature)
     result = cross_fitted_confidence(too_sure, names, target, np.zeros(300))
     assert result.temperature == pytest.approx(temperature, rel=0.15)
-    assert result.dependence == pytest.approx(dependence, abs=0.12)  # of few recordings, not all certainty is believed
+    assert result.dependence == pytest.approx(
+        dependence, abs=0.12
+    )  # of few recordings, not all certainty is believed
     assert result.cross_fitted
     assert result.listening_windows == (1, 2, 4, 8, 16)
 
@@ -131,7 +159,9 @@ def test_probabilities_and_sets_hold_from_a_single_window_to_a_whole_recording()
     for count in (1, 3, 16):
         pooled = np.stack([pooled_probabilities(part[:count]) for part in windows])
         calibrated = predictor.temperature_scaled(pooled, count)
-        assert calibrated.max(axis=1).mean() == pytest.approx(np.mean(pooled.argmax(axis=1) == target), abs=0.03)
+        assert calibrated.max(axis=1).mean() == pytest.approx(
+            np.mean(pooled.argmax(axis=1) == target), abs=0.03
+        )
         covered = predictor.prediction_set(pooled, count)[np.arange(600), target]
         assert 0.86 < covered.mean() < 0.96
 
@@ -140,7 +170,12 @@ def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_th
     target = np.repeat([0, 1, 2, 3], [30, 12, 5, 3])
     scores = np.linspace(0, 1, 50)
     predictor = confidence(scores, target=target)
-    assert predictor.class_groups(4).tolist() == [0, -1, -1, -1]  # 5 and 3 are too few together, so 12 join them
+    assert predictor.class_groups(4).tolist() == [
+        0,
+        -1,
+        -1,
+        -1,
+    ]  # 5 and 3 are too few together, so 12 join them
     assert predictor.class_groups(4, 0.15).tolist() == [0, 1, -1, -1]
     assert predictor.class_groups(5, 0.25).tolist() == [0, 1, 2, -1, -1]
     probability = np.array([[0.9, 0.04, 0.03, 0.03]])
@@ -151,12 +186,16 @@ def test_each_class_with_recordings_enough_has_its_rate_and_scarce_ones_share_th
 
 
 @pytest.mark.parametrize(("count", "rate"), [(20, 0.1), (9, 0.1), (6, 0.143), (2, 0.334)])
-def test_few_training_recordings_give_the_least_error_rate_that_they_allow(count: int, rate: float) -> None:
+def test_few_training_recordings_give_the_least_error_rate_that_they_allow(
+    count: int, rate: float
+) -> None:
     answers = correlated(count, 0.5, np.random.default_rng(0), n_windows=3)
     predictor = cross_fitted_confidence(*answers, np.zeros(count))
     assert predictor.error_rate == rate
     assert predictor.basis == f"{count} training recordings answered by models trained without them"
-    with pytest.raises(InputError, match=rf"0\.03 needs 33 validation recordings at least, there are {count}"):
+    with pytest.raises(
+        InputError, match=rf"0\.03 needs 33 validation recordings at least, there are {count}"
+    ):
         cross_fitted_confidence(*answers, np.zeros(count), error_rate=0.03)
 
 
@@ -165,7 +204,9 @@ def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None
     means, covered = draw.normal(size=(3, 4)), []
     for _ in range(25):
         target = np.arange(80) % 3
-        values = means[target][:, None] + draw.normal(size=(80, 1, 4)) + draw.normal(size=(80, 6, 4))
+        values = (
+            means[target][:, None] + draw.normal(size=(80, 1, 4)) + draw.normal(size=(80, 6, 4))
+        )
         rows, classes = values[:20].reshape(120, 4), np.repeat(target[:20], 6)
         names = np.repeat(np.arange(20), 6)
         out_of_fold = np.zeros((120, 3))
@@ -175,14 +216,18 @@ def test_twenty_training_recordings_answered_out_of_fold_keep_the_rate() -> None
             out_of_fold[tested] = model.predict_proba(rows[tested])
         predictor = cross_fitted_confidence(out_of_fold, names, classes, draw.normal(size=20))
         model = LinearDiscriminantAnalysis().fit(rows, classes)
-        pooled = np.stack([pooled_probabilities(model.predict_proba(windows)) for windows in values[20:]])
+        pooled = np.stack(
+            [pooled_probabilities(model.predict_proba(windows)) for windows in values[20:]]
+        )
         covered.append(predictor.prediction_set(pooled, 6)[np.arange(60), target[20:]].mean())
     assert 0.88 < np.mean(covered) < 0.97
 
 
 def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> None:
     probability, names, target = correlated(10, 0.5, np.random.default_rng(0), n_windows=3)
-    with pytest.raises(InputError, match=r"30, 30 and 30 windows of 10 recordings, ood_score has 30"):
+    with pytest.raises(
+        InputError, match=r"30, 30 and 30 windows of 10 recordings, ood_score has 30"
+    ):
         cross_fitted_confidence(probability, names, target, np.zeros(30))
     probability[4] = np.nan
     with pytest.raises(DataError, match="recording 0001: its out-of-fold answer is not finite"):
@@ -190,7 +235,9 @@ def test_out_of_fold_answers_that_do_not_fit_or_are_not_finite_are_refused() -> 
 
 
 @pytest.mark.parametrize("kind", ["network", "trees"])
-def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: FittedClassifier, kind: str) -> None:
+def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
+    taught: FittedClassifier, kind: str
+) -> None:
     if kind == "trees":
         trees = fit_trees(windows(several("train", 4)), 20)
         answer = learn_confidence(trees, windows(several("validation", 10)))
@@ -202,7 +249,9 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(taught: 
     assert result.set_size == 1
     assert result.called_unknown <= 0.3
     known, strange = several("test", 10), several("test", 20, ("howl",))
-    scores = recording_answers(answer, windows([item.relabeled(None) for item in known + strange])).ood_score
+    scores = recording_answers(
+        answer, windows([item.relabeled(None) for item in known + strange])
+    ).ood_score
     is_strange = ["howl" in name for name in sorted(item.recording_id for item in known + strange)]
     assert roc_auc_score(is_strange, scores) > 0.95
 
@@ -216,16 +265,25 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
     strange = diagnose(taught, recording("new howl", "howl").relabeled(None))
     assert strange.unknown
     assert strange.score > strange.threshold
-    assert strange.sentence().startswith("Unknown: its vibration is further from every trained class")
-    assert next(iter(json.loads(json.dumps(strange.to_dict(), allow_nan=False)).items())) == ("verdict", "unknown")
+    assert strange.sentence().startswith(
+        "Unknown: its vibration is further from every trained class"
+    )
+    assert next(iter(json.loads(json.dumps(strange.to_dict(), allow_nan=False)).items())) == (
+        "verdict",
+        "unknown",
+    )
 
 
-def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(taught, bare, tmp_path) -> None:
+def test_what_was_taught_is_saved_and_an_untaught_file_loads_without(
+    taught, bare, tmp_path
+) -> None:
     piston = recording("new piston", "piston")
     for classifier in (taught, bare):
         loaded = load_classifier(save_classifier(classifier, tmp_path / "a.safetensors"))
         assert diagnose(loaded, piston).to_dict() == diagnose(classifier, piston).to_dict()
-    loaded = load_classifier(save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors"))
+    loaded = load_classifier(
+        save_classifier(replace(bare, training_reference=None), tmp_path / "b.safetensors")
+    )
     assert loaded.training_reference is None
     assert diagnose(loaded, piston).error_rate is None
     with pytest.raises(DataError, match="train it with measured recordings"):
@@ -241,7 +299,9 @@ def test_validation_recordings_join_the_manifest_and_leaks_are_refused(bare, tau
 
 
 def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taught) -> None:
-    with pytest.raises(InputError, match=r"0\.1 needs 9 validation .* there are 8; take more, or allow 0\.112"):
+    with pytest.raises(
+        InputError, match=r"0\.1 needs 9 validation .* there are 8; take more, or allow 0\.112"
+    ):
         learn_confidence(bare, windows(several("validation", 4)))
     with pytest.raises(InputError, match=r"0\.01 needs 99 .*there are 20"):
         diagnose(taught, recording("new", "normal"), error_rate=0.01)
@@ -267,16 +327,27 @@ def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> No
 def test_the_shrunk_covariance_is_that_of_scikit_learn(shape) -> None:
     rows = np.random.default_rng(0).normal(size=shape) * np.arange(1, shape[1] + 1)
     expected = LedoitWolf().fit(rows).covariance_
-    np.testing.assert_allclose(shrunk_covariance(rows), expected, rtol=1e-12, atol=1e-12 * expected.max())
+    np.testing.assert_allclose(
+        shrunk_covariance(rows), expected, rtol=1e-12, atol=1e-12 * expected.max()
+    )
 
 
 def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path) -> None:
     recordings = several("rig", 12)
     folder = tmp_path / "rig"
-    files = [write_recording(recording, folder / f"{recording.recording_id}.h5") for recording in recordings]
+    files = [
+        write_recording(recording, folder / f"{recording.recording_id}.h5")
+        for recording in recordings
+    ]
     write_index(recordings, files, folder)
     settings = ("epochs=12", "stride=2", "channels=8,12", "kernel_size=3", "learning_rate=3e-3")
-    shape = ("--network", "bitcn", "--window", 80, *(word for text in settings for word in ("--set", text)))
+    shape = (
+        "--network",
+        "bitcn",
+        "--window",
+        80,
+        *(word for text in settings for word in ("--set", text)),
+    )
     options = ("--validation-fraction", 0.5, "--out", tmp_path / "m.safetensors", *shape)
     answer = run_json("train", folder, *options)
     assert not set(answer["validation"]) & set(answer["held_out"])
@@ -288,7 +359,15 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
     shown = run("diagnose", answer["model"], *files[:2], "--report", tmp_path / "page").stdout
     assert "could be" in shown
     assert "error rate of 10 %" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
-    fewer = ("--validation-fraction", 0.3, "--test-fraction", 0.4, "--out", tmp_path / "m.safetensors", *shape)
+    fewer = (
+        "--validation-fraction",
+        0.3,
+        "--test-fraction",
+        0.4,
+        "--out",
+        tmp_path / "m.safetensors",
+        *shape,
+    )
     said = run("train", folder, *fewer, "--set", "epochs=1").stderr
     assert "An error rate of 0.1 needs 9 validation recordings, and a share of 0.3 is about" in said
     assert "are held out for it; they allow an error rate of 0.1" in said
@@ -296,7 +375,12 @@ def test_train_teaches_what_evaluate_measures_and_diagnose_tells(tmp_path: Path)
 
 @pytest.mark.parametrize(
     ("recordings", "fraction", "share", "count", "rate"),
-    [(270, 0.2, 0.2, 54, 0.1), (29, 0.2, 0.333, 9, 0.1), (24, 0.2, 0.5, 12, 0.1), (12, 0.2, 0.5, 6, 0.143)],
+    [
+        (270, 0.2, 0.2, 54, 0.1),
+        (29, 0.2, 0.333, 9, 0.1),
+        (24, 0.2, 0.5, 12, 0.1),
+        (12, 0.2, 0.5, 6, 0.143),
+    ],
 )
 def test_a_validation_takes_as_many_recordings_as_the_error_rate_needs_or_what_there_is(
     recordings: int, fraction: float, share: float, count: int, rate: float

@@ -31,10 +31,15 @@ print("imported:", sorted({"torch", "numba"} & set(sys.modules)))
 
 
 @pytest.mark.nightly
-def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_nor_numba(tmp_path: Path) -> None:
+def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_nor_numba(
+    tmp_path: Path,
+) -> None:
     recordings = []
     for number in range(12):
-        name, label = f"{number} {'new' if number >= 8 else 'old'}", ("normal", "piston")[number % 2]
+        name, label = (
+            f"{number} {'new' if number >= 8 else 'old'}",
+            ("normal", "piston")[number % 2],
+        )
         draw, time = np.random.default_rng(number), np.arange(8192) / 8192
         signal = draw.normal(size=(1, time.size)) + (number % 2) * np.sin(2 * np.pi * 300 * time)
         condition = OperatingCondition(speed=2 * np.pi * 20, discharge_pressure=15e6)
@@ -47,6 +52,10 @@ def test_train_save_evaluate_diagnose_explain_and_detect_import_neither_torch_no
 
 def test_a_network_of_torch_names_the_extra_that_installs_it() -> None:
     code = "import sys; sys.modules['torch'] = None; import swashtwin.learning as l; l.build_network('bitcn', 1, 2)"
-    error = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr
-    expected = 'the network bitcn needs torch, which is not installed: pip install "swashtwin[networks]".'
+    error = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    ).stderr
+    expected = (
+        'the network bitcn needs torch, which is not installed: pip install "swashtwin[networks]".'
+    )
     assert error.splitlines()[-1].endswith(expected)

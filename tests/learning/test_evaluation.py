@@ -1,4 +1,6 @@
-"""Scores: as defined, on honest test sets only, and the same under whatever order the classes have."""
+"""Scores: as defined, on honest test sets only, and the same under whatever order the classes
+have.
+"""
 
 import math
 from dataclasses import dataclass
@@ -32,7 +34,9 @@ class Oracle:
         return self.answers[: len(windows)]
 
 
-def measured(target, recordings=None, classes=CLASSES, *, pressure=None, synthetic=False) -> WindowSet:
+def measured(
+    target, recordings=None, classes=CLASSES, *, pressure=None, synthetic=False
+) -> WindowSet:
     count = len(target)
     names = [f"rec {value}" for value in (target if recordings is None else recordings)]
     return WindowSet(
@@ -41,7 +45,9 @@ def measured(target, recordings=None, classes=CLASSES, *, pressure=None, synthet
         classes=classes,
         recording_id=np.array(names, dtype=np.str_),
         specimen=np.full(count, "", dtype=np.str_),
-        discharge_pressure=np.full(count, np.nan) if pressure is None else np.array(pressure, dtype=np.float64),
+        discharge_pressure=np.full(count, np.nan)
+        if pressure is None
+        else np.array(pressure, dtype=np.float64),
         speed=np.full(count, np.nan),
         start=np.arange(count, dtype=np.int64),
         synthetic=np.full(count, synthetic),
@@ -118,7 +124,9 @@ def test_rates_that_the_test_set_cannot_give_are_nan_with_a_reason():
 
 def test_false_alarms_of_two_healthy_classes_are_faults_alone():
     classes = ("gut", "normal", "b")
-    scores = evaluate(Oracle(sure([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes))
+    scores = evaluate(
+        Oracle(sure([0, 1, 0, 2, 1]), classes), measured([0, 0, 1, 1, 2], classes=classes)
+    )
     assert (scores.false_alarm_rate, scores.missed_fault_rate) == (0.25, 1)
 
 
@@ -137,13 +145,19 @@ def test_scores_do_not_depend_on_the_order_of_the_classes(classifier_order, test
     )
     for name, value in plain.to_dict().items():
         if name not in ("classes", "recall", "confusion", "cells"):
-            assert shuffled.to_dict()[name] == (pytest.approx(value) if isinstance(value, float | list) else value)
+            assert shuffled.to_dict()[name] == (
+                pytest.approx(value) if isinstance(value, float | list) else value
+            )
     assert dict(shuffled.recall) == pytest.approx(dict(plain.recall), nan_ok=True)
-    assert shuffled.confusion.tolist() == plain.confusion[np.ix_(classifier_order, classifier_order)].tolist()
+    assert (
+        shuffled.confusion.tolist()
+        == plain.confusion[np.ix_(classifier_order, classifier_order)].tolist()
+    )
 
 
 def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
-    # two windows lean to class 1, the third is sure of class 0: a majority would err, the mean logarithm does not
+    # two windows lean to class 1, the third is sure of class 0: a majority would err, the mean
+    # logarithm does not
     answers = np.array([[0.4, 0.5, 0.1], [0.4, 0.5, 0.1], [0.97, 0.01, 0.02]])
     scores = evaluate(Oracle(answers), measured([0, 0, 0]))
     assert scores.accuracy == pytest.approx(1 / 3)
@@ -155,9 +169,12 @@ def test_a_recording_is_decided_by_the_mean_log_probability_of_its_windows():
 
 def test_each_cell_of_class_and_pressure_has_its_recall():
     scores = evaluate(
-        Oracle(sure([1, 1, 0, 1, 0])), measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan])
+        Oracle(sure([1, 1, 0, 1, 0])),
+        measured([1, 1, 1, 1, 0], range(5), pressure=[5e6, 5e6, 15e6, 15e6, np.nan]),
     )
-    assert [(cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells] == [
+    assert [
+        (cell.label, cell.discharge_pressure, cell.n_windows, cell.recall) for cell in scores.cells
+    ] == [
         ("normal", None, 1, 1.0),
         ("swash_plate", 5e6, 2, 1.0),
         ("swash_plate", 15e6, 2, 0.5),
@@ -170,7 +187,9 @@ def test_the_interval_rests_on_recordings_and_not_on_windows():
     by_window = accuracy_interval(right, np.arange(200))
     assert by_recording == (0.25, 1.0)
     low, high = accuracy_interval(np.ones(60, dtype=bool), np.repeat(np.arange(20), 3))
-    assert (round(low, 3), high) == (0.839, 1.0), "20 recordings without an error may come from a share of 84 %"
+    assert (round(low, 3), high) == (0.839, 1.0), (
+        "20 recordings without an error may come from a share of 84 %"
+    )
     assert 0.65 < by_window[0] < 0.75 < by_window[1] < 0.85
     assert accuracy_interval(right, np.repeat(np.arange(4), 50), seed=0) == by_recording
 
@@ -194,7 +213,9 @@ def test_what_cannot_be_scored_is_refused():
 
 
 def test_the_level_follows_from_machines_and_operating_points() -> None:
-    at_5, at_15 = (OperatingCondition(speed=rpm(860), discharge_pressure=MPa(value)) for value in (5.0, 15.0))
+    at_5, at_15 = (
+        OperatingCondition(speed=rpm(860), discharge_pressure=MPa(value)) for value in (5.0, 15.0)
+    )
     reference = TrainingReference(
         recording_id=("a", "b"), label=("normal", "piston"), specimen=("A", "A"),
         condition=np.array([[at_5.speed, at_5.discharge_pressure]] * 2),

@@ -7,7 +7,14 @@ from sklearn.ensemble import ExtraTreesClassifier
 from tree_models import fit_trees
 
 from swashtwin.foundation import derive_seed
-from swashtwin.learning import WindowSet, band_energies, build_network, cut_windows, feature_names, feature_values
+from swashtwin.learning import (
+    WindowSet,
+    band_energies,
+    build_network,
+    cut_windows,
+    feature_names,
+    feature_values,
+)
 from swashtwin.recordings import Recording
 from swashtwin.signals import TIME_STATISTICS, time_statistics
 
@@ -52,10 +59,15 @@ def test_a_tone_fills_the_band_around_it_and_twice_the_amplitude_gives_four_time
 def test_the_envelope_spectrum_shows_the_modulation_that_the_spectrum_hides():
     time = np.arange(4096) / 4096.0
     carrier = np.sin(2 * np.pi * 1000 * time) * (1 + 0.8 * np.sin(2 * np.pi * 20 * time))
-    value = dict(zip(feature_names(["acceleration"]), feature_values(carrier[None, None])[0], strict=True))
+    value = dict(
+        zip(feature_names(["acceleration"]), feature_values(carrier[None, None])[0], strict=True)
+    )
     edges = np.geomspace(0.5, 2048.5, 33)
     band = int(np.searchsorted(edges, 20) - 1)
-    assert value[f"acceleration envelope spectrum band {band}"] > value[f"acceleration spectrum band {band}"] + 3
+    assert (
+        value[f"acceleration envelope spectrum band {band}"]
+        > value[f"acceleration spectrum band {band}"] + 3
+    )
     assert value["acceleration envelope mean"] == pytest.approx(1, abs=0.01)
     assert value["acceleration envelope deviation"] == pytest.approx(0.8 / np.sqrt(2), abs=0.01)
 

@@ -15,7 +15,10 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
     """Windows with lines at orders 1, 9 and 18 of a shaft, and noise."""
     draw = np.random.default_rng(seed)
     time = np.arange(LENGTH)
-    lines = [np.sin(2 * np.pi * order * turns * time + draw.uniform(0, 6, (3, 2, 1))) for order in (1, 9, 18)]
+    lines = [
+        np.sin(2 * np.pi * order * turns * time + draw.uniform(0, 6, (3, 2, 1)))
+        for order in (1, 9, 18)
+    ]
     return (sum(lines) + 0.1 * draw.normal(size=(3, 2, LENGTH))).astype(np.float32)
 
 
@@ -23,14 +26,19 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
 def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
     turns = np.full(3, 0.01) if orders else None
     moved = window_levels(10 * signal(), turns) - window_levels(signal(), turns)
-    np.testing.assert_allclose(moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02)
+    np.testing.assert_allclose(
+        moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02
+    )
 
 
 def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
     slow, fast = (window_levels(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
     orders = slice(5, 25)
     assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
-    loudest = [np.sort(levels[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist() for levels in (slow, fast)]
+    loudest = [
+        np.sort(levels[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist()
+        for levels in (slow, fast)
+    ]
     assert loudest == [[0, 8, 17], [0, 8, 17]]
 
 
@@ -62,7 +70,9 @@ def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf
     scaled = network.encode(levels).astype(float)
     centers = np.stack([scaled[target == index].mean(axis=0) for index in range(2)])
     shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)[1]
-    peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5]).fit(scaled, target)
+    peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5]).fit(
+        scaled, target
+    )
     expected = network.log_probabilities(levels)["discriminant"]
     assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
 
@@ -77,19 +87,25 @@ def solved(heads: tuple[str, ...] = HEADS) -> tuple[LevelNetwork, np.ndarray]:
 
 def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
     network, levels = solved()
-    mean = np.mean([np.exp(values) for values in network.log_probabilities(levels).values()], axis=0)
+    mean = np.mean(
+        [np.exp(values) for values in network.log_probabilities(levels).values()], axis=0
+    )
     np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
 
 
 @pytest.mark.parametrize("heads", [HEADS, HEADS[:1], HEADS[1:]])
-def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(heads: tuple[str, ...]) -> None:
+def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
+    heads: tuple[str, ...],
+) -> None:
     network = LevelNetwork(1, 3, hidden=8, heads=heads)
     levels = np.random.default_rng(0).normal(size=(60, len(network.response))).astype(np.float32)
     network.solve(levels, np.arange(60) % 3, 0)
     encoded = network.encode(levels)
     gradient, change = network.mean_gradient(encoded, 0, 2, 500)
     scores, at_mean = network.scores(levels), network.scores(network.weights["mean"][None])
-    np.testing.assert_allclose(change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3
+    )
     np.testing.assert_allclose((gradient * encoded).sum(axis=1), change, rtol=0.02, atol=0.01)
 
 
@@ -97,7 +113,9 @@ def test_the_slopes_of_the_hidden_layer_find_what_only_two_levels_together_tell(
     draw = np.random.default_rng(0)
     levels = draw.normal(size=(8000, 6)).astype(np.float32)
     target = ((levels[:, 0] > 0) != (levels[:, 1] > 0)).astype(int)
-    weights = [fit_hidden(levels, target, 2, 32, dropout=0.1, noise=0.1, seed=seed) for seed in (1, 1, 2)]
+    weights = [
+        fit_hidden(levels, target, 2, 32, dropout=0.1, noise=0.1, seed=seed) for seed in (1, 1, 2)
+    ]
     hidden = np.maximum(levels @ weights[0]["hidden"].T + weights[0]["hidden.bias"], 0)
     answer = (hidden @ weights[0]["output"].T + weights[0]["output.bias"]).argmax(axis=1)
     assert (answer == target).mean() > 0.9

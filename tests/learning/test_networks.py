@@ -1,4 +1,6 @@
-"""What makes BiTCN BiTCN, also as it is trained on a CPU, and settings of networks that cannot be."""
+"""What makes BiTCN BiTCN, also as it is trained on a CPU, and settings of networks that cannot
+be.
+"""
 
 import copy
 
@@ -21,7 +23,9 @@ def seed() -> None:
 
 
 def awake(module: torch.nn.Module) -> None:
-    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is felt."""
+    """Make every weight positive, so that no ReLU sleeps and every sample that is in reach is
+    felt.
+    """
     for weight in module.parameters():
         weight.data.abs_()
 
@@ -30,9 +34,13 @@ def test_every_weight_has_a_part_in_the_scores():
     network = BiTCN(2, 3)
     for seed in range(3):  # a hidden layer of few ReLU may sleep under one seed
         drawn = network.fresh(seed)
-        drawn(torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))).square().sum().backward()
+        drawn(
+            torch.randn(8, 2, 128, generator=torch.Generator().manual_seed(seed))
+        ).square().sum().backward()
         for weight, drawn_weight in zip(network.parameters(), drawn.parameters(), strict=True):
-            weight.grad = drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
+            weight.grad = (
+                drawn_weight.grad if weight.grad is None else weight.grad + drawn_weight.grad
+            )
     idle = [key for key, weight in network.named_parameters() if not weight.grad.any()]
     assert idle == []
 
@@ -64,10 +72,14 @@ def test_bitcn_refuses_settings_that_cannot_be(settings, words):
 
 
 @pytest.mark.parametrize("stride", [1, 4])
-def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_receptive_field(stride):
+def test_the_positive_units_see_no_later_reading_and_reach_as_far_back_as_the_receptive_field(
+    stride,
+):
     network = BiTCN(1, 2, channels=(4, 4, 4), kernel_size=3, stride=stride).eval()
     branch = network.positive
-    for unit in branch.units:  # squeeze-and-excitation looks at the whole window; without it each unit is causal
+    for unit in (
+        branch.units
+    ):  # squeeze-and-excitation looks at the whole window; without it each unit is causal
         unit.attention = torch.nn.Identity()
     awake(branch)
     windows = torch.rand(1, 1, 256, requires_grad=True)
@@ -109,7 +121,9 @@ def test_a_default_of_another_kind_than_a_plain_number_takes_what_it_is_or_is_re
 def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():
     assert build_network("bitcn", 1, 2, channels=8, dilations=2).settings["channels"] == (8,)
     assert build_network("levels", 1, 2, heads="hidden").settings["heads"] == ("hidden",)
-    assert build_network("bitcn", 1, 2, channels=[np.int64(4)], dilations=1).settings["channels"] == (4,)
+    assert build_network("bitcn", 1, 2, channels=[np.int64(4)], dilations=1).settings[
+        "channels"
+    ] == (4,)
 
 
 VARIANTS = pytest.mark.parametrize(
@@ -133,17 +147,27 @@ def step(network: BiTCN, x: torch.Tensor) -> tuple[float, list[torch.Tensor], li
 
 
 def distance(actual: list[torch.Tensor], expected: list[torch.Tensor]) -> float:
-    """Largest deviation over the largest entry, of the worst tensor; one whose entries are rounding counts as 1e-6."""
+    """Largest deviation over the largest entry, of the worst tensor; one whose entries are rounding
+    counts as 1e-6.
+    """
     pairs = zip(actual, expected, strict=True)
-    return max(float((first - other).abs().max() / max(1e-6, float(other.abs().max()))) for first, other in pairs)
+    return max(
+        float((first - other).abs().max() / max(1e-6, float(other.abs().max())))
+        for first, other in pairs
+    )
 
 
 @VARIANTS
-def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_plain_layers(settings, monkeypatch):
+def test_fused_loss_gradients_and_running_means_are_as_exact_as_those_of_the_plain_layers(
+    settings, monkeypatch
+):
     network = BiTCN(3, 5, dropout=0.0, **settings)
     fused = step(network, windows())
     monkeypatch.setattr(bitcn, "can_fuse", lambda x: False)
-    plain, exact = step(network, windows()), step(copy.deepcopy(network).double(), windows().double())
+    plain, exact = (
+        step(network, windows()),
+        step(copy.deepcopy(network).double(), windows().double()),
+    )
     assert fused[0] == pytest.approx(exact[0], rel=1e-6)
     assert distance(fused[1], exact[1]) < max(1e-4, 3 * distance(plain[1], exact[1]))
     assert distance(fused[2], exact[2]) < 1e-5
@@ -157,16 +181,27 @@ def test_dropout_has_the_gradients_of_the_layers_with_the_same_mask():
     with torch.no_grad():
         normalization.weight.uniform_(0.5, 2)
         normalization.bias.uniform_(0, 1)
-    inputs = [x.requires_grad_(), torch.zeros(8, requires_grad=True), normalization.weight, normalization.bias]
+    inputs = [
+        x.requires_grad_(),
+        torch.zeros(8, requires_grad=True),
+        normalization.weight,
+        normalization.bias,
+    ]
     active, mean = _Activation.apply(*inputs, normalization, 0.3)
     actual = torch.autograd.grad((active * weights).sum() + (mean * of_mean).sum(), inputs)
 
     features = x.transpose(1, 2)
-    normalized = torch.relu(functional.batch_norm(features, None, None, *inputs[2:], training=True)).transpose(1, 2)
+    normalized = torch.relu(
+        functional.batch_norm(features, None, None, *inputs[2:], training=True)
+    ).transpose(1, 2)
     expected = normalized * (active > 0) / 0.7
     score = (expected * weights).sum() + (expected.mean(dim=1) * of_mean).sum()
     gradients = torch.autograd.grad(score, [x, *inputs[2:]])
-    pairs = zip((active, mean, actual[0], *actual[2:]), (expected, expected.mean(dim=1), *gradients), strict=True)
+    pairs = zip(
+        (active, mean, actual[0], *actual[2:]),
+        (expected, expected.mean(dim=1), *gradients),
+        strict=True,
+    )
     for first, other in pairs:
         torch.testing.assert_close(first, other, rtol=1e-4, atol=1e-4)
     assert actual[1].abs().max() < 1e-2  # normalization takes the convolution's bias away
@@ -177,7 +212,9 @@ def dropped(share: float) -> np.ndarray:
     normalization = torch.nn.BatchNorm1d(64)
     torch.nn.init.constant_(normalization.bias, 100.0)
     x = torch.randn(8, 512, 64)
-    active, _ = _Activation.apply(x, torch.zeros(64), normalization.weight, normalization.bias, normalization, share)
+    active, _ = _Activation.apply(
+        x, torch.zeros(64), normalization.weight, normalization.bias, normalization, share
+    )
     return (active == 0).numpy()
 
 
@@ -187,7 +224,10 @@ def test_dropout_takes_the_share_that_it_is_told_independently_of_place_and_call
     first, second = dropped(share), dropped(share)
     spread = (share * (1 - share) / first.size) ** 0.5
     assert first.mean() == pytest.approx(share, abs=5 * spread)
-    assert np.abs(first.mean(axis=(0, 1)) - share).max() <= 5 * (share * (1 - share) / first[..., 0].size) ** 0.5
+    assert (
+        np.abs(first.mean(axis=(0, 1)) - share).max()
+        <= 5 * (share * (1 - share) / first[..., 0].size) ** 0.5
+    )
     for left, right in [
         (first, second),
         (first[:-1], first[1:]),
@@ -196,7 +236,9 @@ def test_dropout_takes_the_share_that_it_is_told_independently_of_place_and_call
         (first[:, :-32], first[:, 32:]),
     ]:
         both = (left & right).mean()
-        assert both == pytest.approx(share**2, abs=5 * (share**2 * (1 - share**2) / left.size) ** 0.5)
+        assert both == pytest.approx(
+            share**2, abs=5 * (share**2 * (1 - share**2) / left.size) ** 0.5
+        )
 
 
 def test_the_same_random_state_drops_the_same():

@@ -1,4 +1,6 @@
-"""Whole recordings: what their levels are, what a machine's own healthy ones take off, and what a model makes of it."""
+"""Whole recordings: what their levels are, what a machine's own healthy ones take off, and what a
+model makes of it.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +10,12 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_chosen
-from swashtwin.learning.recordings.recording_levels import RecordingLevels, RecordingTable, joined, recording_rows
+from swashtwin.learning.recordings.recording_levels import (
+    RecordingLevels,
+    RecordingTable,
+    joined,
+    recording_rows,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -22,8 +29,15 @@ def signal(
 ) -> np.ndarray:
     draw = np.random.default_rng(seed)
     time = np.arange(samples) / RATE
-    tones = [a * np.sin(2 * np.pi * k * shaft * time + draw.uniform(0, 6)) for k, a in (lines or {}).items()]
-    return 0.1 * draw.normal(size=(2, samples)) + np.sum(tones, axis=0) if tones else draw.normal(size=(2, samples))
+    tones = [
+        a * np.sin(2 * np.pi * k * shaft * time + draw.uniform(0, 6))
+        for k, a in (lines or {}).items()
+    ]
+    return (
+        0.1 * draw.normal(size=(2, samples)) + np.sum(tones, axis=0)
+        if tones
+        else draw.normal(size=(2, samples))
+    )
 
 
 def test_a_line_reads_its_mean_square_at_any_length_and_where_the_stated_speed_is_off() -> None:
@@ -38,7 +52,9 @@ def test_a_line_reads_its_mean_square_at_any_length_and_where_the_stated_speed_i
 def test_no_gain_changes_shapes_or_envelopes(n_orders: int) -> None:
     layout = RecordingLevels(RATE, SAMPLES, n_orders)
     quiet, loud = (layout.measure(gain * signal(1), SHAFT) for gain in (1.0, 10.0))
-    np.testing.assert_allclose(loud[:, : layout.n_scaled] - quiet[:, : layout.n_scaled], 20, atol=1e-3)
+    np.testing.assert_allclose(
+        loud[:, : layout.n_scaled] - quiet[:, : layout.n_scaled], 20, atol=1e-3
+    )
     np.testing.assert_allclose(layout.shapes(loud), layout.shapes(quiet), atol=1e-3)
     np.testing.assert_allclose(layout.without_gain(loud - quiet), 0, atol=1e-3)
 
@@ -46,11 +62,15 @@ def test_no_gain_changes_shapes_or_envelopes(n_orders: int) -> None:
 @pytest.mark.parametrize("stride", [400, 1000])
 def test_windows_are_put_together_to_the_recording_they_were_cut_from(stride: int) -> None:
     whole = signal(2, samples=5000)
-    windows = cut_windows([Recording(whole, RATE, "a", channels=("x", "y"))], length=1000, stride=stride)
+    windows = cut_windows(
+        [Recording(whole, RATE, "a", channels=("x", "y"))], length=1000, stride=stride
+    )
     (stretch,) = joined(windows, recording_rows(windows)[0])
     np.testing.assert_array_equal(stretch, whole[:, : stretch.shape[1]].astype(np.float32))
     first, second = joined(
-        windows.subset(windows.start != 2000) if stride == 1000 else windows.subset(np.array([0, 5])),
+        windows.subset(windows.start != 2000)
+        if stride == 1000
+        else windows.subset(np.array([0, 5])),
         np.r_[0, 1] if stride == 400 else np.arange(4),
     )
     assert first.shape[1] + second.shape[1] == (4000 if stride == 1000 else 2000)
@@ -60,8 +80,12 @@ def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None
     draw, shape = np.random.default_rng(3), (2, LAYOUT.n_levels)
     of_point = {5e6: np.zeros(shape), 15e6: draw.normal(size=shape)}
     of_machine = {name: draw.normal(size=shape) for name in "ABC"}
-    keys = [(name, pressure, number) for name in "ABC" for pressure in of_point for number in (1, 2)]
-    levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys]).astype(np.float32)
+    keys = [
+        (name, pressure, number) for name in "ABC" for pressure in of_point for number in (1, 2)
+    ]
+    levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys]).astype(
+        np.float32
+    )
     condition = np.array([(90.0, pressure) for _, pressure, _ in keys])
     specimen, ids = tuple(key[0] for key in keys), tuple(map(str, keys))
     healthy = RecordingTable(levels, specimen, condition, ids)
@@ -101,7 +125,9 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
     choice = classifier.fitted_.choice
     assert choice.n_machines == 3
     assert choice.sentence().endswith("This rests on 3 machines.")
-    assert choice.whole["with own healthy recordings"] > choice.whole["without own healthy recordings"]
+    assert (
+        choice.whole["with own healthy recordings"] > choice.whole["without own healthy recordings"]
+    )
     new, healthy = machine("G"), [item.relabeled(None) for item in machine("G")[:3]]
     without = [classifier.diagnose(item) for item in new]
     assert all(any("give some (--healthy)" in text for text in answer.notes) for answer in without)

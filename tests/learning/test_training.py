@@ -1,4 +1,6 @@
-"""Training: learns, repeats itself bit for bit, also after an interrupt, and changes windows as it is told."""
+"""Training: learns, repeats itself bit for bit, also after an interrupt, and changes windows as it
+is told.
+"""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -59,8 +61,13 @@ def same(first: FittedClassifier, second: FittedClassifier) -> bool:
 
 
 def test_training_in_16_bits_comes_near_that_in_32():
-    exact, short = (fit(small(), tones(), settings=replace(SHORT, precision=name)) for name in ("float32", "bfloat16"))
-    assert [epoch.loss for epoch in short.history] == pytest.approx([epoch.loss for epoch in exact.history], rel=0.05)
+    exact, short = (
+        fit(small(), tones(), settings=replace(SHORT, precision=name))
+        for name in ("float32", "bfloat16")
+    )
+    assert [epoch.loss for epoch in short.history] == pytest.approx(
+        [epoch.loss for epoch in exact.history], rel=0.05
+    )
     assert short.history != exact.history
     assert {str(value.dtype) for value in weights(short).values()} <= {"float32", "int64"}
     assert "precision" not in SHORT.to_dict()
@@ -71,9 +78,13 @@ def test_training_in_16_bits_comes_near_that_in_32():
 
 @pytest.mark.parametrize("name", sorted(BUILT_IN))
 def test_no_network_minds_a_single_window_left_over(name):
-    """Their number must not decide whether windows can be learned: normalization has no deviation of one window."""
+    """Their number must not decide whether windows can be learned: normalization has no deviation
+    of one window.
+    """
     recording = np.random.default_rng(0).normal(size=(1, 513 * 9))
-    windows = cut_windows([Recording(recording, 1000.0, label, label=label) for label in CLASSES], length=513)
+    windows = cut_windows(
+        [Recording(recording, 1000.0, label, label=label) for label in CLASSES], length=513
+    )
     left = windows.subset(np.arange(17))
     settings = TrainingSettings(epochs=1, batch_size=8)
     classifier = fit(build_network(name, 1, 2), left, settings=settings)
@@ -84,7 +95,9 @@ def test_no_network_minds_a_single_window_left_over(name):
 def test_every_network_overfits_twenty_windows(name):
     windows = tones()
     assert len(windows) == 20
-    shuffled = np.random.default_rng(0).permutation(windows.target)  # labels that only memory can tell
+    shuffled = np.random.default_rng(0).permutation(
+        windows.target
+    )  # labels that only memory can tell
     windows = replace(windows, target=shuffled)
     settings = TrainingSettings(epochs=80, batch_size=20, learning_rate=3e-3)
     smaller = {"channels": (16, 24, 24), "dropout": 0.0} if name.startswith("bitcn") else {}
@@ -112,7 +125,12 @@ def test_training_leaves_the_network_given_and_the_callers_random_numbers_alone(
 
 
 @pytest.mark.parametrize(
-    "change", [{"class_weights": True}, {"noise_snr": 0.0}, {"gain": 3.0, "stretch": 0.02, "normalization": "set"}]
+    "change",
+    [
+        {"class_weights": True},
+        {"noise_snr": 0.0},
+        {"gain": 3.0, "stretch": 0.02, "normalization": "set"},
+    ],
 )
 def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(tmp_path, change):
     settings = replace(SHORT, **change)
@@ -126,7 +144,9 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), progress=interrupt, **run)
     seen = []
-    resumed = fit(small(), tones(), resume=True, progress=lambda epoch: seen.append(epoch.number), **run)
+    resumed = fit(
+        small(), tones(), resume=True, progress=lambda epoch: seen.append(epoch.number), **run
+    )
     assert seen == [3, 4]
     assert same(whole, resumed)
     assert same(whole, fit(small(), tones(), resume=True, **run))
@@ -144,7 +164,12 @@ def test_a_run_interrupted_and_resumed_has_the_bits_of_one_without_interruption(
     ],
 )
 def test_a_checkpoint_of_another_run_is_refused_with_what_differs(tmp_path, change, words):
-    run = {"network": small(), "windows": tones(), "settings": SHORT, "checkpoint": tmp_path / "run.safetensors"}
+    run = {
+        "network": small(),
+        "windows": tones(),
+        "settings": SHORT,
+        "checkpoint": tmp_path / "run.safetensors",
+    }
     fit(**run)
     with pytest.raises(InputError, match=words) as caught:
         fit(**{**run, **change}, resume=True)
@@ -184,14 +209,21 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == [path]
     seen = []
     fit(
-        small(), tones(), settings=SHORT, checkpoint=path, resume=True, progress=lambda epoch: seen.append(epoch.number)
+        small(),
+        tones(),
+        settings=SHORT,
+        checkpoint=path,
+        resume=True,
+        progress=lambda epoch: seen.append(epoch.number),
     )
     assert seen == [3, 4]
 
 
 def test_the_manifest_names_training_and_calibration_recordings():
     classifier = fit(build_network("levels", 1, 2), tones(), settings=SHORT, manifest=["rec 9"])
-    assert list(classifier.manifest) == sorted(["rec 9", *(f"{label}-{n}" for label in CLASSES for n in (0, 1))])
+    assert list(classifier.manifest) == sorted(
+        ["rec 9", *(f"{label}-{n}" for label in CLASSES for n in (0, 1))]
+    )
 
 
 def test_a_class_without_windows_an_unlabeled_window_and_an_empty_set_are_refused():
@@ -213,11 +245,18 @@ def test_a_loss_that_runs_away_is_an_error_that_names_the_epoch():
 
 def test_class_weights_let_each_class_count_the_same():
     windows = tones(windows=10)
-    few = windows.subset(np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]])
+    few = windows.subset(
+        np.r_[np.flatnonzero(windows.target == 0), np.flatnonzero(windows.target == 1)[:5]]
+    )
     network = build_network("bitcn", 1, 2, channels=(2,), dropout=0.0)
-    losses = {fit(network, few, settings=replace(SHORT, class_weights=on)).history[0].loss for on in (True, False)}
+    losses = {
+        fit(network, few, settings=replace(SHORT, class_weights=on)).history[0].loss
+        for on in (True, False)
+    }
     assert len(losses) == 2
-    assert (torch.bincount(torch.as_tensor(few.target)) * loop._class_weights(few, "cpu")).tolist() == [12.5, 12.5]
+    assert (
+        torch.bincount(torch.as_tensor(few.target)) * loop._class_weights(few, "cpu")
+    ).tolist() == [12.5, 12.5]
 
 
 def test_normalization_per_window_ignores_gain_and_others_keep_it():
@@ -229,7 +268,9 @@ def test_normalization_per_window_ignores_gain_and_others_keep_it():
     per_window = [Normalization.fit("window", w).apply(w) for w in (quiet, loud)]
     np.testing.assert_allclose(*per_window, atol=1e-4)
     np.testing.assert_array_equal(Normalization.fit("none", loud).apply(loud), loud.signal)
-    assert Normalization.fit("set", quiet).apply(loud).std() > 200, "the scale is that of the training"
+    assert Normalization.fit("set", quiet).apply(loud).std() > 200, (
+        "the scale is that of the training"
+    )
     still = replace(quiet, signal=np.zeros_like(quiet.signal))
     for kind in ("window", "set"):
         assert not Normalization.fit(kind, still).apply(still).any()
@@ -242,7 +283,11 @@ def test_predictions_are_probabilities_names_and_features():
     np.testing.assert_allclose(probability.sum(axis=1), 1)
     assert classifier.predict(windows).tolist() == [CLASSES[i] for i in probability.argmax(axis=1)]
     assert classifier.embed(windows).shape == (20, 12)
-    assert (classifier.sample_rate, classifier.length, classifier.channels) == (1000.0, 64, ("acceleration",))
+    assert (classifier.sample_rate, classifier.length, classifier.channels) == (
+        1000.0,
+        64,
+        ("acceleration",),
+    )
     with pytest.raises(InputError, match="sample rate 1000 Hz against 2000 Hz"):
         classifier.predict_proba(replace(windows, sample_rate=2000.0))
 
@@ -339,7 +384,9 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
     assert np.array_equal(clean.signal, before)
     assert len(transform_windows(clean, replace(NOISY, noise_snr=None), 0, 1)[0]) == 0
     alone = transform_windows(clean, NOISY, 0, 1)[0]
-    assert set(alone.tolist()) <= set(which.tolist())  # what noise falls on does not hang on the others
+    assert set(alone.tolist()) <= set(
+        which.tolist()
+    )  # what noise falls on does not hang on the others
     assert not np.array_equal(alone, transform_windows(clean, NOISY, 0, 2)[0])
     few = clean.subset(np.arange(2))
     assert {len(transform_windows(few, every, 0, epoch)[0]) for epoch in range(100)} == {0, 1, 2}
@@ -354,7 +401,10 @@ def test_each_transform_changes_a_random_half_of_the_windows_and_no_other():
         ({"learning_rate": 0.0}, "learning_rate"),
         ({"gain": -1.0}, r"gain \(-1\) must be between 0 and 40 dB"),
         ({"gain": float("nan")}, r"gain \(nan\) must be between"),
-        ({"stretch": 0.5}, r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed"),
+        (
+            {"stretch": 0.5},
+            r"stretch \(0\.5\) must be between 0 and 0\.2; 0\.02 is 2 % of the speed",
+        ),
         ({"stretch": float("nan")}, r"stretch \(nan\)"),
         ({"gain": 1.0, "normalization": "window"}, "gain would change nothing"),
     ],
@@ -368,7 +418,8 @@ def test_settings_that_make_no_sense_are_refused(change: dict[str, Any], message
 def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Trainings on the processor go the way of a GPU that replays; the list counts the replays.
 
-    A graph reads and writes the memory that it was captured with, so each replay must find all tensors in their places.
+    A graph reads and writes the memory that it was captured with, so each replay must find all
+    tensors in their places.
     """
     counted: list[int] = []
 
@@ -377,7 +428,13 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             own = step.__closure__[0].cell_contents
             rates = [group["lr"] for group in own.optimizer.param_groups]
             moments = [value for state in own.optimizer.state.values() for value in state.values()]
-            held = [own._signal, own._target, own._batch, own._sums, *own.network.state_dict().values()]
+            held = [
+                own._signal,
+                own._target,
+                own._batch,
+                own._sums,
+                *own.network.state_dict().values(),
+            ]
             return [tensor.data_ptr() for tensor in (*held, *rates, *moments)]
 
         for _ in range(3):
@@ -396,15 +453,23 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return counted
 
 
-@pytest.mark.parametrize("change", [{"decay": "cosine"}, {"noise_snr": 0.0, "normalization": "set"}])
+@pytest.mark.parametrize(
+    "change", [{"decay": "cosine"}, {"noise_snr": 0.0, "normalization": "set"}]
+)
 def test_replayed_steps_learn_what_single_steps_do(replays, change, monkeypatch):
     settings = replace(SHORT, **change)
     replayed = fit(small(), tones(), settings=settings)
-    assert len(replays) == 2 * settings.epochs  # of 20 windows 4 are left over, which are never replayed
+    assert (
+        len(replays) == 2 * settings.epochs
+    )  # of 20 windows 4 are left over, which are never replayed
     monkeypatch.setattr(loop, "is_replayed", steps.is_replayed)
     single = fit(small(), tones(), settings=settings)
-    assert [epoch.loss for epoch in replayed.history] == pytest.approx([e.loss for e in single.history], rel=1e-4)
-    np.testing.assert_allclose(replayed.predict_proba(tones()), single.predict_proba(tones()), atol=1e-3)
+    assert [epoch.loss for epoch in replayed.history] == pytest.approx(
+        [e.loss for e in single.history], rel=1e-4
+    )
+    np.testing.assert_allclose(
+        replayed.predict_proba(tones()), single.predict_proba(tones()), atol=1e-3
+    )
 
 
 def test_replayed_steps_go_on_after_an_interrupt_as_if_there_had_been_none(replays, tmp_path):
@@ -424,7 +489,9 @@ def test_too_few_windows_for_a_batch_are_learned_without_a_replay(replays):
 
 
 def test_a_step_is_captured_after_a_warm_up_with_its_generator(monkeypatch):
-    """What torch asks of a capture, in its order; whether a GPU then replays it is for the tests that need one."""
+    """What torch asks of a capture, in its order; whether a GPU then replays it is for the tests
+    that need one.
+    """
     told: list[str] = []
 
     class Graph:
@@ -474,11 +541,18 @@ ON_A_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU
 @ON_A_GPU
 @pytest.mark.parametrize(("precision", "tolerance"), [("float32", 0.01), ("bfloat16", 0.1)])
 def test_a_gpu_learns_what_the_processor_learns(precision, tolerance):
-    settings, network = replace(SHORT, precision=precision), BiTCN(1, 2, channels=(8, 12), kernel_size=3, dropout=0.0)
-    there, here = (fit(network, tones(), settings=settings, device=device) for device in ("cuda", "cpu"))
+    settings, network = (
+        replace(SHORT, precision=precision),
+        BiTCN(1, 2, channels=(8, 12), kernel_size=3, dropout=0.0),
+    )
+    there, here = (
+        fit(network, tones(), settings=settings, device=device) for device in ("cuda", "cpu")
+    )
     expected = [epoch.loss for epoch in here.history]
     assert [epoch.loss for epoch in there.history] == pytest.approx(expected, rel=tolerance)
-    np.testing.assert_allclose(there.predict_proba(tones()), here.predict_proba(tones()), atol=tolerance)
+    np.testing.assert_allclose(
+        there.predict_proba(tones()), here.predict_proba(tones()), atol=tolerance
+    )
 
 
 @ON_A_GPU
@@ -491,4 +565,6 @@ def test_a_gpu_gives_the_same_bits_again_also_after_an_interrupt(tmp_path):
     file = tmp_path / "training.safetensors"
     with pytest.raises(KeyboardInterrupt):
         fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, progress=interrupt)
-    assert same(whole, fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, resume=True))
+    assert same(
+        whole, fit(small(), tones(), settings=SHORT, device="cuda", checkpoint=file, resume=True)
+    )

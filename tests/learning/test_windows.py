@@ -50,7 +50,9 @@ def test_a_window_holds_the_readings_from_its_start_on():
     windows = cut_windows([source], length=100, stride=30)
     assert windows.start.tolist() == list(range(0, 901, 30))
     for window, start in zip(windows.signal, windows.start, strict=True):
-        np.testing.assert_array_equal(window, source.signal[:, start : start + 100].astype(np.float32))
+        np.testing.assert_array_equal(
+            window, source.signal[:, start : start + 100].astype(np.float32)
+        )
 
 
 def test_windows_carry_label_specimen_condition_and_origin():
@@ -61,7 +63,11 @@ def test_windows_carry_label_specimen_condition_and_origin():
     assert windows.discharge_pressure.tolist() == [15e6, 15e6, 5e6, 5e6]
     assert windows.synthetic.tolist() == [False, False, True, True]
     unknown = cut_windows([recording("a", None, condition=None)], length=500)
-    assert (unknown.classes, unknown.target.tolist(), unknown.label.tolist()) == ((), [-1, -1], ["", ""])
+    assert (unknown.classes, unknown.target.tolist(), unknown.label.tolist()) == (
+        (),
+        [-1, -1],
+        ["", ""],
+    )
     assert np.isnan(unknown.speed).all()
     np.testing.assert_allclose(windows.turns_per_sample * windows.length, 0.5 * 860 / 60)
 
@@ -130,7 +136,10 @@ def test_the_fingerprint_changes_with_one_reading_and_with_one_label():
     louder, relabeled = windows.signal.copy(), windows.target.copy()
     louder[3, 0, 7] += 1
     relabeled[0] = 2
-    prints = {w.fingerprint() for w in (windows, replace(windows, signal=louder), replace(windows, target=relabeled))}
+    prints = {
+        w.fingerprint()
+        for w in (windows, replace(windows, signal=louder), replace(windows, target=relabeled))
+    }
     assert len(prints) == 3
     assert windows.fingerprint() == cut_windows(rig(), length=200).fingerprint()
 
@@ -142,9 +151,16 @@ def test_the_fingerprint_changes_with_one_reading_and_with_one_label():
     seed=st.integers(0, 1000),
     stride=st.sampled_from([10, 25, 50]),
 )
-def test_a_split_shares_no_recording_and_keeps_every_class_on_both_sides(sizes, fraction, seed, stride):
+def test_a_split_shares_no_recording_and_keeps_every_class_on_both_sides(
+    sizes, fraction, seed, stride
+):
     recordings = [
-        recording(f"c{label}-{index}", f"class {label}", samples=100 * length, pressure=5 * (1 + index % 3))
+        recording(
+            f"c{label}-{index}",
+            f"class {label}",
+            samples=100 * length,
+            pressure=5 * (1 + index % 3),
+        )
         for label, (count, length) in enumerate(sizes)
         for index in range(count)
     ]
@@ -167,7 +183,9 @@ def test_with_recordings_enough_a_fifth_is_tested_and_every_cell_stands_on_both_
 
 def test_a_class_of_one_recording_cannot_be_split_and_is_named():
     windows = cut_windows([*rig(), recording("only", "valve_plate")], length=100)
-    with pytest.raises(DataError, match=r"valve_plate has windows of 1 recording.*name the recordings of the test"):
+    with pytest.raises(
+        DataError, match=r"valve_plate has windows of 1 recording.*name the recordings of the test"
+    ):
         split_by_recording(windows)
 
 
@@ -177,7 +195,9 @@ def test_a_split_refuses_synthetic_and_unlabeled_windows_and_unknown_groups():
     with pytest.raises(DataError, match="mute has no label"):
         split_by_recording(cut_windows([*rig(), recording("mute", None)], length=100))
     with pytest.raises(DataError, match="nowhere has no specimen"):
-        split_by_recording(cut_windows([*rig(), recording("nowhere")], length=100), group="specimen")
+        split_by_recording(
+            cut_windows([*rig(), recording("nowhere")], length=100), group="specimen"
+        )
     with pytest.raises(InputError, match="'window' is none of"):
         split_by_recording(cut_windows(rig(), length=100), group="window")
     with pytest.raises(InputError, match="test_fraction"):
@@ -192,12 +212,17 @@ def test_recordings_kept_in_training_are_never_tested_on_and_the_rest_is_split()
     assert ids(train) | ids(test) == ids(windows)
     assert not ids(train) & ids(test)
     assert {name.split("-")[0] for name in ids(test)} == set(CLASSES)
-    with pytest.raises(DataError, match=r"normal has windows of 0 recording.s. without a part in synthetic ones"):
+    with pytest.raises(
+        DataError, match=r"normal has windows of 0 recording.s. without a part in synthetic ones"
+    ):
         split_by_recording(windows, keep_in_training=ids(windows))
 
 
 def test_a_leak_is_named():
-    first, second = cut_windows([recording("a")], length=100), cut_windows([recording("b")], length=100)
+    first, second = (
+        cut_windows([recording("a")], length=100),
+        cut_windows([recording("b")], length=100),
+    )
     check_disjoint(first, second)
     with pytest.raises(LeakError, match="recording a stands in training and in test"):
         check_disjoint(first + second, first)
@@ -207,7 +232,9 @@ def test_a_leak_is_named():
         match="recording a copy, which holds the samples of a, as they are or altered",
     ):
         check_disjoint(first + second, copied)
-    part = cut_windows([Recording(recording("a").signal[:, 200:], 1000.0, "a part", label="normal")], length=100)
+    part = cut_windows(
+        [Recording(recording("a").signal[:, 200:], 1000.0, "a part", label="normal")], length=100
+    )
     with pytest.raises(LeakError, match="a part holds a window of training recording a"):
         check_disjoint(first + second, part)
     with pytest.raises(LeakError, match="b is synthetic"):
@@ -235,10 +262,15 @@ def test_folds_share_no_group_where_windows_overlap(n_folds, seed, stride):
     groups = recording_groups(recordings, "day")
     folds = group_folds(windows, group=groups, n_folds=n_folds, seed=seed)
     for trained, tested in folds:
-        sides = [{groups[name] for name in windows.recording_id[side].tolist()} for side in (trained, tested)]
+        sides = [
+            {groups[name] for name in windows.recording_id[side].tolist()}
+            for side in (trained, tested)
+        ]
         assert not sides[0] & sides[1]
         assert len(trained) + len(tested) == len(windows)
-    assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(range(len(windows)))
+    assert sorted(np.concatenate([tested for _, tested in folds]).tolist()) == list(
+        range(len(windows))
+    )
     assert len(folds) == n_folds
 
 
@@ -258,12 +290,16 @@ def test_more_folds_than_groups_and_one_group_are_refused():
 
 def test_a_condition_is_a_speed_and_a_pressure_where_stated_and_close_speeds_are_one():
     speeds = ["700 rpm", "714 rpm", "703 rpm", "1003 rpm", "1000 rpm", "105 rad/s"]
-    recordings = [bare(f"r{number}", attributes={"speed": speed}) for number, speed in enumerate(speeds)]
+    recordings = [
+        bare(f"r{number}", attributes={"speed": speed}) for number, speed in enumerate(speeds)
+    ]
     groups = recording_groups(recordings, "condition")
     assert groups["r0"] == groups["r1"] == groups["r2"] == "705.7 rev/min"
     assert groups["r3"] == groups["r4"] == groups["r5"] != groups["r0"]
     point = OperatingCondition(rpm(1500), MPa(15))
-    assert recording_groups([bare("both", condition=point)], "condition") == {"both": "1500 rev/min, 15 MPa"}
+    assert recording_groups([bare("both", condition=point)], "condition") == {
+        "both": "1500 rev/min, 15 MPa"
+    }
 
 
 def test_windows_carry_the_speed_that_only_an_attribute_states_and_split_by_it():
@@ -288,7 +324,9 @@ def test_an_attribute_nobody_has_is_refused_and_the_nearest_offered():
     with pytest.raises(DataError, match=r"bare has no day written down"):
         recording_groups([*rows(["mon"]), bare("bare")], "day")
     with pytest.raises(DataError, match=r"a has no group written down"):
-        split_by_recording(cut_windows([bare("a"), bare("b", "leak")], length=100), group={"b": "x"})
+        split_by_recording(
+            cut_windows([bare("a"), bare("b", "leak")], length=100), group={"b": "x"}
+        )
 
 
 @given(st.integers(5, 70))
@@ -310,7 +348,9 @@ def test_a_check_and_a_split_agree_on_whether_machines_can_be_held_out(ring: str
         for name in names
         for number in range(2)
     ]
-    (use,) = [use for use in check_recordings(recordings, window=60).uses if "specimens" in use.name]
+    (use,) = [
+        use for use in check_recordings(recordings, window=60).uses if "specimens" in use.name
+    ]
     windows = cut_windows(recordings, length=60)
     try:
         split_by_recording(windows, group=recording_groups(recordings, "specimen"))

@@ -1,4 +1,6 @@
-"""Fixtures of the room: a PostgreSQL server, an empty history in each of both databases, a broker, a machine."""
+"""Fixtures of the room: a PostgreSQL server, an empty history in each of both databases, a broker,
+a machine.
+"""
 
 import os
 import shutil
@@ -18,7 +20,9 @@ _NUMBERS = count()
 
 
 class PostgresServer:
-    """A PostgreSQL server of its own in a temporary folder, as user postgres where the tests run as root."""
+    """A PostgreSQL server of its own in a temporary folder, as user postgres where the tests run as
+    root.
+    """
 
     def __init__(self, programs: Path) -> None:
         self._programs = programs
@@ -27,7 +31,9 @@ class PostgresServer:
         self.port = free_port()
         if self._user:
             shutil.chown(self.folder, self._user)
-        self._run("initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "--no-sync", "-E", "UTF8")
+        self._run(
+            "initdb", "-D", "data", "-U", "swashtwin", "-A", "trust", "--no-sync", "-E", "UTF8"
+        )
 
     @property
     def url(self) -> str:
@@ -36,7 +42,9 @@ class PostgresServer:
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
-        settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off"
+        settings = (
+            f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off"
+        )
         self._run("pg_ctl", "-D", "data", "-w", "-t", "60", "-l", "log", "-o", settings, "start")
 
     def stop(self) -> None:
@@ -61,7 +69,13 @@ class PostgresServer:
         command = [str(self._programs / program), *arguments]
         with (self.folder / f"{program}.txt").open("w+", encoding="utf-8") as output:
             process = subprocess.run(
-                command, cwd=self.folder, user=self._user, stdout=output, stderr=output, timeout=120, check=False
+                command,
+                cwd=self.folder,
+                user=self._user,
+                stdout=output,
+                stderr=output,
+                timeout=120,
+                check=False,
             )
             output.seek(0)
             assert process.returncode == 0, output.read()
@@ -71,7 +85,9 @@ class PostgresServer:
 def postgres_server() -> Iterator[PostgresServer]:
     """A running PostgreSQL server, or a skip where it is not installed."""
     pytest.importorskip("psycopg", reason="psycopg is not installed")
-    installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3]))
+    installed = sorted(
+        Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3])
+    )
     on_path = shutil.which("initdb")
     if not installed and not on_path:
         pytest.skip("PostgreSQL is not installed")

@@ -1,4 +1,6 @@
-"""Many twins in one call: each as by itself to the last bit, whatever is computed beside it, and within the memory."""
+"""Many twins in one call: each as by itself to the last bit, whatever is computed beside it, and
+within the memory.
+"""
 
 import itertools
 from dataclasses import replace
@@ -89,11 +91,15 @@ def test_values_and_scales_of_each_twin_may_be_a_batch_themselves(twins: list[Tw
 
 def gradients(twins: list[Twin], together: bool) -> tuple[Tensor, ...]:
     values = torch.stack([twin.values for twin in twins]).requires_grad_()
-    scales = torch.tensor([twin.scales.values() for twin in twins], dtype=torch.float64).requires_grad_()
+    scales = torch.tensor(
+        [twin.scales.values() for twin in twins], dtype=torch.float64
+    ).requires_grad_()
     if together:
         energy = accelerations(twins, values, scales=scales).lines.abs().square().sum()
     else:
-        parts = [twin.acceleration(v, scales=s) for twin, v, s in zip(twins, values, scales, strict=True)]
+        parts = [
+            twin.acceleration(v, scales=s) for twin, v, s in zip(twins, values, scales, strict=True)
+        ]
         energy = torch.stack([part.abs().square().sum() for part in parts]).sum()
     return torch.autograd.grad(energy, (values, scales))
 
@@ -120,13 +126,20 @@ def test_a_batch_too_large_for_the_memory_is_computed_in_chunks(
     twin = twins[1]
     values = twin.values * torch.linspace(0.5, 2.0, 40, dtype=torch.float64)[:, None]
     many = [
-        replace(twin, scales=Scales(excitation=k)) for twin in twins if twin.fault is not FAULTS[-1] for k in (1, 2)
+        replace(twin, scales=Scales(excitation=k))
+        for twin in twins
+        if twin.fault is not FAULTS[-1]
+        for k in (1, 2)
     ]
     whole = twin.acceleration(values), accelerations(many).lines, *gradients(many, True)
     monkeypatch.setattr(response, "WORKSPACE", 300 * response._LINE_BYTES)
     solver = Counting()
     object.__setattr__(solver, "solved", [])
-    chunked = twin.acceleration(values, solver=solver), accelerations(many, solver=solver).lines, *gradients(many, True)
+    chunked = (
+        twin.acceleration(values, solver=solver),
+        accelerations(many, solver=solver).lines,
+        *gradients(many, True),
+    )
     assert max(solver.solved) <= 300
     assert len(solver.solved) > 8
     for before, after in zip(whole[:2], chunked[:2], strict=True):

@@ -1,4 +1,6 @@
-"""The matrices against physics.md: reference entries, invariants, and the 13 equations written out one by one."""
+"""The matrices against physics.md: reference entries, invariants, and the 13 equations written out
+one by one.
+"""
 
 import math
 from dataclasses import replace
@@ -26,9 +28,17 @@ def matrices(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
     return structure.stiffness(values).numpy(), structure.damping(values).numpy()
 
 
-def test_the_nominal_stiffness_has_the_reference_entries(matrices: tuple[np.ndarray, np.ndarray]) -> None:
+def test_the_nominal_stiffness_has_the_reference_entries(
+    matrices: tuple[np.ndarray, np.ndarray],
+) -> None:
     stiffness, damping = matrices
-    entries = {(2, 2): 4.21646e8, (3, 3): 5.64753e6, (6, 6): 6.5e8, (7, 7): 1.8005e8, (8, 8): 2.30371e6}
+    entries = {
+        (2, 2): 4.21646e8,
+        (3, 3): 5.64753e6,
+        (6, 6): 6.5e8,
+        (7, 7): 1.8005e8,
+        (8, 8): 2.30371e6,
+    }
     entries |= {(11, 11): 5.83539e7, (12, 12): 1.41696e8, (1, 2): -2.76696e7}
     for index, value in entries.items():
         assert stiffness[index] == pytest.approx(value, rel=2e-6)
@@ -47,7 +57,10 @@ def test_interfaces_and_bearings_answer_no_rigid_motion(pump: Pump, topology: st
 @pytest.mark.parametrize("angle", [0.1, 0.37, 0.9, 2.0])
 def test_interface_matrices_do_not_depend_on_the_shaft_angle(pump: Pump, angle: float) -> None:
     for topology in ("T1", "T2"):
-        at_zero, turned = slipper_swash_shape(pump, topology)[0], slipper_swash_shape(pump, topology, angle)[0]
+        at_zero, turned = (
+            slipper_swash_shape(pump, topology)[0],
+            slipper_swash_shape(pump, topology, angle)[0],
+        )
         np.testing.assert_allclose(turned, at_zero, atol=1e-15)
     np.testing.assert_allclose(piston_bore_shape(pump, angle), piston_bore_shape(pump), atol=1e-15)
 
@@ -56,7 +69,9 @@ def test_discrete_rings_sum_to_the_closed_forms(pump: Pump) -> None:
     radius, n = pump.valve_plate.film_radius, 24
     ring = np.zeros((13, 13))
     for angle in 2 * np.pi * np.arange(n) / n:
-        point = np.array([radius * np.sin(angle), radius * np.cos(angle), pump.positions.valve_plate])
+        point = np.array(
+            [radius * np.sin(angle), radius * np.cos(angle), pump.positions.valve_plate]
+        )
         row = displacement_rows(pump, "C", point)[2] - displacement_rows(pump, "F", point)[2]
         ring += np.outer(row, row) / n
     np.testing.assert_allclose(block_valve_shape(pump), ring, atol=1e-15)
@@ -101,10 +116,15 @@ def scalar_right_hand_side(
     bore = element(k_h + pump.coupling.spring_stiffness, c_h, (z_p, 1), (z_c, -1))
     side_x = element(k_h, c_h, (x_p, 1), (x_c, -1), (b_c, zeta_c))
     side_y = element(k_h, c_h, (y_p, 1), (y_c, -1), (a_c, -zeta_c))
-    sine, cosine = math.sin(pump.rotating_group.swash_angle), math.cos(pump.rotating_group.swash_angle)
+    sine, cosine = (
+        math.sin(pump.rotating_group.swash_angle),
+        math.cos(pump.rotating_group.swash_angle),
+    )
     k_s, c_s = joints.slipper_swash.stiffness, joints.slipper_swash.damping
     approach = ((y_p, -sine), (y_f, sine), (z_p, cosine), (z_f, -cosine), (a_f, zeta_f * sine))
-    normal = element(k_s, c_s, *approach) + (k_s * depth + c_s * rate) / pump.rotating_group.piston_count
+    normal = (
+        element(k_s, c_s, *approach) + (k_s * depth + c_s * rate) / pump.rotating_group.piston_count
+    )
     return load + np.array(
         [
             -mx + sums[0],
@@ -124,7 +144,9 @@ def scalar_right_hand_side(
     )
 
 
-def test_the_thirteen_scalar_equations_are_the_matrix_form(pump: Pump, matrices: tuple[np.ndarray, np.ndarray]) -> None:
+def test_the_thirteen_scalar_equations_are_the_matrix_form(
+    pump: Pump, matrices: tuple[np.ndarray, np.ndarray]
+) -> None:
     rng = np.random.default_rng(0)
     q, v, load = rng.normal(size=13) * 1e-6, rng.normal(size=13) * 1e-3, rng.normal(size=13) * 10
     depth, rate = 6e-4, 0.1
@@ -158,9 +180,15 @@ def test_a_factor_on_one_direction_or_bearing_is_that_of_the_pump_file(pump: Pum
         ),
         bearings=replace(
             bearings,
-            stiffnesses=(first * bearings.stiffnesses[0], second * bearings.stiffnesses[1], bearings.stiffnesses[2]),
+            stiffnesses=(
+                first * bearings.stiffnesses[0],
+                second * bearings.stiffnesses[1],
+                bearings.stiffnesses[2],
+            ),
         ),
     )
     scaled = assemble(pump).stiffness(values, parts=factors)
     torch.testing.assert_close(scaled, assemble(changed).stiffness(values), rtol=1e-12, atol=1e-6)
-    assert torch.equal(assemble(pump).stiffness(values, parts=torch.ones(7)), assemble(pump).stiffness(values))
+    assert torch.equal(
+        assemble(pump).stiffness(values, parts=torch.ones(7)), assemble(pump).stiffness(values)
+    )

@@ -1,4 +1,6 @@
-"""Fault excitations against the paper's piecewise displacement, physics.md, and transforms of fine samples."""
+"""Fault excitations against the paper's piecewise displacement, physics.md, and transforms of fine
+samples.
+"""
 
 import math
 from collections.abc import Callable
@@ -32,7 +34,9 @@ ENTRIES = ("centre", "edge")
 EDGES = ("half_sine", "raised_cosine")
 
 
-def sampled_lines(function: Callable[[np.ndarray], np.ndarray], n_lines: int, points: int = 2**18) -> np.ndarray:
+def sampled_lines(
+    function: Callable[[np.ndarray], np.ndarray], n_lines: int, points: int = 2**18
+) -> np.ndarray:
     """Lines of a function of the shaft angle from the trapezoidal rule on many points."""
     angle = 2 * math.pi * np.arange(points) / points
     return np.fft.rfft(function(angle))[1 : n_lines + 1] * 2 / points
@@ -74,13 +78,26 @@ def test_the_stages_are_those_tabulated(
     np.testing.assert_allclose([summed.min(), summed.mean(), summed.max()], total, atol=0.006)
 
 
-def test_the_first_slipper_follows_the_papers_formula(pump: Pump, at_15: OperatingCondition) -> None:
+def test_the_first_slipper_follows_the_papers_formula(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     speed = at_15.speed * mm(26)
     first, second, third = mm(11) / speed, mm(19) / speed, mm(30) / speed
     start = (DEFECT.angle - mm(15) / mm(26)) / at_15.speed
-    since = np.array([-1e-4, 0.0, 0.3 * first, first, 0.5 * (first + second), second + 1e-4, third, third + 1e-4])
+    since = np.array(
+        [-1e-4, 0.0, 0.3 * first, first, 0.5 * (first + second), second + 1e-4, third, third + 1e-4]
+    )
     expected = mm(0.6) * np.array(
-        [0, 0, math.sin(0.15 * math.pi), 1, 1, math.sin(math.pi / 2 * (third - second - 1e-4) / (third - second)), 0, 0]
+        [
+            0,
+            0,
+            math.sin(0.15 * math.pi),
+            1,
+            1,
+            math.sin(math.pi / 2 * (third - second - 1e-4) / (third - second)),
+            0,
+            0,
+        ]
     )
     heights = slipper_displacements(pump, at_15, DEFECT, start + since)[0]
     np.testing.assert_allclose(heights, expected, atol=1e-12)
@@ -90,7 +107,10 @@ def test_the_first_slipper_follows_the_papers_formula(pump: Pump, at_15: Operati
 @pytest.mark.parametrize("edge", EDGES)
 @pytest.mark.parametrize("length", [mm(30), mm(22), mm(16)])
 def test_displacement_is_continuous_and_a_raised_cosine_has_no_velocity_jump(
-    pump: Pump, entry: Literal["centre", "edge"], edge: Literal["half_sine", "raised_cosine"], length: float
+    pump: Pump,
+    entry: Literal["centre", "edge"],
+    edge: Literal["half_sine", "raised_cosine"],
+    length: float,
 ) -> None:
     defect = replace(DEFECT, entry=entry, edge=edge, length=length)
     angle = np.linspace(0, 2 * math.pi, 200001)
@@ -102,7 +122,9 @@ def test_displacement_is_continuous_and_a_raised_cosine_has_no_velocity_jump(
     assert jump > 0.9 * bound if edge == "half_sine" else jump < 1e-3 * bound
     smooth = np.abs(np.diff(slope)) < 0.5 * bound
     np.testing.assert_allclose(
-        np.diff(height)[smooth] / spacing, (0.5 * (slope[1:] + slope[:-1]))[smooth], atol=2e-4 * bound
+        np.diff(height)[smooth] / spacing,
+        (0.5 * (slope[1:] + slope[:-1]))[smooth],
+        atol=2e-4 * bound,
     )
 
 
@@ -129,12 +151,18 @@ def test_displacement_lines_are_the_transform_of_the_displacement(
     assert np.abs(lines).max() > 1e-6
 
 
-def test_displacement_lines_have_the_reference_amplitudes(pump: Pump, at_15: OperatingCondition) -> None:
+def test_displacement_lines_have_the_reference_amplitudes(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     lines = np.abs(displacement_lines(pump, at_15, DEFECT, 70))
-    np.testing.assert_allclose(lines[[6, 13, 20, 27]], [um(44.3), um(0.0156), um(20.5), um(13.2)], rtol=4e-3)
+    np.testing.assert_allclose(
+        lines[[6, 13, 20, 27]], [um(44.3), um(0.0156), um(20.5), um(13.2)], rtol=4e-3
+    )
     assert np.all(lines[np.arange(1, 71) % 7 != 0] == 0)
     deeper = np.abs(displacement_lines(pump, at_15, DEFECT, 70, scatter=(1.1, *[1.0] * 6)))
-    np.testing.assert_allclose(deeper[[0, 1, 6, 20]], [um(15.6), um(14), um(44.9), um(20.8)], rtol=4e-3)
+    np.testing.assert_allclose(
+        deeper[[0, 1, 6, 20]], [um(15.6), um(14), um(44.9), um(20.8)], rtol=4e-3
+    )
 
 
 @pytest.mark.parametrize("half_width", [5, 25, 180])
@@ -146,9 +174,15 @@ def test_bore_lines_are_the_transform_of_the_displacement(
 
     def height(angle: np.ndarray) -> np.ndarray:
         offset = np.mod(angle + 2 * math.pi * bore / 7 - deg(270) + math.pi, 2 * math.pi) - math.pi
-        return um(50) * np.cos(math.pi * offset / (2 * deg(half_width))) * (np.abs(offset) < deg(half_width))
+        return (
+            um(50)
+            * np.cos(math.pi * offset / (2 * deg(half_width)))
+            * (np.abs(offset) < deg(half_width))
+        )
 
-    np.testing.assert_allclose(bore_lines(pump, defect, 200), sampled_lines(height, 200), atol=1e-13)
+    np.testing.assert_allclose(
+        bore_lines(pump, defect, 200), sampled_lines(height, 200), atol=1e-13
+    )
 
 
 def test_a_worn_valve_plate_softens_its_film(pump: Pump) -> None:
@@ -160,8 +194,12 @@ def test_a_worn_valve_plate_softens_its_film(pump: Pump) -> None:
         assert interface_factors(fault, pump).values() == (1.0,) * 6
 
 
-def test_excitation_that_does_not_fit_the_pump_is_refused(pump: Pump, at_15: OperatingCondition) -> None:
-    with pytest.raises(InputError, match=r"length \(150 mm\) fills the slippers' whole track of 163.4 mm"):
+def test_excitation_that_does_not_fit_the_pump_is_refused(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    with pytest.raises(
+        InputError, match=r"length \(150 mm\) fills the slippers' whole track of 163.4 mm"
+    ):
         displacement_lines(pump, at_15, replace(DEFECT, length=mm(150), entry="edge"), 7)
     with pytest.raises(InputError, match=r"scatter has shape \(3,\) for 7 slippers"):
         displacement_lines(pump, at_15, DEFECT, 7, scatter=(1.0, 1.0, 1.0))
@@ -179,9 +217,13 @@ def test_half_of_a_recess_is_followed_at_its_corner(
 ) -> None:
     corner = 28 * at_15.shaft_frequency
     own, limited = (
-        following(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner])) for value in (0.0, corner)
+        following(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner]))
+        for value in (0.0, corner)
     )
     np.testing.assert_allclose(limited, [1, 0.5])
     assert own[1] > 0.98
-    lines = [displacement_lines(pump, at_15, replace(DEFECT, corner=value), 28) for value in (0.0, corner)]
+    lines = [
+        displacement_lines(pump, at_15, replace(DEFECT, corner=value), 28)
+        for value in (0.0, corner)
+    ]
     assert lines[1][-1] == pytest.approx(lines[0][-1] / 2)

@@ -1,4 +1,6 @@
-"""Chamber pressures and their forces against the numbers in physics.md and against what must hold for any pump."""
+"""Chamber pressures and their forces against the numbers in physics.md and against what must hold
+for any pump.
+"""
 
 import math
 from dataclasses import replace
@@ -44,7 +46,9 @@ REFERENCE: tuple[tuple[Fault | None, float, float, tuple[float, ...]], ...] = (
     (DamScratch(1e-6), 14.98, 0.186, (0, 2120, 544, 294, 310, 150, 12.8)),
     (GrooveErosion(deg(6)), 15.00, 0.162, (0, 1940, 730, 233, 437, 125, 39.7)),
 )
-"""Fault; mean and peak-to-peak of the outlet pressure [MPa]; amplitudes of the piston force at 1, 7 ... 70 f_s [N]."""
+"""Fault; mean and peak-to-peak of the outlet pressure [MPa]; amplitudes of the piston force at 1, 7
+... 70 f_s [N].
+"""
 
 ORDERS = (1, 7, 14, 21, 28, 35, 70)
 
@@ -97,8 +101,12 @@ def test_one_piston_of_another_clearance_brings_a_line_at_the_shaft_frequency(
     np.testing.assert_allclose(scattered, worn, rtol=1e-9, atol=1e-9)
 
 
-def test_wear_of_another_piston_is_the_same_load_at_another_angle(pump: Pump, at_15: OperatingCondition) -> None:
-    first, third = (pressure_lines(LoadCase(pump, at_15, PistonWear(um(60), piston=k)), 50) for k in (0, 2))
+def test_wear_of_another_piston_is_the_same_load_at_another_angle(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
+    first, third = (
+        pressure_lines(LoadCase(pump, at_15, PistonWear(um(60), piston=k)), 50) for k in (0, 2)
+    )
     turned = first[:, 12] * np.exp(2j * math.pi * np.arange(1, 51) * 2 / 7)
     np.testing.assert_allclose(third[:, 12], turned, atol=1e-4)
 
@@ -123,13 +131,17 @@ def test_wear_of_another_piston_is_the_same_load_at_another_angle(pump: Pump, at
 def test_a_fault_that_loads_no_chamber_leaves_the_pressures_healthy(
     pump: Pump, at_15: OperatingCondition, fault: Fault
 ) -> None:
-    sound, faulty = (chamber_pressures(LoadCase(pump, at_15, each), steps=224).chamber for each in (None, fault))
+    sound, faulty = (
+        chamber_pressures(LoadCase(pump, at_15, each), steps=224).chamber for each in (None, fault)
+    )
     np.testing.assert_allclose(faulty, sound, rtol=1e-9)
 
 
 @pytest.mark.parametrize("level", [5, 10, 15])
 @pytest.mark.parametrize("fault", [None, PistonWear(um(60)), ValvePlateWear(um(12))])
-def test_pressures_repeat_after_two_revolutions(pump: Pump, level: float, fault: Fault | None) -> None:
+def test_pressures_repeat_after_two_revolutions(
+    pump: Pump, level: float, fault: Fault | None
+) -> None:
     case = LoadCase(pump, OperatingCondition(speed=rpm(860), discharge_pressure=MPa(level)), fault)
     second, third = (chamber_pressures(case, steps=448, revolutions=count) for count in (2, 3))
     np.testing.assert_allclose(second.chamber, third.chamber, rtol=1e-6, atol=100)
@@ -139,15 +151,22 @@ def test_pressures_repeat_after_two_revolutions(pump: Pump, level: float, fault:
 def test_halving_the_step_halves_the_error(pump: Pump, at_15: OperatingCondition) -> None:
     case = LoadCase(pump, at_15)
     fine = pressure_lines(case, 35, steps=7168)[:, 12]
-    errors = [np.linalg.norm(pressure_lines(case, 35, steps=steps)[:, 12] - fine) for steps in (448, 896)]
+    errors = [
+        np.linalg.norm(pressure_lines(case, 35, steps=steps)[:, 12] - fine) for steps in (448, 896)
+    ]
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.4)
 
 
 @pytest.mark.parametrize("speed", [300, 3000])
 @pytest.mark.parametrize("temperature", [0, 90])
-def test_every_fault_converges_far_from_the_papers_condition(pump: Pump, speed: int, temperature: int) -> None:
+def test_every_fault_converges_far_from_the_papers_condition(
+    pump: Pump, speed: int, temperature: int
+) -> None:
     condition = OperatingCondition(
-        speed=rpm(speed), discharge_pressure=MPa(15), suction_pressure=0.05e6, oil_temperature=celsius(temperature)
+        speed=rpm(speed),
+        discharge_pressure=MPa(15),
+        suction_pressure=0.05e6,
+        oil_temperature=celsius(temperature),
     )
     for fault, *_ in REFERENCE:
         chamber = chamber_pressures(LoadCase(pump, condition, fault), steps=448).chamber
@@ -155,9 +174,15 @@ def test_every_fault_converges_far_from_the_papers_condition(pump: Pump, speed: 
         assert chamber.min() >= 1e3
 
 
-def test_the_pump_delivers_its_displacement_less_its_leakage(pump: Pump, at_15: OperatingCondition) -> None:
+def test_the_pump_delivers_its_displacement_less_its_leakage(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     hot = at_15.replaced(oil_temperature=celsius(60))
-    batch = [LoadCase(pump, at_15), LoadCase(pump, hot), LoadCase(pump, at_15, ValvePlateWear(um(12)))]
+    batch = [
+        LoadCase(pump, at_15),
+        LoadCase(pump, hot),
+        LoadCase(pump, at_15, ValvePlateWear(um(12))),
+    ]
     cold, warm, worn = (chamber_pressures(case, steps=896).flow for case in batch)
     assert 0.9 < cold / (pump.rotating_group.displacement * at_15.shaft_frequency) < 1
     assert warm < cold
@@ -187,14 +212,18 @@ def test_the_pressure_load_does_no_work_on_rigid_motions(pump: Pump) -> None:
     motions[[3, 8], 3] = motions[[4, 9], 4] = 1
     generator = np.random.default_rng(0)
     force = generator.uniform(0, 3400, (7, 5))
-    loads = generalized_forces(pump, force, 1.1 + 2 * math.pi * np.arange(7)[:, None] / 7 + np.zeros(5))
+    loads = generalized_forces(
+        pump, force, 1.1 + 2 * math.pi * np.arange(7)[:, None] / 7 + np.zeros(5)
+    )
     assert np.abs(loads).max() > 1000
     np.testing.assert_allclose(loads @ motions, 0, atol=1e-9)
 
 
 def test_unbalance_turns_with_the_shaft(pump: Pump, at_15: OperatingCondition) -> None:
     balanced = replace(pump, masses=replace(pump.masses, rotor_eccentricity=0.0))
-    unbalanced, without = (pressure_lines(LoadCase(each, at_15), 2, steps=224) for each in (pump, balanced))
+    unbalanced, without = (
+        pressure_lines(LoadCase(each, at_15), 2, steps=224) for each in (pump, balanced)
+    )
     unbalance = unbalanced - without
     force = 4.6 * 20e-6 * at_15.speed**2
     assert unbalance[0, 5] == pytest.approx(force)
@@ -202,27 +231,37 @@ def test_unbalance_turns_with_the_shaft(pump: Pump, at_15: OperatingCondition) -
     assert np.count_nonzero(np.abs(unbalance) > 1e-12) == 2
 
 
-def test_with_topology_t2_the_rotor_takes_the_piston_force(pump: Pump, at_15: OperatingCondition) -> None:
+def test_with_topology_t2_the_rotor_takes_the_piston_force(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     case = LoadCase(pump, at_15)
     series, direct = (pressure_lines(case, 14, topology=name, steps=224) for name in ("T1", "T2"))
     np.testing.assert_allclose(direct[..., 7], series[..., 7] + series[..., 12])
     np.testing.assert_array_equal(direct[..., 12], 0)
-    np.testing.assert_array_equal(np.delete(direct, [7, 12], axis=-1), np.delete(series, [7, 12], axis=-1))
+    np.testing.assert_array_equal(
+        np.delete(direct, [7, 12], axis=-1), np.delete(series, [7, 12], axis=-1)
+    )
 
 
 def test_a_pump_of_nine_pistons_has_lines_at_nine_times_the_shaft_frequency(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    nine = replace(pump, rotating_group=replace(pump.rotating_group, piston_count=9, piston_diameter=mm(15)))
+    nine = replace(
+        pump, rotating_group=replace(pump.rotating_group, piston_count=9, piston_diameter=mm(15))
+    )
     case = LoadCase(nine, at_15)
     assert chamber_pressures(case, steps=448).angle.size == 450
     force = np.abs(pressure_lines(case, 60, steps=448)[:, 12])
     assert force[np.arange(1, 61) % 9 != 0].max() < 1e-5 < 100 < force[8]
 
 
-def test_a_pump_that_leaks_more_than_it_displaces_is_refused(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_pump_that_leaks_more_than_it_displaces_is_refused(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     slow = at_15.replaced(speed=rpm(60), oil_temperature=celsius(90))
-    with pytest.raises(InputError, match=r"25scy14-1b, 60 rev/min, 15 MPa, .*leaks all it displaces"):
+    with pytest.raises(
+        InputError, match=r"25scy14-1b, 60 rev/min, 15 MPa, .*leaks all it displaces"
+    ):
         chamber_pressures(LoadCase(pump, slow), steps=224)
 
 

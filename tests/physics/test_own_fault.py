@@ -1,4 +1,6 @@
-"""A fault from outside the package, written in the places that CONTRIBUTING.md names: it simulates, saves and loads."""
+"""A fault from outside the package, written in the places that CONTRIBUTING.md names: it simulates,
+saves and loads.
+"""
 
 import json
 from collections.abc import Iterator
@@ -37,7 +39,9 @@ from swashtwin.pump.faults import _faults
 
 @dataclass(frozen=True)
 class CrackedPlate(Fault):
-    """Crack in the valve plate under one bore: that chamber leaks, and the plate's film is softer."""
+    """Crack in the valve plate under one bore: that chamber leaks, and the plate's film is
+    softer.
+    """
 
     label: ClassVar[str] = "cracked_plate"
 
@@ -58,7 +62,9 @@ def _(fault: CrackedPlate, pump: Pump) -> AddedLeakage:
 
 @interface_factors.register(CrackedPlate)
 def _(fault: CrackedPlate, pump: Pump) -> Interfaces:
-    return Interfaces(UNCHANGED.slipper_swash, Interface(1.0, fault.softening), UNCHANGED.piston_bore)
+    return Interfaces(
+        UNCHANGED.slipper_swash, Interface(1.0, fault.softening), UNCHANGED.piston_bore
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -75,8 +81,12 @@ def lines_of(pump: Pump, condition: OperatingCondition, fault: Fault | None) -> 
 
 def test_an_own_fault_is_read_as_the_shell_writes_it() -> None:
     assert read_fault("cracked_plate") == CrackedPlate(1e-12)
-    assert read_fault("Cracked plate", conductance="2e-12 m^3/(s*Pa)", softening="0.9") == CrackedPlate(2e-12, 0.9)
-    with pytest.raises(InputError, match="cracked_plate has no dimension 'depth'; it has conductance, softening"):
+    assert read_fault(
+        "Cracked plate", conductance="2e-12 m^3/(s*Pa)", softening="0.9"
+    ) == CrackedPlate(2e-12, 0.9)
+    with pytest.raises(
+        InputError, match="cracked_plate has no dimension 'depth'; it has conductance, softening"
+    ):
         read_fault("cracked_plate", depth="1 mm")
 
 
@@ -99,18 +109,24 @@ def test_an_own_fault_acts_by_its_registered_effects(pump: Pump, at_15: Operatin
     healthy, none = lines_of(pump, at_15, None), lines_of(pump, at_15, CrackedPlate(0.0))
     assert healthy == none
     cracked = lines_of(pump, at_15, CrackedPlate(1e-12))
-    assert set(healthy) < set(cracked)  # one piston differs: lines between the multiples of the piston count
+    assert set(healthy) < set(
+        cracked
+    )  # one piston differs: lines between the multiples of the piston count
     soft = lines_of(pump, at_15, CrackedPlate(0.0, softening=0.8))
     assert set(soft) == set(healthy)
     assert soft != healthy
 
 
-def test_a_twin_with_an_own_fault_is_saved_and_loaded(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_twin_with_an_own_fault_is_saved_and_loaded(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     twin = Twin(pump, at_15, CrackedPlate(1e-12, softening=0.9))
     table = json.loads(json.dumps(twin_to_dict(twin)))
     assert twin_from_dict(table).fault == twin.fault
     table["fault"]["kind"] = "Unheard"
-    with pytest.raises(InputError, match=r"no fault of the type Unheard is registered.*register_fault"):
+    with pytest.raises(
+        InputError, match=r"no fault of the type Unheard is registered.*register_fault"
+    ):
         twin_from_dict(table)
 
 
@@ -118,7 +134,9 @@ def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingC
     healthy = Twin(pump, at_15, bandwidth=1000)
     recording = healthy.with_fault(CrackedPlate(2e-12)).simulate(2.0, 4000, recording_id="worn")
     sound = healthy.simulate(2.0, 4000, recording_id="sound")
-    calibration = calibrate(healthy, [sound], method=GaussNewton(starts=1), nuisances=Nuisances(), band=(0, 1000))
+    calibration = calibrate(
+        healthy, [sound], method=GaussNewton(starts=1), nuisances=Nuisances(), band=(0, 1000)
+    )
     trend = estimate_severity(calibration, [recording], CrackedPlate(1e-12))
     (estimate,) = trend.estimates
     assert isinstance(estimate.fault, CrackedPlate)
@@ -128,16 +146,29 @@ def test_the_severity_of_an_own_fault_is_estimated(pump: Pump, at_15: OperatingC
 @pytest.mark.parametrize(
     ("name", "typical", "message"),
     [
-        ("piston", CrackedPlate(1e-12), r"piston \(CrackedPlate\) is taken by piston \(PistonWear\); rename it"),
+        (
+            "piston",
+            CrackedPlate(1e-12),
+            r"piston \(CrackedPlate\) is taken by piston \(PistonWear\); rename it",
+        ),
         ("normal", CrackedPlate(1e-12), "is taken by normal"),
-        ("other", type("Fault2", (Fault,), {})(), "Fault2 is no fault: derive a frozen dataclass from Fault"),
+        (
+            "other",
+            type("Fault2", (Fault,), {})(),
+            "Fault2 is no fault: derive a frozen dataclass from Fault",
+        ),
     ],
 )
-def test_a_fault_that_cannot_be_registered_is_refused(name: str, typical: Fault, message: str) -> None:
+def test_a_fault_that_cannot_be_registered_is_refused(
+    name: str, typical: Fault, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         register_fault(name, typical)
 
 
 def test_a_search_begins_with_the_severity() -> None:
-    with pytest.raises(InputError, match=r"CrackedPlate has the dimensions conductance, softening; .* begin with cond"):
+    with pytest.raises(
+        InputError,
+        match=r"CrackedPlate has the dimensions conductance, softening; .* begin with cond",
+    ):
         register_severity(CrackedPlate, SeveritySearch((Dimension("softening", "", 1.0),)))

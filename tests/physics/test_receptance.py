@@ -1,4 +1,6 @@
-"""Receptances against dense solves, finite differences and each other, whatever path computes them."""
+"""Receptances against dense solves, finite differences and each other, whatever path computes
+them.
+"""
 
 from collections.abc import Callable
 
@@ -21,7 +23,9 @@ def matrices(pump: Pump) -> Matrices:
     """M, and C and K for sets of values anywhere between a tenth and ten times the nominal ones."""
     structure = assemble(pump)
     spread = np.random.default_rng(0).uniform(-1, 1, (SETS, 6))
-    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * torch.as_tensor(10**spread)
+    values = torch.tensor(pump.interfaces.values(), dtype=torch.float64) * torch.as_tensor(
+        10**spread
+    )
     return structure.mass, structure.damping(values), structure.stiffness(values)
 
 
@@ -48,9 +52,16 @@ def relative(actual: Tensor, expected: Tensor) -> float:
     return float(((actual - expected).abs().amax(-1) / expected.abs().amax(-1)).max())
 
 
-def test_a_receptance_is_the_solution_of_the_dense_system(matrices: Matrices, frequency: Tensor) -> None:
+def test_a_receptance_is_the_solution_of_the_dense_system(
+    matrices: Matrices, frequency: Tensor
+) -> None:
     force = some_lines(SETS, 51, 13)
-    assert relative(receptance(*matrices, 1j * frequency, force), dense(*matrices, 1j * frequency, force)) < 1e-11
+    assert (
+        relative(
+            receptance(*matrices, 1j * frequency, force), dense(*matrices, 1j * frequency, force)
+        )
+        < 1e-11
+    )
 
 
 def coupled(matrices: Matrices) -> Matrices:
@@ -69,7 +80,9 @@ def asymmetric(matrices: Matrices) -> Matrices:
 
 
 def resonant(matrices: Matrices) -> Matrices:
-    """No damping, and a shell that alone would swing at 630 rad/s: the first pivot of that line is nearly nothing."""
+    """No damping, and a shell that alone would swing at 630 rad/s: the first pivot of that line is
+    nearly nothing.
+    """
     mass, damping, stiffness = matrices
     loose = stiffness.clone()
     loose[:, 0, 0] = 630.0**2 * mass[0, 0] * (1 + 1e-9)
@@ -81,7 +94,12 @@ def test_any_other_system_is_solved_as_well(
     matrices: Matrices, frequency: Tensor, change: Callable[[Matrices], Matrices]
 ) -> None:
     force, changed = some_lines(SETS, 51, 13), change(matrices)
-    assert relative(receptance(*changed, 1j * frequency, force), dense(*changed, 1j * frequency, force)) < 1e-10
+    assert (
+        relative(
+            receptance(*changed, 1j * frequency, force), dense(*changed, 1j * frequency, force)
+        )
+        < 1e-10
+    )
 
 
 def test_a_resonance_without_damping_is_named(matrices: Matrices) -> None:
@@ -106,7 +124,9 @@ def constant(*shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
     return (torch.ones(shape, dtype=dtype) / (2 if shape == (13, 13) else 1)).requires_grad_()
 
 
-def test_its_first_and_second_derivatives_are_those_of_finite_differences(matrices: Matrices) -> None:
+def test_its_first_and_second_derivatives_are_those_of_finite_differences(
+    matrices: Matrices,
+) -> None:
     s = torch.tensor([630j, 2500j, 9000 + 4000j], dtype=torch.complex128)
     response = relative_receptance(matrices, s, some_lines(3, 13))
     arguments = (
@@ -120,13 +140,18 @@ def test_its_first_and_second_derivatives_are_those_of_finite_differences(matric
     assert torch.autograd.gradgradcheck(response, arguments, fast_mode=True, atol=1e-4)
 
 
-def test_rk4_follows_the_equations_as_its_order_promises(matrices: Matrices, frequency: Tensor) -> None:
-    """Halving the step divides the distance to harmonic balance by 16; lines of 1 to 2 kHz, far from the limit."""
+def test_rk4_follows_the_equations_as_its_order_promises(
+    matrices: Matrices, frequency: Tensor
+) -> None:
+    """Halving the step divides the distance to harmonic balance by 16; lines of 1 to 2 kHz, far
+    from the limit.
+    """
     mass, damping, stiffness = matrices[0], matrices[1][:1] * 1e-3, matrices[2][:1]
     lines, force = frequency[10:20], some_lines(1, 10, 13)
     exact = HarmonicBalance().steady_state(mass, damping, stiffness, lines, force)
     errors = [
-        relative(RK4(step).steady_state(mass, damping, stiffness, lines, force), exact) for step in (1e-5, 5e-6, 2.5e-6)
+        relative(RK4(step).steady_state(mass, damping, stiffness, lines, force), exact)
+        for step in (1e-5, 5e-6, 2.5e-6)
     ]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(4, abs=0.1)

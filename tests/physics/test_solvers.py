@@ -1,4 +1,6 @@
-"""Steady solvers against time marching, static deflection, finite differences and their own limits."""
+"""Steady solvers against time marching, static deflection, finite differences and their own
+limits.
+"""
 
 import math
 
@@ -9,7 +11,14 @@ import torch
 from torch import Tensor
 
 from swashtwin.foundation import InputError, StabilityError
-from swashtwin.physics import RK4, HarmonicBalance, PeriodicTerm, SteadySolver, assemble, periodic_steady_state
+from swashtwin.physics import (
+    RK4,
+    HarmonicBalance,
+    PeriodicTerm,
+    SteadySolver,
+    assemble,
+    periodic_steady_state,
+)
 from swashtwin.physics.steady import rk4_limits, state_matrix
 from swashtwin.pump import Pump
 
@@ -23,7 +32,9 @@ def matrices(pump: Pump) -> Matrices:
     return structure.mass, structure.damping(values), structure.stiffness(values)
 
 
-@pytest.mark.parametrize(("topology", "identified", "limit"), [("T1", 0, 1.00), ("T1", 1, 2.04), ("T2", 0, 4.985)])
+@pytest.mark.parametrize(
+    ("topology", "identified", "limit"), [("T1", 0, 1.00), ("T1", 1, 2.04), ("T2", 0, 4.985)]
+)
 def test_the_rk4_limit_is_the_one_of_the_physics_notes(
     pump: Pump, topology: str, identified: int, limit: float
 ) -> None:
@@ -38,7 +49,9 @@ def test_the_rk4_limit_is_the_one_of_the_physics_notes(
 def test_a_step_above_the_limit_is_refused_and_the_limit_named(matrices: Matrices) -> None:
     mass, damping, stiffness = matrices
     frequency, force = torch.ones(1, dtype=torch.float64), torch.ones(1, 13, dtype=torch.complex128)
-    with pytest.raises(StabilityError, match=r"5 us must be .* below the stability limit of this pump, 1 us"):
+    with pytest.raises(
+        StabilityError, match=r"5 us must be .* below the stability limit of this pump, 1 us"
+    ):
         RK4(step=5e-6).steady_state(mass, damping, stiffness, frequency, force)
 
 
@@ -46,7 +59,9 @@ def test_a_constant_force_gives_the_static_deflection(matrices: Matrices) -> Non
     mass, damping, stiffness = matrices
     force = torch.zeros(1, 13, dtype=torch.complex128)
     force[0, 12] = -11378.0
-    lines = HarmonicBalance().steady_state(mass, damping, stiffness, torch.zeros(1, dtype=torch.float64), force)
+    lines = HarmonicBalance().steady_state(
+        mass, damping, stiffness, torch.zeros(1, dtype=torch.float64), force
+    )
     torch.testing.assert_close(lines[0].real, torch.linalg.solve(stiffness, force[0].real))
 
 
@@ -69,7 +84,9 @@ def some_force(n_lines: int) -> Tensor:
 
 
 @pytest.mark.parametrize("order", [1, 3])
-def test_periodic_terms_are_solved_as_time_marching_solves_them(matrices: Matrices, pump: Pump, order: int) -> None:
+def test_periodic_terms_are_solved_as_time_marching_solves_them(
+    matrices: Matrices, pump: Pump, order: int
+) -> None:
     """Against an adaptive Runge-Kutta run to periodicity."""
     mass, damping, stiffness = quick_to_settle(matrices)
     speed, n_lines, term = 2 * math.pi * 60, 12 * order, turning(pump, order)
@@ -87,7 +104,13 @@ def test_periodic_terms_are_solved_as_time_marching_solves_them(matrices: Matric
 
     period = 2 * math.pi / speed
     solution = scipy.integrate.solve_ivp(
-        rate, (0, 4 * period), np.zeros(26), "DOP853", rtol=1e-9, atol=1e-14, t_eval=[3.25 * period, 3.6 * period]
+        rate,
+        (0, 4 * period),
+        np.zeros(26),
+        "DOP853",
+        rtol=1e-9,
+        atol=1e-14,
+        t_eval=[3.25 * period, 3.6 * period],
     )
     for column, time in zip(solution.y.T, solution.t, strict=True):
         turn = torch.exp(1j * torch.tensor(speed * time) * torch.arange(n_lines))
@@ -95,7 +118,9 @@ def test_periodic_terms_are_solved_as_time_marching_solves_them(matrices: Matric
         np.testing.assert_allclose(column[:13], expected, atol=2e-5 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("solver", [HarmonicBalance(), RK4(step=1e-6)], ids=["harmonic_balance", "rk4"])
+@pytest.mark.parametrize(
+    "solver", [HarmonicBalance(), RK4(step=1e-6)], ids=["harmonic_balance", "rk4"]
+)
 def test_periodic_solutions_have_exact_derivatives_of_both_orders(
     matrices: Matrices, pump: Pump, solver: SteadySolver
 ) -> None:
@@ -112,7 +137,12 @@ def test_periodic_solutions_have_exact_derivatives_of_both_orders(
         )
         return torch.view_as_real(lines) * 1e5
 
-    kinds = (((), torch.float64), ((), torch.float64), ((3,), torch.complex128), ((4, 13), torch.complex128))
+    kinds = (
+        ((), torch.float64),
+        ((), torch.float64),
+        ((3,), torch.complex128),
+        ((4, 13), torch.complex128),
+    )
     arguments = tuple(torch.ones(shape, dtype=dtype, requires_grad=True) for shape, dtype in kinds)
     assert torch.autograd.gradcheck(lines, arguments, fast_mode=True)
     if isinstance(solver, HarmonicBalance):
@@ -124,4 +154,6 @@ def test_a_periodic_part_too_large_for_the_iteration_is_refused(matrices: Matric
     force = torch.ones(3, 13, dtype=torch.complex128)
     term = PeriodicTerm(1, stiffness * 5 + 0j)
     with pytest.raises(InputError, match="reduce the severity"):
-        periodic_steady_state(HarmonicBalance(), mass, damping, stiffness, 90.0, force, [term], most=20)
+        periodic_steady_state(
+            HarmonicBalance(), mass, damping, stiffness, 90.0, force, [term], most=20
+        )

@@ -1,4 +1,6 @@
-"""The twin against the levels that physics.md quotes, its solvers against each other, its gradients, its refusals."""
+"""The twin against the levels that physics.md quotes, its solvers against each other, its
+gradients, its refusals.
+"""
 
 import math
 from dataclasses import replace
@@ -78,7 +80,11 @@ def test_the_identified_dampings_of_the_paper_change_the_levels_as_in_the_refere
 
 @pytest.mark.parametrize(
     ("fault", "share"),
-    [(PistonWear(um(60)), 0.0339), (BoreDefect(um(300)), 0.0466), (SealingLandScratch(2.5e-12), 0.0322)],
+    [
+        (PistonWear(um(60)), 0.0339),
+        (BoreDefect(um(300)), 0.0466),
+        (SealingLandScratch(2.5e-12), 0.0322),
+    ],
 )
 def test_one_bad_piston_puts_energy_off_the_piston_pass_lines(
     pump: Pump, at_15: OperatingCondition, fault: object, share: float
@@ -119,7 +125,9 @@ def test_rk4_in_steady_state_is_harmonic_balance(pump: Pump, at_15: OperatingCon
         (TiltedBlockFace(0.2), "T1"),
     ],
 )
-def test_acceleration_has_exact_gradients(pump: Pump, at_15: OperatingCondition, fault: object, topology: str) -> None:
+def test_acceleration_has_exact_gradients(
+    pump: Pump, at_15: OperatingCondition, fault: object, topology: str
+) -> None:
     bandwidth = 120 if isinstance(fault, TiltedBlockFace) else 300
     twin = Twin(pump, at_15, fault, bandwidth=bandwidth, topology=topology)  # type: ignore[arg-type]
     scale = twin.values
@@ -136,7 +144,11 @@ def test_a_simulation_has_the_lines_it_was_made_of(pump: Pump, at_15: OperatingC
     twin = Twin(pump, at_15, SwashPlateDefect(**RECESS))
     period = 1024
     recording = twin.simulate(4 * at_15.period, period / at_15.period)
-    assert (recording.label, recording.synthetic, recording.channels) == ("swash_plate", True, pump.channels)
+    assert (recording.label, recording.synthetic, recording.channels) == (
+        "swash_plate",
+        True,
+        pump.channels,
+    )
     spectrum = np.fft.rfft(recording.signal, axis=1) * 2 / recording.signal.shape[1]
     np.testing.assert_allclose(spectrum[:, 4 * twin.orders], lines_of(twin), atol=2e-2)
 
@@ -150,7 +162,9 @@ def test_scales_act_on_what_they_name(pump: Pump, at_15: OperatingCondition) -> 
     np.testing.assert_allclose(lines_of(stronger), lines_of(deeper))
 
 
-def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_15: OperatingCondition) -> None:
+def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     twin = Twin(pump, at_15)
     strongest = twin.orders[np.abs(lines_of(twin)[0]).argmax()]
     assert strongest * at_15.shaft_frequency == pytest.approx(401, abs=1)
@@ -158,7 +172,9 @@ def test_the_fourth_piston_pass_line_is_the_tallest_of_the_cover(pump: Pump, at_
 
 
 @pytest.mark.parametrize("topology", ["T1", "T2"])
-@pytest.mark.parametrize("fault", [None, SwashPlateDefect(**RECESS), PistonWear(um(60)), LooseSlipper(mm(0.2))])
+@pytest.mark.parametrize(
+    "fault", [None, SwashPlateDefect(**RECESS), PistonWear(um(60)), LooseSlipper(mm(0.2))]
+)
 def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
     pump: Pump, at_15: OperatingCondition, fault: object, topology: str
 ) -> None:
@@ -179,10 +195,17 @@ def test_single_precision_is_off_by_ten_thousandths_of_the_largest_line(
     ],
 )
 def test_a_spring_that_would_push_is_refused_by_name(
-    pump: Pump, at_15: OperatingCondition, values: dict[int, float], scales: dict[int, float], name: str
+    pump: Pump,
+    at_15: OperatingCondition,
+    values: dict[int, float],
+    scales: dict[int, float],
+    name: str,
 ) -> None:
     twin = Twin(pump, at_15)
-    batch, factors = twin.values.repeat(3, 1), torch.ones(3, len(Scales().values()), dtype=torch.float64)
+    batch, factors = (
+        twin.values.repeat(3, 1),
+        torch.ones(3, len(Scales().values()), dtype=torch.float64),
+    )
     for index, value in values.items():
         batch[2, index] = value
     for index, value in scales.items():
@@ -191,7 +214,9 @@ def test_a_spring_that_would_push_is_refused_by_name(
         twin.acceleration(batch.requires_grad_(), scales=factors)
 
 
-def test_a_twin_says_where_a_slipper_bridges_its_defect(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_twin_says_where_a_slipper_bridges_its_defect(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     slipper = pump.rotating_group.slipper_diameter
     narrow = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=slipper / 2)
     note = Twin(pump, at_15, narrow).notes()[0]
@@ -199,13 +224,19 @@ def test_a_twin_says_where_a_slipper_bridges_its_defect(pump: Pump, at_15: Opera
     assert "depth of 0.6 mm counts as 0.15 mm" in note
     assert "extrapolation" in note
     for fault in (None, SwashPlateDefect(**RECESS), replace(narrow, depth=0.0), PistonWear(um(60))):
-        assert not any("smaller than a slipper" in note for note in Twin(pump, at_15, fault).notes())
+        assert not any(
+            "smaller than a slipper" in note for note in Twin(pump, at_15, fault).notes()
+        )
 
 
-def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: OperatingCondition) -> None:
+def test_a_sensor_path_bends_what_the_rigid_shell_does(
+    pump: Pump, at_15: OperatingCondition
+) -> None:
     twin = Twin(pump, at_15, SwashPlateDefect(mm(0.07), mm(30), mm(24)))
     path = SensorPath((2.0, 1.0, 1.0), (1204.0,), (0.03,), ((0.0,), (0.1,), (0.0,)))
-    bent, rigid = (candidate.acceleration().abs().numpy() for candidate in (replace(twin, path=path), twin))
+    bent, rigid = (
+        candidate.acceleration().abs().numpy() for candidate in (replace(twin, path=path), twin)
+    )
     np.testing.assert_allclose(bent[0], 2 * rigid[0])
     np.testing.assert_allclose(bent[2], rigid[2])
     near = int(np.argmin(np.abs(twin.orders * at_15.shaft_frequency - 1204)))
@@ -214,10 +245,18 @@ def test_a_sensor_path_bends_what_the_rigid_shell_does(pump: Pump, at_15: Operat
 
 @pytest.mark.parametrize(
     ("changes", "message"),
-    [({"residue": ((0.1,), (0.1,))}, "a residue for"), ({"gain": (1.0, -1.0, 1.0)}, "must be positive")],
+    [
+        ({"residue": ((0.1,), (0.1,))}, "a residue for"),
+        ({"gain": (1.0, -1.0, 1.0)}, "must be positive"),
+    ],
 )
 def test_impossible_paths_are_refused(changes: dict, message: str) -> None:
-    good = {"gain": (1.0, 1.0, 1.0), "frequency": (1e3,), "damping_ratio": (0.03,), "residue": ((0.1,),) * 3}
+    good = {
+        "gain": (1.0, 1.0, 1.0),
+        "frequency": (1e3,),
+        "damping_ratio": (0.03,),
+        "residue": ((0.1,),) * 3,
+    }
     with pytest.raises(InputError, match=message):
         SensorPath(**{**good, **changes})
 

@@ -15,8 +15,14 @@ from swashtwin.pump import OperatingCondition, merge_close_values, values_match
     ("changes", "message"),
     [
         ({"speed": 860}, r"speed \(860 rad/s, 8212 rev/min\) .* rad/s: 860 rev/min is rpm\(860\)"),
-        ({"discharge_pressure": 15}, r"\(15 Pa\) must exceed suction_pressure \(110000 Pa\).* 15 MPa is MPa\(15\)"),
-        ({"discharge_pressure": MPa(15e6)}, r"above any .* \(200 MPa\). Pressures are in Pa: 15 MPa is MPa\(15\)"),
+        (
+            {"discharge_pressure": 15},
+            r"\(15 Pa\) must exceed suction_pressure \(110000 Pa\).* 15 MPa is MPa\(15\)",
+        ),
+        (
+            {"discharge_pressure": MPa(15e6)},
+            r"above any .* \(200 MPa\). Pressures are in Pa: 15 MPa is MPa\(15\)",
+        ),
         ({"suction_pressure": MPa(15)}, "must exceed suction_pressure"),
         ({"oil_temperature": 45}, r"45 K\) lies outside .* kelvin: 45 degC is celsius\(45\)"),
         ({"oil_temperature": celsius(151)}, r"424.15 K\) lies outside -40...150 degC"),
@@ -56,7 +62,9 @@ def test_an_unstated_value_matches_only_an_unstated_one() -> None:
 
 
 @given(st.lists(st.floats(1e5, 5e7), min_size=1, max_size=20), st.floats(0, 0.2))
-def test_values_that_were_merged_match_each_other_and_their_level(values: list[float], tolerance: float) -> None:
+def test_values_that_were_merged_match_each_other_and_their_level(
+    values: list[float], tolerance: float
+) -> None:
     sample = np.array(values)
     levels = merge_close_values(sample, tolerance)
     for level in np.unique(levels):

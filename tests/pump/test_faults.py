@@ -30,10 +30,18 @@ def test_a_class_is_known_however_it_is_spelled(name: str, spelling: str) -> Non
 
 @pytest.mark.parametrize(
     ("text", "nearest"),
-    [("pistn", "piston"), ("swahs plate", "swash_plate"), ("plungr", "piston"), ("valv_plate", "valve_plate")],
+    [
+        ("pistn", "piston"),
+        ("swahs plate", "swash_plate"),
+        ("plungr", "piston"),
+        ("valv_plate", "valve_plate"),
+    ],
 )
 def test_an_unknown_class_offers_the_nearest(text: str, nearest: str) -> None:
-    with pytest.raises(InputError, match=f"unknown class '{text}'; .* normal, swash_plate.* Did you mean '{nearest}'?"):
+    with pytest.raises(
+        InputError,
+        match=f"unknown class '{text}'; .* normal, swash_plate.* Did you mean '{nearest}'?",
+    ):
         canonical_label(text)
 
 
@@ -56,7 +64,9 @@ def test_scaling_a_fault_scales_its_severity_and_nothing_else(fault: Any, factor
 @pytest.mark.parametrize("value", [-1e-9, math.nan, math.inf])
 def test_a_severity_is_zero_or_positive(fault: Any, value: float) -> None:
     first = next(iter(vars(fault)))
-    with pytest.raises(InputError, match=rf"{type(fault).__name__}\.{first} .* must be zero or a positive number"):
+    with pytest.raises(
+        InputError, match=rf"{type(fault).__name__}\.{first} .* must be zero or a positive number"
+    ):
         replace(fault, **{first: value})
 
 
@@ -72,9 +82,17 @@ def test_a_severity_is_zero_or_positive(fault: Any, value: float) -> None:
         ("loose_slipper", {"clearance": 0.1}, ""),
         ("swash_plate", {"length": 0.0}, "length and width must be positive"),
         ("swash_plate", {"width": 0.0}, "length and width must be positive"),
-        ("tilted_block", {"variation": 1.0}, r"variation \(1\) must be below 1: a film cannot pull"),
+        (
+            "tilted_block",
+            {"variation": 1.0},
+            r"variation \(1\) must be below 1: a film cannot pull",
+        ),
         ("scratched_valve_plate", {"width": 0.0}, "DamScratch.width must be positive"),
-        ("swash_plate", {"contact": "none"}, r"contact \('none'\) must be one of shared, literal, physical"),
+        (
+            "swash_plate",
+            {"contact": "none"},
+            r"contact \('none'\) must be one of shared, literal, physical",
+        ),
     ],
 )
 @pytest.mark.wrong_types
@@ -88,7 +106,9 @@ def test_an_impossible_dimension_or_one_in_millimeters_is_refused(
 
 
 @given(length=st.floats(1e-3, 0.3), width=st.floats(1e-3, 0.3))
-def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(length: float, width: float) -> None:
+def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(
+    length: float, width: float
+) -> None:
     defect = replace(PAPERS, length=length, width=width)
     reached = defect.effective_depth(mm(22))
     assert 0 <= reached <= defect.depth
@@ -96,10 +116,25 @@ def test_a_slipper_reaches_the_whole_depth_only_of_a_recess_larger_than_itself(l
 
 
 def test_what_people_call_a_sound_machine_is_healthy_in_any_spelling() -> None:
-    labels = ("normal", "healthy", "ok", "Healthy", " OK ", "gut", "Good", "baseline", "GESUND", "in Ordnung", "i.O.")
+    labels = (
+        "normal",
+        "healthy",
+        "ok",
+        "Healthy",
+        " OK ",
+        "gut",
+        "Good",
+        "baseline",
+        "GESUND",
+        "in Ordnung",
+        "i.O.",
+    )
     labels += ("fault-free", "no_fault", "unbescha\u0308digt", "ｏｋ")
     assert all(is_healthy(label) for label in labels)
-    assert not any(is_healthy(label) for label in (None, "", "piston", "abnormal", "unhealthy", "not ok", "n.i.O."))
+    assert not any(
+        is_healthy(label)
+        for label in (None, "", "piston", "abnormal", "unhealthy", "not ok", "n.i.O.")
+    )
     assert canonical_label("Gut") == "normal"
 
 
@@ -117,5 +152,7 @@ def test_what_people_call_a_sound_machine_is_healthy_in_any_spelling() -> None:
         ("Verschleiss_Kolben", "piston"),
     ],
 )
-def test_a_word_for_the_machine_or_a_sound_part_proposes_no_fault(label: str, fault: str | None) -> None:
+def test_a_word_for_the_machine_or_a_sound_part_proposes_no_fault(
+    label: str, fault: str | None
+) -> None:
     assert propose_class(label) == fault

@@ -44,9 +44,14 @@ def edited(folder: Path, old: str, new: str) -> Path:
 def tables_of(pump: Pump) -> dict[str, Any]:
     """The pump as its file holds it."""
     tables: dict[str, Any] = {"format": 1, "name": pump.name}
-    tables["sensors"] = [{"name": sensor.name, "direction": list(sensor.direction)} for sensor in pump.sensors]
+    tables["sensors"] = [
+        {"name": sensor.name, "direction": list(sensor.direction)} for sensor in pump.sensors
+    ]
     for path, value, unit in pump_numbers(pump):
-        texts = [f"{number!r} {unit}".removesuffix(" 1") for number in (value if type(value) is tuple else [value])]
+        texts = [
+            f"{number!r} {unit}".removesuffix(" 1")
+            for number in (value if type(value) is tuple else [value])
+        ]
         table: Any = tables
         *sections, name = path.replace("[", ".").replace("]", "").split(".")
         for section in sections:
@@ -72,9 +77,13 @@ def test_every_number_of_every_pump_has_a_source() -> None:
         assert all(source.strip() for source in pump.sources.values())
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(factors=st.lists(st.floats(0.99, 1.01), min_size=150, max_size=150))
-def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path, factors: list[float]) -> None:
+def test_any_pump_comes_back_from_its_file_as_it_was(
+    pump: Pump, tmp_path: Path, factors: list[float]
+) -> None:
     supply = iter(factors)
 
     def varied(path: str, value: Any, unit: str) -> Any:
@@ -84,7 +93,9 @@ def test_any_pump_comes_back_from_its_file_as_it_was(pump: Pump, tmp_path: Path,
 
     written = with_numbers(pump, varied)
     back = load_pump(save(tmp_path, tomli_w.dumps(tables_of(written))))
-    for (path, number, _), (_, expected, _) in zip(pump_numbers(back), pump_numbers(written), strict=True):
+    for (path, number, _), (_, expected, _) in zip(
+        pump_numbers(back), pump_numbers(written), strict=True
+    ):
         assert number == pytest.approx(expected, rel=6e-15), path  # 15 digits are kept
     assert (back.name, back.channels) == (written.name, written.channels)
 
@@ -148,21 +159,24 @@ def test_a_wrong_file_is_refused_in_one_line_that_names_file_entry_and_remedy(
 
 
 def test_an_unknown_pump_is_answered_with_those_there_are() -> None:
-    with pytest.raises(MissingFileError, match=r"no pump named '25scy'; there are 25scy14-1b, 25scy14-1b-13, or give"):
+    with pytest.raises(
+        MissingFileError,
+        match=r"no pump named '25scy'; there are 25scy14-1b, 25scy14-1b-13, or give",
+    ):
         load_pump("25scy")
 
 
 def test_a_file_takes_what_it_lacks_from_the_pump_it_is_like(pump: Pump, tmp_path: Path) -> None:
-    sensor = (
-        '[[sensors]]\nname = "a"\nposition = {value = ["1 mm", "2 mm", "3 mm"], source = "s"}\ndirection = [0, 0, 1]'
-    )
+    sensor = '[[sensors]]\nname = "a"\nposition = {value = ["1 mm", "2 mm", "3 mm"], source = "s"}\ndirection = [0, 0, 1]'
     mine = load_pump(save(tmp_path, f'format = 1\nlike = "25scy14-1b"\n{sensor}'))
     assert mine.name == "mine"
     assert mine.channels == ("a",)
     assert replace(mine, name=pump.name, sensors=pump.sensors) == pump
     assert mine.sources["sensors[0].position"] == "s"
     assert mine.sources["masses.shell"] == pump.sources["masses.shell"]
-    with pytest.raises(DataError, match=r"like = 'other' is none of swashtwin's pumps: 25scy14-1b,"):
+    with pytest.raises(
+        DataError, match=r"like = 'other' is none of swashtwin's pumps: 25scy14-1b,"
+    ):
         load_pump(save(tmp_path, 'format = 1\nlike = "other"'))
 
 
@@ -179,7 +193,9 @@ def test_a_new_pump_is_its_model_under_another_name(pump: Pump, tmp_path: Path) 
 
 def test_a_new_pump_overwrites_nothing(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("precious")
-    with pytest.raises(InputError, match=r"mine\.toml exists already; choose another name or remove it"):
+    with pytest.raises(
+        InputError, match=r"mine\.toml exists already; choose another name or remove it"
+    ):
         new_pump("mine", folder=tmp_path)
     assert (tmp_path / "mine.toml").read_text() == "precious"
     assert os.listdir(tmp_path) == ["mine.toml"]
@@ -203,5 +219,7 @@ def test_the_six_values_come_back_in_their_order(values: list[float]) -> None:
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
 def test_an_interface_value_that_is_not_positive_is_named(wrong: float) -> None:
-    with pytest.raises(InputError, match=rf"block_valve.stiffness \({wrong:g}\) must be a positive number"):
+    with pytest.raises(
+        InputError, match=rf"block_valve.stiffness \({wrong:g}\) must be a positive number"
+    ):
         Interfaces.from_values([1, 1, 1, wrong, 1, 1])

@@ -1,4 +1,6 @@
-"""Small files as recorders and programs write them: each gives its right answer, by numbers, or is refused by name."""
+"""Small files as recorders and programs write them: each gives its right answer, by numbers, or is
+refused by name.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -28,9 +30,23 @@ READ: list[tuple[str, dict[str, Any], float, int, str, list[float]]] = [
     ("32-tdms-appended-other_rate.tdms", {"channels": ["acc [1]"]}, 20_000, 2000, "acc [1]", []),
     ("32-tdms-appended-other_rate.tdms", {"channels": ["acc [2]"]}, 5000, 1000, "acc [2]", []),
     ("35-uff-58b-by_pyuff.uff", {}, 12_800, 1001, "acc z", [1.45387 * G]),
-    ("35-uff-58b-sets3_std.uff", {}, 12_800, 1001, "1+Z 2+Z 3+Z", [1.45387 * G, 1.45387 * G / 2, 1.45387 * G / 3]),
+    (
+        "35-uff-58b-sets3_std.uff",
+        {},
+        12_800,
+        1001,
+        "1+Z 2+Z 3+Z",
+        [1.45387 * G, 1.45387 * G / 2, 1.45387 * G / 3],
+    ),
     ("36-uff-odd-uneven-uneven_odd.uff", {}, 12_800, 1001, "pump", [1.45387 * G]),
-    ("39-mat-struct-array-struct_array_rates.mat", {"channels": ["ch.acc_y.data"]}, 10_000, 2000, "ch.acc_y.data", []),
+    (
+        "39-mat-struct-array-struct_array_rates.mat",
+        {"channels": ["ch.acc_y.data"]},
+        10_000,
+        2000,
+        "ch.acc_y.data",
+        [],
+    ),
     ("40-mat-labchart-labchart.mat", {}, 20_000, 4000, "acc_x acc_y", [1.46223 * G, 0.73184 * G]),
     ("42-hdf5-scale-offset-cf.h5", {}, 20_000, 4000, "acc", [1.46224 * G]),
     ("42-hdf5-scale-offset-fillvalue.h5", {}, 20_000, 4000, "acc", [14.325]),
@@ -41,15 +57,23 @@ REFUSED = [
     ("21-tagged-rows-track.csv", r"rows are of 2 sensors by turns \(BARO, IMU\)"),
     ("22-short-header-log.csv", "line 1 has 2 headings for 3 columns"),
     ("29-tdms-scale-reciprocal.tdms", "Unsupported scale type: Reciprocal"),
-    ("32-tdms-appended-other_rate.tdms", r"several rates \(acc \[1\]: 20000 Hz, acc \[2\]: 5000 Hz\)"),
+    (
+        "32-tdms-appended-other_rate.tdms",
+        r"several rates \(acc \[1\]: 20000 Hz, acc \[2\]: 5000 Hz\)",
+    ),
     ("31-tdms-start-times-two_starts.tdms", "start at different times"),
     ("38-mat-datetime-table.mat", "T is a MATLAB table, which cannot be read; save its columns"),
-    ("39-mat-struct-array-struct_array_rates.mat", r"ch\.acc_x\.data: 20000 Hz, ch\.acc_y\.data: 10000 Hz"),
+    (
+        "39-mat-struct-array-struct_array_rates.mat",
+        r"ch\.acc_x\.data: 20000 Hz, ch\.acc_y\.data: 10000 Hz",
+    ),
     ("43-mdf-master-angle.mf4", "counts angle, not time"),
 ]
 
 
-@pytest.mark.parametrize(("file", "options", "rate", "samples", "channels", "rms"), READ, ids=[row[0] for row in READ])
+@pytest.mark.parametrize(
+    ("file", "options", "rate", "samples", "channels", "rms"), READ, ids=[row[0] for row in READ]
+)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_case_is_read_right(
     file: str, options: dict[str, Any], rate: float, samples: int, channels: str, rms: list[float]

@@ -1,4 +1,6 @@
-"""Recordings of a data set: loaded lazily, selected, split and put together; file formats of one's own."""
+"""Recordings of a data set: loaded lazily, selected, split and put together; file formats of one's
+own.
+"""
 
 import gc
 from dataclasses import replace
@@ -54,7 +56,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of HDF5 files with an index, and a store of the same recordings beside it."""
     path = tmp_path_factory.mktemp("rig")
     recordings = rig()
-    files = [write_recording(recording, path / f"{recording.recording_id}.h5") for recording in recordings]
+    files = [
+        write_recording(recording, path / f"{recording.recording_id}.h5")
+        for recording in recordings
+    ]
     write_index(recordings, files, path)
     write_store(recordings, path / "store.h5")
     return path
@@ -76,13 +81,17 @@ def loads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 # ---- loading
 
 
-def test_facts_and_changes_of_facts_load_no_signal(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_facts_and_changes_of_facts_load_no_signal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = loads(monkeypatch)
     recordings = load_recordings(folder)
     train, test = recordings.where(specimen="A").split(by="condition", test=0.5)
     recording = (train + test)[0].replace(label="worn").picked(["y"])
     recording = replace(recording, specimen="C")
-    text = repr((recordings, recording, recording.duration, recording.n_samples, recording.has_speed))
+    text = repr(
+        (recordings, recording, recording.duration, recording.n_samples, recording.has_speed)
+    )
     assert names == []
     assert "worn, 1 channel at 1000 Hz" in text
     np.testing.assert_array_equal(recording.signal, make(recording.recording_id).signal[1:])
@@ -92,7 +101,11 @@ def test_facts_and_changes_of_facts_load_no_signal(folder: Path, monkeypatch: py
 def test_recordings_of_an_index_a_store_and_files_are_the_same(folder: Path) -> None:
     files = sorted(folder.glob("[AB]_*.h5"))
     by_id = {recording.recording_id: recording for recording in rig()}
-    for recordings in (load_recordings(folder), load_recordings(folder / "store.h5"), load_recordings(files)):
+    for recordings in (
+        load_recordings(folder),
+        load_recordings(folder / "store.h5"),
+        load_recordings(files),
+    ):
         assert sorted(recordings.recording_ids) == sorted(by_id)
         for recording in recordings:
             np.testing.assert_array_equal(recording.signal, by_id[recording.recording_id].signal)
@@ -106,13 +119,19 @@ def test_a_loop_keeps_no_signal_in_memory(folder: Path) -> None:
     del recording
     gc.collect()
     assert recordings[0] is not recordings[0]
-    alive = [item for item in gc.get_objects() if type(item) is Samples and item.name in recordings.recording_ids]
+    alive = [
+        item
+        for item in gc.get_objects()
+        if type(item) is Samples and item.name in recordings.recording_ids
+    ]
     assert all(samples._arrays is None for samples in alive if samples.open_columns is not None)
 
 
 def test_facts_are_for_single_files_only(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("x\n" + "1.5\n2.5\n" * 50)
-    (recording,) = load_recordings(tmp_path / "a.csv", sample_rate="1 kHz", unit="g", label="normal")
+    (recording,) = load_recordings(
+        tmp_path / "a.csv", sample_rate="1 kHz", unit="g", label="normal"
+    )
     assert (recording.sample_rate, recording.label, recording.n_samples) == (1000.0, "normal", 100)
     for source in (folder, folder / "store.h5"):
         with pytest.raises(InputError, match="unit is for single files"):
@@ -140,7 +159,9 @@ def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> N
             write(make("a"), path)
             recordings = load_recordings([path])
             write(replace(make("a"), signal=np.ones((2, count))), path)
-            with pytest.raises(DataError, match=r"a\.h5: the file has changed since it was loaded; load it again"):
+            with pytest.raises(
+                DataError, match=r"a\.h5: the file has changed since it was loaded; load it again"
+            ):
                 recordings[0].slice(0, 10)
     path.unlink()
     with pytest.raises(DataError, match="the file is gone since it was loaded; put it back"):
@@ -148,7 +169,9 @@ def test_a_file_that_changes_after_it_was_loaded_is_refused(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("name", ["a.h5", "store.h5", "a.csv"])
-def test_a_relative_path_holds_in_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_relative_path_holds_in_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     if name == "store.h5":
         write_store([make("a")], name)
@@ -164,24 +187,35 @@ def test_a_relative_path_holds_in_another_folder(tmp_path: Path, monkeypatch: py
 
 def test_recordings_are_a_sequence_with_facts_and_a_short_repr(folder: Path) -> None:
     recordings = load_recordings(folder)
-    assert repr(recordings) == "Recordings(24: 12 normal, 12 piston; 2 specimens; 2 channels at 1000 Hz)"
+    assert (
+        repr(recordings)
+        == "Recordings(24: 12 normal, 12 piston; 2 specimens; 2 channels at 1000 Hz)"
+    )
     assert repr(Recordings([])) == "Recordings(0)"
     assert len(recordings) == len(list(recordings)) == 24
     assert recordings[2:5].recording_ids == recordings.recording_ids[2:5]
     assert recordings[-1].recording_id == recordings.recording_ids[-1]
     assert set(recordings.labels) == {"normal", "piston"}
     assert set(recordings.specimens) == {"A", "B"}
-    assert {item.condition.discharge_pressure for item in recordings if item.condition} == {MPa(5), MPa(15)}
+    assert {item.condition.discharge_pressure for item in recordings if item.condition} == {
+        MPa(5),
+        MPa(15),
+    }
     mixed = Recordings([make("a"), make("b", label=None, sample_rate=500.0)])
     assert repr(mixed) == "Recordings(2: 1 normal, 1 no label; 2 channels at 2 sample rates)"
 
 
 def test_where_selects_by_condition_and_attribute(folder: Path) -> None:
     recordings = load_recordings(folder)
-    assert len(recordings.where(label="healthy", specimen="A", speed=rpm(855), pressure=MPa(15.2))) == 3
+    assert (
+        len(recordings.where(label="healthy", specimen="A", speed=rpm(855), pressure=MPa(15.2)))
+        == 3
+    )
     assert len(recordings.where(label="normal", day="Monday")) == 4
     assert recordings.where(ids=["B_piston_15_2"])[0].label == "piston"
-    assert Recordings([make("a", label="healthy"), make("b")]).where(label="normal").recording_ids == ("a", "b")
+    assert Recordings([make("a", label="healthy"), make("b")]).where(
+        label="normal"
+    ).recording_ids == ("a", "b")
 
 
 @pytest.mark.parametrize(
@@ -212,18 +246,28 @@ def test_a_selection_of_nothing_says_which_values_there_are(
         ("qqq", "there are label, specimen, speed, pressure, ids, day.$"),
     ],
 )
-def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(name: str, hint: str) -> None:
+def test_an_attribute_that_no_recording_has_is_refused_with_the_nearest(
+    name: str, hint: str
+) -> None:
     own = [{"file": f"{number}.csv", "fs": "1"} for number in range(len(rig()))]
     pairs = zip(rig(), own, strict=True)
-    recordings = Recordings(replace(item, attributes={**item.attributes, **facts}) for item, facts in pairs)
+    recordings = Recordings(
+        replace(item, attributes={**item.attributes, **facts}) for item, facts in pairs
+    )
     with pytest.raises(InputError, match=f"no recording has the attribute '{name}'; {hint}"):
         recordings.where(**{name: "piston"})
 
 
-@pytest.mark.parametrize("attributes", [{}, {"samples_per_turn": "0"}, {"samples_per_turn": "many"}])
-def test_a_recording_along_the_angle_without_its_samples_per_turn_is_refused(attributes: dict[str, str]) -> None:
+@pytest.mark.parametrize(
+    "attributes", [{}, {"samples_per_turn": "0"}, {"samples_per_turn": "many"}]
+)
+def test_a_recording_along_the_angle_without_its_samples_per_turn_is_refused(
+    attributes: dict[str, str],
+) -> None:
     recording = make("a", attributes={"domain": "angle", **attributes})
-    with pytest.raises(DataError, match=r"a runs along the shaft's angle, but its samples_per_turn \("):
+    with pytest.raises(
+        DataError, match=r"a runs along the shaft's angle, but its samples_per_turn \("
+    ):
         Recordings([recording]).where(speed=rpm(860))
 
 
@@ -245,7 +289,10 @@ def test_a_split_keeps_groups_whole_and_every_class_on_both_sides(seed: int, by:
     }
     assert not set(map(groups[by], train)) & set(map(groups[by], test))
     again = recordings.split(test=0.25, by=by, seed=seed)
-    assert (train.recording_ids, test.recording_ids) == (again[0].recording_ids, again[1].recording_ids)
+    assert (train.recording_ids, test.recording_ids) == (
+        again[0].recording_ids,
+        again[1].recording_ids,
+    )
 
 
 def test_a_class_of_one_group_stays_in_training() -> None:
@@ -277,7 +324,9 @@ def test_a_split_that_cannot_be_is_refused() -> None:
 
 
 def read_counts(path: Path, options: Options) -> RawFile:
-    """Content of a made-up format: a line with the rate, then one line of numbers for each channel."""
+    """Content of a made-up format: a line with the rate, then one line of numbers for each
+    channel.
+    """
     rate, *lines = path.read_text(encoding="ascii").splitlines()
     columns = {line.split()[0]: np.array(line.split()[1:], dtype=float) for line in lines}
     return RawFile(columns, sample_rate=float(rate), units=dict.fromkeys(columns, "g"))
@@ -296,19 +345,29 @@ def test_a_registered_format_is_read_alone_and_through_an_index(counts_file: Pat
         load_recording(counts_file)
     register_format(".counts", read_counts)
     recording = load_recording(counts_file, label="normal")
-    assert (recording.channels, recording.unit, recording.sample_rate) == (("x", "y"), "m/s^2", 1000.0)
+    assert (recording.channels, recording.unit, recording.sample_rate) == (
+        ("x", "y"),
+        "m/s^2",
+        1000.0,
+    )
     np.testing.assert_allclose(recording.signal, 9.80665 * np.arange(1.0, 9.0).reshape(2, 4))
     index = counts_file.parent / "recordings.toml"
-    index.write_text('format = 1\n[[recording]]\nfile = "a.Counts"\nlabel = "piston"\nchannels = ["y"]\n')
+    index.write_text(
+        'format = 1\n[[recording]]\nfile = "a.Counts"\nlabel = "piston"\nchannels = ["y"]\n'
+    )
     (recording,) = load_recordings(index)
     assert (recording.label, recording.channels) == ("piston", ("y",))
     np.testing.assert_allclose(recording.slice(1, 3).signal, [[6 * 9.80665, 7 * 9.80665]])
     counts_file.write_text("1000\nx 1 two\n")
-    with pytest.raises(DataError, match=r"a.Counts is damaged, cut off, or no .counts file \(ValueError"):
+    with pytest.raises(
+        DataError, match=r"a.Counts is damaged, cut off, or no .counts file \(ValueError"
+    ):
         load_recordings(index)
 
 
-def test_an_installed_format_is_found_by_its_entry_point(counts_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_installed_format_is_found_by_its_entry_point(
+    counts_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class EntryPoint:
         name = "counts"
 

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from recording_files import noise
 from scipy import io as scipy_io
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, MPa, SwashTwinError, UnitError
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    MissingFileError,
+    MPa,
+    SwashTwinError,
+    UnitError,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
@@ -24,7 +31,11 @@ from swashtwin.recordings import (
     write_recording,
 )
 
-TEXT = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Zl", "Zp")), min_size=1, max_size=12)
+TEXT = st.text(
+    st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Zl", "Zp")),
+    min_size=1,
+    max_size=12,
+)
 
 
 def make(name: str, label: str | None = "normal") -> Recording:
@@ -48,7 +59,9 @@ CONDITIONS = st.builds(
 )
 RECORDINGS = st.builds(
     Recording,
-    signal=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=6).map(lambda values: np.array([values])),
+    signal=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=6).map(
+        lambda values: np.array([values])
+    ),
     sample_rate=st.floats(0.5, 1e6),
     recording_id=TEXT,
     channels=st.tuples(TEXT),
@@ -58,22 +71,32 @@ RECORDINGS = st.builds(
     speed=st.none(),
     specimen=st.none() | TEXT,
     synthetic=st.booleans(),
-    attributes=st.dictionaries(TEXT.filter(lambda key: key not in ("file", "sha256")), TEXT, max_size=3),
+    attributes=st.dictionaries(
+        TEXT.filter(lambda key: key not in ("file", "sha256")), TEXT, max_size=3
+    ),
     samples=st.none(),
 )
 
 
-@pytest.mark.filterwarnings("ignore:Do not use the `random` module")  # the checker of types draws what it looks at
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.filterwarnings(
+    "ignore:Do not use the `random` module"
+)  # the checker of types draws what it looks at
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(recording=RECORDINGS, suffix=st.sampled_from(["h5", "mat"]))
-def test_an_index_gives_back_whatever_was_written(recording: Recording, suffix: str, tmp_path: Path) -> None:
+def test_an_index_gives_back_whatever_was_written(
+    recording: Recording, suffix: str, tmp_path: Path
+) -> None:
     path = write_recording(recording, tmp_path / f"one.{suffix}")
     (loaded,) = load_recordings(write_index([recording], [path], tmp_path))
     np.testing.assert_array_equal(loaded.signal, recording.signal)
     for name in ("recording_id", "channels", "unit", "label", "specimen", "synthetic"):
         assert getattr(loaded, name) == getattr(recording, name)
     assert loaded.sample_rate == pytest.approx(recording.sample_rate, rel=1e-14)
-    assert {key: loaded.attributes[key] for key in recording.attributes} == dict(recording.attributes)
+    assert {key: loaded.attributes[key] for key in recording.attributes} == dict(
+        recording.attributes
+    )
     conditions = [vars(each.condition) if each.condition else {} for each in (loaded, recording)]
     assert conditions[0] == pytest.approx(conditions[1], rel=1e-12)
 
@@ -108,7 +131,9 @@ def test_the_index_may_lie_away_from_its_data(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
-def test_an_index_written_by_hand_on_windows_is_read_on_every_system(tmp_path: Path, encoding: str) -> None:
+def test_an_index_written_by_hand_on_windows_is_read_on_every_system(
+    tmp_path: Path, encoding: str
+) -> None:
     (tmp_path / "May" / "pump A").mkdir(parents=True)
     save(tmp_path / "May" / "pump A", "")
     text = f"format = 1\nroot = '.\\May'\n[[recording]]\nfile = 'pump A\\a.csv'\n{FACTS}"
@@ -191,7 +216,11 @@ def test_a_folder_without_an_index_says_how_to_get_one(tmp_path: Path) -> None:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    for name in ("A01/normal_15MPa_860rpm_1", "A01/swash_plate_15MPa_860rpm_1", "B02/normal_10MPa_860rpm_1"):
+    for name in (
+        "A01/normal_15MPa_860rpm_1",
+        "A01/swash_plate_15MPa_860rpm_1",
+        "B02/normal_10MPa_860rpm_1",
+    ):
         path = tmp_path / f"{name}.csv"
         path.parent.mkdir(exist_ok=True)
         path.write_text("x,y\n1.5,2.5\n3.5,4.5\n")
@@ -203,7 +232,9 @@ def test_a_proposal_reads_label_speed_and_pressure_from_names(rig: Path) -> None
     save_index(proposal.index, rig / "recordings.toml")
     loaded = load_recordings(rig)
     assert [recording.label for recording in loaded] == ["normal", "swash_plate", "normal"]
-    pressures = [recording.condition.discharge_pressure for recording in loaded if recording.condition]
+    pressures = [
+        recording.condition.discharge_pressure for recording in loaded if recording.condition
+    ]
     assert pressures == [15e6, 15e6, 10e6]
     assert proposal.index["defaults"]["speed"] == "860 rpm"
     assert proposal.skipped == ()
@@ -211,10 +242,15 @@ def test_a_proposal_reads_label_speed_and_pressure_from_names(rig: Path) -> None
 
 def test_a_proposal_obeys_a_pattern(rig: Path) -> None:
     pattern = r"(?P<specimen>\w+)/(?P<label>[a-z_]+?)_(?P<pressure>\d+)MPa_(?P<speed>\d+)rpm_(?P<repeat>\d)"
-    proposal = propose_index(rig, label_pattern=pattern, sample_rate="25.6 kHz", unit="g", include=["A01/*"])
+    proposal = propose_index(
+        rig, label_pattern=pattern, sample_rate="25.6 kHz", unit="g", include=["A01/*"]
+    )
     save_index(proposal.index, rig / "recordings.toml")
     loaded = load_recordings(rig)
-    assert [(recording.label, recording.specimen, recording.attributes["repeat"]) for recording in loaded] == [
+    assert [
+        (recording.label, recording.specimen, recording.attributes["repeat"])
+        for recording in loaded
+    ] == [
         ("normal", "A01", "1"),
         ("swash_plate", "A01", "1"),
     ]
@@ -244,7 +280,12 @@ def test_a_proposal_says_what_it_guessed_from_what(rig: Path) -> None:
     assert sentences[0] == "label: normal (1), says the folder's name; piston (1), says the file"
     assert sentences[1] == "sample_rate: 1000 Hz (2), says the file"
     proposal = propose_index(
-        rig, sample_rate="25.6 kHz", unit="g", label_pattern=pattern, speed="860 rpm", include=["A01/*"]
+        rig,
+        sample_rate="25.6 kHz",
+        unit="g",
+        label_pattern=pattern,
+        speed="860 rpm",
+        include=["A01/*"],
     )
     assert "attribute repeat: 1 (2), says the pattern" in proposal.facts
     assert "speed: 860 rpm (2), says its name" in proposal.facts
@@ -259,9 +300,17 @@ def test_a_proposal_asks_for_missing_facts(rig: Path) -> None:
 
     proposal = propose_index(rig, ask=ask)
     assert [key for key, _ in questions] == ["sample_rate", "unit"]
-    assert questions[0][1].startswith("3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate.")
-    assert proposal.index["defaults"] == {"sample_rate": "25.6 kHz", "unit": "g", "speed": "860 rpm"}
-    with pytest.raises(DataError, match="neither the files nor the options state sample_rate of 3 files"):
+    assert questions[0][1].startswith(
+        "3 files (as A01/normal_15MPa_860rpm_1.csv) do not say their sample_rate."
+    )
+    assert proposal.index["defaults"] == {
+        "sample_rate": "25.6 kHz",
+        "unit": "g",
+        "speed": "860 rpm",
+    }
+    with pytest.raises(
+        DataError, match="neither the files nor the options state sample_rate of 3 files"
+    ):
         propose_index(rig, ask=lambda key, question: None)
 
 
@@ -291,14 +340,21 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
 def test_a_proposal_takes_facts_from_a_table(rig: Path) -> None:
     (rig / "files.csv").write_text("path,class,n\nA01/normal_15MPa_860rpm_1.csv,ok,1797\n")
     columns = {"file": "path", "label": "class", "speed": "n", "serial": "n"}
-    index = propose_index(rig, table=rig / "files.csv", columns=columns, sample_rate="1 kHz", unit="g").index
+    index = propose_index(
+        rig, table=rig / "files.csv", columns=columns, sample_rate="1 kHz", unit="g"
+    ).index
     assert index["recording"][0]["label"] == "ok"
     assert index["recording"][0]["speed"] == "1797 rpm"
     assert index["recording"][0]["attributes"] == {"serial": "1797"}
     with pytest.raises(DataError, match="no column 'label' for label; it has path, class, n"):
         propose_index(rig, table=rig / "files.csv", columns={"file": "path"})
-    both = {"table": rig / "files.csv", "label_pattern": r"(?P<specimen>A\d+)/(?P<label>[a-z]+)_(?P<pressure>\d+MPa)"}
-    entry = propose_index(rig, **both, columns=columns, sample_rate="1 kHz", unit="g").index["recording"][0]
+    both = {
+        "table": rig / "files.csv",
+        "label_pattern": r"(?P<specimen>A\d+)/(?P<label>[a-z]+)_(?P<pressure>\d+MPa)",
+    }
+    entry = propose_index(rig, **both, columns=columns, sample_rate="1 kHz", unit="g").index[
+        "recording"
+    ][0]
     assert (entry["label"], entry["specimen"], entry["pressure"]) == ("ok", "A01", "15 MPa")
 
 
@@ -315,7 +371,12 @@ def test_files_of_one_name_in_two_folders_get_ids(tmp_path: Path) -> None:
 
 def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: Path) -> None:
     folder = public_data / "cwru"
-    columns = {"specimen": "bearing_id", "speed": "rpm_nominal", "sample_rate": "fs_hz", "sha256": "sha256"}
+    columns = {
+        "specimen": "bearing_id",
+        "speed": "rpm_nominal",
+        "sample_rate": "fs_hz",
+        "sha256": "sha256",
+    }
     proposal = propose_index(
         folder,
         table=folder / "files.csv",
@@ -329,7 +390,12 @@ def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: 
     )
     loaded = load_recordings(save_index(proposal.index, tmp_path / "cwru.toml"))
     assert {recording.sample_rate for recording in loaded} == {12000.0}
-    assert {recording.label for recording in loaded} == {"normal", "ball", "inner_race", "outer_race"}
+    assert {recording.label for recording in loaded} == {
+        "normal",
+        "ball",
+        "inner_race",
+        "outer_race",
+    }
     normal = next(recording for recording in loaded if recording.label == "normal")
     assert normal.signal.shape == (1, 60985)
     assert "from 48000 Hz to 12000 Hz" in normal.attributes["resampled"]
@@ -353,7 +419,9 @@ def test_a_fact_that_no_reader_would_understand_is_refused_before_an_index_is_ma
         propose_index(tmp_path, **facts)
 
 
-def test_labels_are_one_class_in_any_unicode_form_and_hold_no_control_characters(tmp_path: Path) -> None:
+def test_labels_are_one_class_in_any_unicode_form_and_hold_no_control_characters(
+    tmp_path: Path,
+) -> None:
     path = save(
         tmp_path,
         f"""
@@ -371,7 +439,11 @@ def test_labels_are_one_class_in_any_unicode_form_and_hold_no_control_characters
         """,
     )
     first, second = load_recordings(path)
-    assert (first.label, second.label, second.channels) == ("unbesch\u00e4digt", "Gerausch", ("x", "y"))
+    assert (first.label, second.label, second.channels) == (
+        "unbesch\u00e4digt",
+        "Gerausch",
+        ("x", "y"),
+    )
     assert len(load_recordings(path).where(label="unbescha\u0308digt")) == 1
 
 
@@ -388,7 +460,10 @@ def touch(folder: Path, *names: str, text: str = "x,y\n1.5,2.5\n3.5,4.5\n") -> d
     [
         ({"unit": "m/s^2"}, "says 'x' is in g, the index says m/s\\^2"),
         ({"sensitivity": "0.1 g"}, "'x' is in g already, as the file says"),
-        ({"sample_rate": "1 kHz"}, "its sample rate is 2000 Hz, the index says 1000 Hz; correct the index\\."),
+        (
+            {"sample_rate": "1 kHz"},
+            "its sample rate is 2000 Hz, the index says 1000 Hz; correct the index\\.",
+        ),
         ({"sample_rate": "2 MHz"}, 'or, if its times are in ms, say time_unit = "ms" instead'),
     ],
 )
@@ -408,7 +483,9 @@ def test_an_option_that_a_file_contradicts_is_refused_before_an_index_is_made(
         ("normal_2000psi", "2000 psi"), ("normal_bar_120", "120 bar"), ("normal_12,5MPa", "12.5 MPa"),
     ],
 )  # fmt: skip
-def test_a_number_in_a_name_takes_the_unit_beside_it(name: str, pressure: str, tmp_path: Path) -> None:
+def test_a_number_in_a_name_takes_the_unit_beside_it(
+    name: str, pressure: str, tmp_path: Path
+) -> None:
     facts = touch(tmp_path, f"{name}.csv")
     pattern = r"(?P<label>[a-z]+?)[_a-zA-Z]*_(?P<pressure>\d+(,\d+)?)"
     index = propose_index(tmp_path, label_pattern=pattern, **facts).index
@@ -418,11 +495,15 @@ def test_a_number_in_a_name_takes_the_unit_beside_it(name: str, pressure: str, t
 def test_a_pressure_without_a_unit_is_asked_for(tmp_path: Path) -> None:
     facts = touch(tmp_path, "normal_p120_1.csv")
     arguments = {**facts, "label_pattern": r"(?P<label>[a-z]+)_p(?P<pressure>\d+)"}
-    with pytest.raises(DataError, match=r"state pressure_unit of 1 files \(as .*\): --pressure-unit bar"):
+    with pytest.raises(
+        DataError, match=r"state pressure_unit of 1 files \(as .*\): --pressure-unit bar"
+    ):
         propose_index(tmp_path, **arguments)
     for index in (
         propose_index(tmp_path, **arguments, pressure_unit="bar").index,
-        propose_index(tmp_path, **arguments, ask=lambda key, question: {"pressure_unit": "bar"}[key]).index,
+        propose_index(
+            tmp_path, **arguments, ask=lambda key, question: {"pressure_unit": "bar"}[key]
+        ).index,
     ):
         assert index["recording"][0]["pressure"] == "120 bar"
     with pytest.raises(UnitError, match="pressure_unit"):
@@ -433,7 +514,9 @@ def test_facts_in_headers_are_proposed(tmp_path: Path) -> None:
     head = "Drehzahl;1500 1/min\nDruck [bar];120\nÖltemperatur: 45 °C\nAbtastrate\t20 kHz\n"
     touch(tmp_path, "normal_1.csv", text=head + "x;y\n1.5;2.5\n3.5;4.5\n")
     (tmp_path / "bearing").mkdir()
-    scipy_io.savemat(tmp_path / "bearing" / "a.mat", {"X105_DE_time": np.arange(9.0), "X105RPM": 1797.0})
+    scipy_io.savemat(
+        tmp_path / "bearing" / "a.mat", {"X105_DE_time": np.arange(9.0), "X105RPM": 1797.0}
+    )
     proposal = propose_index(tmp_path, sample_rate="20 kHz", unit="g")
     assert {key: proposal.index["recording"][1][key] for key in ("speed", "pressure", "oil_temperature")} == {
         "speed": "1500 rpm", "pressure": "120 bar", "oil_temperature": "45 degC",
@@ -445,11 +528,17 @@ def test_facts_in_headers_are_proposed(tmp_path: Path) -> None:
     assert [condition.discharge_pressure for condition in conditions if condition] == [12e6]
 
 
-@pytest.mark.parametrize(("speed", "found"), [("980,5", ("980.5 rpm", "120.159 bar")), ("980", ("980 rpm", None))])
+@pytest.mark.parametrize(
+    ("speed", "found"), [("980,5", ("980.5 rpm", "120.159 bar")), ("980", ("980 rpm", None))]
+)
 def test_a_comma_before_three_digits_is_decimal_where_another_number_shows_it(
     speed: str, found: tuple[str, str | None], tmp_path: Path
 ) -> None:
-    touch(tmp_path, "normal_1.csv", text=f"Drehzahl;{speed} 1/min\nDruck;120,159 bar\nx;y\n1.5;2.5\n3.5;4.5\n")
+    touch(
+        tmp_path,
+        "normal_1.csv",
+        text=f"Drehzahl;{speed} 1/min\nDruck;120,159 bar\nx;y\n1.5;2.5\n3.5;4.5\n",
+    )
     (entry,) = propose_index(tmp_path, sample_rate="1 kHz", unit="g").index["recording"]
     assert (entry["speed"], entry.get("pressure")) == found
 
@@ -458,8 +547,12 @@ def test_a_pattern_is_applied_to_what_is_included_and_can_be_read(tmp_path: Path
     facts = touch(tmp_path, "a/normal_1.csv", "b/other.csv")
     (tmp_path / "a" / "notes.txt").write_text("measured on Friday")
     (tmp_path / "a" / "empty.csv").write_bytes(b"")
-    (tmp_path / "a" / "files.csv").write_text("name,class,number\nnormal_1.csv,ok,1\nnormal_2.csv,ok,2\n")
-    proposal = propose_index(tmp_path, label_pattern=r"(?P<label>[a-z]+)_\d", include=["a/*"], **facts)
+    (tmp_path / "a" / "files.csv").write_text(
+        "name,class,number\nnormal_1.csv,ok,1\nnormal_2.csv,ok,2\n"
+    )
+    proposal = propose_index(
+        tmp_path, label_pattern=r"(?P<label>[a-z]+)_\d", include=["a/*"], **facts
+    )
     assert [entry["file"] for entry in proposal.index["recording"]] == ["a/normal_1.csv"]
     assert [Path(reason.split()[0]).name.rstrip(":") for reason in proposal.skipped] == [
         "empty.csv", "files.csv", "notes.txt",
@@ -481,7 +574,12 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
     data, papers = tmp_path / "data", tmp_path / "papers"
     facts = touch(data, "deep/1.csv", "deep/2.csv")
     papers.mkdir()
-    paths = {"folder": "deep/{}.csv", "table": "../data/deep/{}.csv", "name": "{}.csv", "here": "data/deep/{}.csv"}
+    paths = {
+        "folder": "deep/{}.csv",
+        "table": "../data/deep/{}.csv",
+        "name": "{}.csv",
+        "here": "data/deep/{}.csv",
+    }
     rows = "".join(f"{paths[base].format(number)};gut;{number}20\n" for number in (1, 2))
     (papers / "facts.csv").write_text(f"file;label;p [bar]\n{rows}")
     monkeypatch.chdir(tmp_path)
@@ -498,7 +596,10 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
 @pytest.mark.parametrize(
     ("names", "hint"),
     [
-        (("A_normal_1", "A_piston_1", "B_normal_1"), "the classes begin with A, B, taken for the machine"),
+        (
+            ("A_normal_1", "A_piston_1", "B_normal_1"),
+            "the classes begin with A, B, taken for the machine",
+        ),
         (("Test_1", "Test_2"), "every file is of the class 'Test': is that a class?"),
         (
             ("pump_gut_1", "pump_piston_1"),
@@ -512,7 +613,9 @@ def test_the_files_of_a_table_are_looked_for_where_they_can_be(
         (("swash_plate_1", "valve_plate_1"), None),
     ],
 )
-def test_a_machine_in_the_classes_is_hinted_at(names: tuple[str, ...], hint: str | None, tmp_path: Path) -> None:
+def test_a_machine_in_the_classes_is_hinted_at(
+    names: tuple[str, ...], hint: str | None, tmp_path: Path
+) -> None:
     notes = propose_index(tmp_path, **touch(tmp_path, *(f"{name}.csv" for name in names))).notes
     assert [note.startswith(hint) for note in notes] == [True] if hint else notes == ()
 
@@ -535,12 +638,22 @@ def test_a_machine_in_names_and_folders_is_the_specimen(
 
 def test_a_pattern_leaves_what_else_stands_in_the_name(tmp_path: Path) -> None:
     facts = touch(tmp_path, "Pumpe_A/Gut_100bar_980rpm_x.csv")
-    proposal = propose_index(tmp_path, label_pattern="(?P<label>Gut)_(?P<pressure>\\d+).*(?P<place>x)", **facts)
+    proposal = propose_index(
+        tmp_path, label_pattern="(?P<label>Gut)_(?P<pressure>\\d+).*(?P<place>x)", **facts
+    )
     (entry,) = proposal.index["recording"]
-    assert (entry["specimen"], entry["speed"], entry["pressure"]) == ("Pumpe_A", "980 rpm", "100 bar")
+    assert (entry["specimen"], entry["speed"], entry["pressure"]) == (
+        "Pumpe_A",
+        "980 rpm",
+        "100 bar",
+    )
     assert entry["attributes"] == {"place": "x"}
     origins = {sentence.split(":")[0]: sentence.split(" says ")[1] for sentence in proposal.facts}
-    assert (origins["specimen"], origins["pressure"], origins["speed"]) == ("its name", "the pattern", "its name")
+    assert (origins["specimen"], origins["pressure"], origins["speed"]) == (
+        "its name",
+        "the pattern",
+        "its name",
+    )
 
 
 def test_one_class_of_all_files_is_asked_about(tmp_path: Path) -> None:
@@ -563,9 +676,14 @@ def test_a_measured_speed_in_the_file_counts_for_more_than_that_of_its_name(tmp_
     assert "states speed = 1500 rpm, its header 980.0 rpm; the header's counts" in proposal.notes[0]
     alone = load_recording(tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g")
     assert stated_speed(alone) == pytest.approx(980 / 60)
-    stated = load_recording(tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g", speed="1500 rpm")
+    stated = load_recording(
+        tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g", speed="1500 rpm"
+    )
     assert stated_speed(stated) == pytest.approx(25)
-    assert stated.attributes["contradicted"] == "speed = 1500 rpm is stated and counts, and the file says 980.0 rpm"
+    assert (
+        stated.attributes["contradicted"]
+        == "speed = 1500 rpm is stated and counts, and the file says 980.0 rpm"
+    )
 
 
 def test_one_file_of_two_recordings_gets_two_entries(tmp_path: Path) -> None:

@@ -37,9 +37,15 @@ def index(tmp_path: Path) -> Path:
 
 def test_changed_lines_change_and_comments_stay(index: Path) -> None:
     change_facts(
-        index, [FactChange("a.csv", "speed", "860 rpm", "1500 rpm"), FactChange("second", "pressure", None, "9 MPa")]
+        index,
+        [
+            FactChange("a.csv", "speed", "860 rpm", "1500 rpm"),
+            FactChange("second", "pressure", None, "9 MPa"),
+        ],
     )
-    expected = INDEX.replace("860", "1500").replace('file = "b.csv"\n', 'file = "b.csv"\npressure = "9 MPa"\n')
+    expected = INDEX.replace("860", "1500").replace(
+        'file = "b.csv"\n', 'file = "b.csv"\npressure = "9 MPa"\n'
+    )
     assert index.read_text() == expected
 
 
@@ -62,7 +68,9 @@ def test_a_new_class_is_declared_and_an_undone_one_leaves_again(index: Path) -> 
         (FactChange("a.csv", "colour", None, "red"), "unknown key"),
     ],
 )
-def test_what_cannot_be_is_refused_and_nothing_is_written(index: Path, change: FactChange, reason: str) -> None:
+def test_what_cannot_be_is_refused_and_nothing_is_written(
+    index: Path, change: FactChange, reason: str
+) -> None:
     with pytest.raises(SwashTwinError, match=reason):
         change_facts(index, [FactChange("second", "speed", None, "900 rpm"), change])
     assert index.read_text() == INDEX
@@ -83,7 +91,9 @@ def test_an_index_edited_by_many_at_once_loses_nothing(tmp_path: Path) -> None:
     def edit(n: int) -> None:
         change_facts(path, [FactChange(f"{n}.csv", "label", None, f"class {n}")], proposed=proposed)
         try:
-            change_facts(path, [FactChange("0.csv", "specimen", None, f"machine {n}")], proposed=proposed)
+            change_facts(
+                path, [FactChange("0.csv", "specimen", None, f"machine {n}")], proposed=proposed
+            )
         except InputError:
             refused.append(n)
 
@@ -92,5 +102,7 @@ def test_an_index_edited_by_many_at_once_loses_nothing(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert [entry["label"] for entry in index_table(path)["recording"]] == [f"class {n}" for n in range(24)]
+    assert [entry["label"] for entry in index_table(path)["recording"]] == [
+        f"class {n}" for n in range(24)
+    ]
     assert len(refused) == 23

@@ -24,7 +24,9 @@ def inspect_recording(recording: Recording) -> RecordingReport:
     return inspect_recordings([recording]).recordings[0]
 
 
-def good(seed: int = 0, *, seconds: float = 6.0, speed: float = 860.0, lines: bool = True) -> Recording:
+def good(
+    seed: int = 0, *, seconds: float = 6.0, speed: float = 860.0, lines: bool = True
+) -> Recording:
     """Noise with lines at the shaft's and the pistons' multiples."""
     generator = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
@@ -54,8 +56,13 @@ def kinds(report: RecordingReport) -> list[str]:
 
 
 def test_two_healthy_classes_are_named() -> None:
-    recordings = [replace(good(number, seconds=1.0), label=label) for number, label in enumerate(("normal", "gut"))]
-    messages = {finding.kind: finding.message for finding in inspect_recordings(recordings).findings}
+    recordings = [
+        replace(good(number, seconds=1.0), label=label)
+        for number, label in enumerate(("normal", "gut"))
+    ]
+    messages = {
+        finding.kind: finding.message for finding in inspect_recordings(recordings).findings
+    }
     assert messages["several_healthy"] == "2 classes are healthy by name: gut, normal; relabel one."
 
 
@@ -75,7 +82,10 @@ def test_missing_samples_are_errors(value: float) -> None:
     broken = changed(good(), 640, 642, value)
     report = inspect_recording(broken)
     assert "nan" in kinds(report)
-    assert "2 of 38400 samples are missing or infinite, the first at 0.1 s" in report.findings[0].message
+    assert (
+        "2 of 38400 samples are missing or infinite, the first at 0.1 s"
+        in report.findings[0].message
+    )
     assert np.isfinite(report.channels[0].maximum)
     with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 samples"):
         refuse_unfit(broken)
@@ -84,11 +94,23 @@ def test_missing_samples_are_errors(value: float) -> None:
 @pytest.mark.parametrize(
     ("recording", "kind", "words"),
     [
-        (replace(good(), signal=np.full((1, 6400), np.nan)), "nan", "6400 of 6400 samples are missing or infinite"),
+        (
+            replace(good(), signal=np.full((1, 6400), np.nan)),
+            "nan",
+            "6400 of 6400 samples are missing or infinite",
+        ),
         (changed(good(), 0, 38400, 2.5), "constant", "every sample is 2.5"),
         (good(seconds=0.06), "short", "shorter than one revolution at 860 rev/min"),
-        (replace(good(seconds=0.06), condition=None, attributes={"speed": "860 rpm"}), "short", "shorter than one"),
-        (changed(good(), 5000, 5001, 1e20).replace(condition=None), "spikes", "to 1e+20 m/s^2: spikes"),
+        (
+            replace(good(seconds=0.06), condition=None, attributes={"speed": "860 rpm"}),
+            "short",
+            "shorter than one",
+        ),
+        (
+            changed(good(), 5000, 5001, 1e20).replace(condition=None),
+            "spikes",
+            "to 1e+20 m/s^2: spikes",
+        ),
         (changed(good(), 6400, 6480, 0.25), "flat", "the longest is 0.0125 s at 1 s"),
         (good().replace(signal=good().signal + 9.81), "offset", "times the vibration's std"),
     ],
@@ -118,13 +140,21 @@ def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
     refuse_unfit(clipped)
 
 
-@pytest.mark.parametrize(("value", "errors"), [(1e300, ["too_large"]), (1.7e308, ["too_large"]), (3e-300, [])])
-def test_samples_whose_squares_overflow_or_vanish_are_inspected(value: float, errors: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("value", "errors"), [(1e300, ["too_large"]), (1.7e308, ["too_large"]), (3e-300, [])]
+)
+def test_samples_whose_squares_overflow_or_vanish_are_inspected(
+    value: float, errors: list[str]
+) -> None:
     signal = np.zeros((1, 38400))
     signal[0, ::7] = value
-    recordings = [replace(good(), signal=signal, condition=None, recording_id=name) for name in "ab"]
+    recordings = [
+        replace(good(), signal=signal, condition=None, recording_id=name) for name in "ab"
+    ]
     report = inspect_recordings(recordings)
-    assert [finding.kind for finding in report.recordings[0].findings if finding.severity == "error"] == errors
+    assert [
+        finding.kind for finding in report.recordings[0].findings if finding.severity == "error"
+    ] == errors
     if errors:
         with pytest.raises(DataError, match="larger than a window can hold"):
             refuse_unfit(recordings[0])
@@ -151,14 +181,18 @@ def test_noise_without_lines_contradicts_no_speed(seed: int) -> None:
 
 @pytest.mark.parametrize(("rate", "meant"), [(RATE / 1000, "6.4 kHz"), (RATE * 1000, "6400 Hz")])
 @pytest.mark.parametrize("unit", ["m/s^2", "1"])
-def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(rate: float, meant: str, unit: str) -> None:
+def test_a_rate_in_khz_that_was_given_as_hz_or_the_other_way_is_a_warning(
+    rate: float, meant: str, unit: str
+) -> None:
     findings = inspect_recording(replace(good(), sample_rate=rate, unit=unit)).findings
     (finding,) = [finding for finding in findings if finding.kind == "rate"]
     assert finding.severity == "warning"
     assert f'if {meant} was meant, state sample_rate = "{meant}".' in finding.message
 
 
-@pytest.mark.parametrize(("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")])
+@pytest.mark.parametrize(
+    ("rate", "unit"), [(10.0, "1"), (1.0, "bar"), (250e3, "m/s^2"), (200.0, "m/s^2"), (2e6, "V")]
+)
 def test_rates_of_slow_sensors_and_of_fast_ones_are_not_questioned(rate: float, unit: str) -> None:
     recording = replace(good(), sample_rate=rate, unit=unit, condition=None)
     assert inspect_recording(recording).findings == ()
@@ -179,14 +213,19 @@ def test_rates_that_differ_between_classes_are_an_error() -> None:
 
 
 def test_a_class_of_one_recording_or_one_specimen_is_found() -> None:
-    report = inspect_recordings([good(), good(1), replace(good(2), label="piston"), replace(good(3), label=None)])
+    report = inspect_recordings(
+        [good(), good(1), replace(good(2), label="piston"), replace(good(3), label=None)]
+    )
     severities = {finding.kind: finding.severity for finding in report.findings}
     assert severities == {"one_specimen": "note", "one_recording": "warning", "unlabeled": "note"}
     assert not report.has_errors
 
 
 def test_a_level_far_from_that_of_its_class_is_a_warning() -> None:
-    both = [replace(good(n), signal=np.repeat(good(n).signal, 2, 0), channels=("x", "y")) for n in range(4)]
+    both = [
+        replace(good(n), signal=np.repeat(good(n).signal, 2, 0), channels=("x", "y"))
+        for n in range(4)
+    ]
     both[3] = replace(both[3], signal=100 * both[3].signal)
     report = inspect_recordings([*both, replace(both[3], recording_id="b", label="piston")])
     (level,) = [finding for finding in report.findings if finding.kind == "level"]
@@ -197,7 +236,9 @@ def test_a_level_far_from_that_of_its_class_is_a_warning() -> None:
     )
 
 
-def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     time = np.arange(38400) / RATE
     smooth = 3 * np.sin(2 * np.pi * 50 * time) * (1 + 0.3 * np.sin(2 * np.pi * 3 * time))
     steps = np.clip(np.round(good(lines=False).signal * 700), -2048, 2047) * 0.00398
@@ -215,17 +256,23 @@ def test_a_recording_looked_at_in_parts_gets_the_findings_of_the_whole(monkeypat
     assert "hold the same samples" in duplicate.message
     monkeypatch.setattr("swashtwin.recordings.channel_checks.PART", 6401)
     parts = inspect_recordings(recordings)
-    assert [kinds(report) for report in parts.recordings] == [kinds(report) for report in whole.recordings]
+    assert [kinds(report) for report in parts.recordings] == [
+        kinds(report) for report in whole.recordings
+    ]
     assert parts.findings == whole.findings
     for report, reference in zip(parts.recordings, whole.recordings, strict=True):
         for name in ("minimum", "maximum", "rms", "std"):
-            assert getattr(report.channels[0], name) == pytest.approx(getattr(reference.channels[0], name), rel=1e-12)
+            assert getattr(report.channels[0], name) == pytest.approx(
+                getattr(reference.channels[0], name), rel=1e-12
+            )
 
 
 # ---- public data
 
 
-@pytest.mark.parametrize(("stated", "contradicted"), [("720 rpm", False), ("700 rpm", True), ("680 rpm", True)])
+@pytest.mark.parametrize(
+    ("stated", "contradicted"), [("720 rpm", False), ("700 rpm", True), ("680 rpm", True)]
+)
 def test_a_cavitating_pump_contradicts_a_speed_it_did_not_run_at(
     public_data: Path, stated: str, contradicted: bool
 ) -> None:

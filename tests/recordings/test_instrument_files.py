@@ -1,4 +1,6 @@
-"""Files as instruments write them: what they say of their numbers is obeyed or refused, and never ignored."""
+"""Files as instruments write them: what they say of their numbers is obeyed or refused, and never
+ignored.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -31,7 +33,9 @@ def seconds(digits: int = 6) -> list[str]:
     return [f"{value:.{digits}f}" for value in TIME]
 
 
-def assert_noise(recording: Recording, rate: float = RATE, unit: str = "m/s^2", factor: float = G) -> None:
+def assert_noise(
+    recording: Recording, rate: float = RATE, unit: str = "m/s^2", factor: float = G
+) -> None:
     assert recording.sample_rate == pytest.approx(rate, rel=1e-9)
     assert recording.unit == unit
     np.testing.assert_allclose(recording.signal[0], NOISE * factor, rtol=1e-9, atol=1e-9)
@@ -42,13 +46,19 @@ def assert_noise(recording: Recording, rate: float = RATE, unit: str = "m/s^2", 
 
 @pytest.mark.parametrize("unit", ["(\u03bcs)", "(\u00b5s)", "(us)", "[usec]"])
 def test_every_way_to_write_a_microsecond_is_read(unit: str, tmp_path: Path) -> None:
-    path = text(tmp_path / "a.csv", "Time,Channel A", f"{unit},(V)", "", *rows((TIME - 0.1) * 1e6, NOISE))
+    path = text(
+        tmp_path / "a.csv", "Time,Channel A", f"{unit},(V)", "", *rows((TIME - 0.1) * 1e6, NOISE)
+    )
     assert_noise(load_recording(path), unit="V", factor=1)
 
 
-@pytest.mark.parametrize("heading", ["x (g)", "x [g's]", "x [m/s²]", "x (ms-2)", "x (m/s^2)", "x (Volts)", "x [mV]"])
+@pytest.mark.parametrize(
+    "heading", ["x (g)", "x [g's]", "x [m/s²]", "x (ms-2)", "x (m/s^2)", "x (Volts)", "x [mV]"]
+)
 def test_units_are_read_as_people_write_them(heading: str, tmp_path: Path) -> None:
-    recording = load_recording(text(tmp_path / "a.csv", f"time (s),{heading}", *rows(seconds(), NOISE)))
+    recording = load_recording(
+        text(tmp_path / "a.csv", f"time (s),{heading}", *rows(seconds(), NOISE))
+    )
     assert recording.channels == ("x",)
     assert recording.unit == ("V" if "olt" in heading else "mV" if "mV" in heading else "m/s^2")
     assert_noise(recording, unit=recording.unit, factor=G if "g" in heading else 1)
@@ -70,7 +80,10 @@ def write_tdms(path: Path, *segments: dict[str, tuple[np.ndarray, dict[str, Any]
     with nptdms.TdmsWriter(str(path)) as writer:
         for segment in segments:
             writer.write_segment(
-                [nptdms.ChannelObject("g", name, data, properties=facts) for name, (data, facts) in segment.items()]
+                [
+                    nptdms.ChannelObject("g", name, data, properties=facts)
+                    for name, (data, facts) in segment.items()
+                ]
             )
     return path
 

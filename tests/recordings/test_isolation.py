@@ -1,4 +1,6 @@
-"""The process that reads files: it may die, never this one; it serves one file after the other and ends with this."""
+"""The process that reads files: it may die, never this one; it serves one file after the other and
+ends with this.
+"""
 
 import os
 import pickle
@@ -67,12 +69,16 @@ def worker_id() -> int:
 def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
     read: Callable[[str], Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(DataError, match=r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"):
+    with pytest.raises(
+        DataError, match=r"crash\.wav is damaged: the library that reads it crashed \(signal 6\)"
+    ):
         read("crash")
     np.testing.assert_array_equal(read("fine").slice(1, 3).signal[0], [1.0, 2.0])
     before = worker_id()
     monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "1")
-    with pytest.raises(DataError, match=r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"):
+    with pytest.raises(
+        DataError, match=r"bomb\.wav .*more than the limit of 1 GB .* set SWASHTWIN_MEMORY_GB"
+    ):
         read("bomb")
     assert read("fine").sample_rate == 10.0
     assert worker_id() == before  # refused by the system, and the process goes on
@@ -81,14 +87,21 @@ def test_a_crash_an_endless_loop_and_too_much_memory_are_one_line_each(
         read("hang")
 
 
-def test_what_an_earlier_file_broke_is_not_blamed_on_a_later_one(read: Callable[[str], Recording]) -> None:
+def test_what_an_earlier_file_broke_is_not_blamed_on_a_later_one(
+    read: Callable[[str], Recording],
+) -> None:
     read("poison")
     assert read("victim").sample_rate == 10.0
 
 
-def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(tmp_path: Path) -> None:
+def test_one_process_reads_many_files_and_is_started_anew_when_it_was_killed(
+    tmp_path: Path,
+) -> None:
     recording = some_recording()
-    paths = [write_recording(recording, tmp_path / f"a.{suffix}") for suffix in ("h5", "npz", "csv", "wav")]
+    paths = [
+        write_recording(recording, tmp_path / f"a.{suffix}")
+        for suffix in ("h5", "npz", "csv", "wav")
+    ]
     loaded = [load_recording(path, unit="m/s^2") for path in paths]
     before = worker_id()
     for each in loaded:
@@ -125,7 +138,9 @@ os.kill(os.getpid(), signal.SIGKILL)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_the_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
     path = write_recording(some_recording(), tmp_path / "a.npz")
-    run = subprocess.run([sys.executable, "-c", ORPHAN, str(path)], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [sys.executable, "-c", ORPHAN, str(path)], capture_output=True, text=True, check=False
+    )
     assert run.returncode == -signal.SIGKILL, run.stderr
     deadline = time.monotonic() + 5
     while time.monotonic() < deadline:
@@ -144,7 +159,9 @@ def test_a_lower_limit_of_the_system_is_kept(tmp_path: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_DATA, (2**31, 2**31)); isolation._limit_memory()\n"
         "print(resource.getrlimit(resource.RLIMIT_DATA))"
     )
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert process.stdout.strip() == f"({2**31}, {2**31})"
 
 

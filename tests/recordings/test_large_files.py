@@ -22,7 +22,9 @@ def packed_archive(folder: Path) -> Path:
 
 def one_chunk(folder: Path) -> Path:
     with h5py.File(folder / "a.h5", "w") as file:
-        x = file.create_dataset("x", (500_000_000,), "f8", chunks=(400_000_000,), compression="gzip")
+        x = file.create_dataset(
+            "x", (500_000_000,), "f8", chunks=(400_000_000,), compression="gzip"
+        )
         x.id.write_direct_chunk((0,), b"x")
         x.id.write_direct_chunk((400_000_000,), b"x")
     return folder / "a.h5"
@@ -63,7 +65,9 @@ def linked(folder: Path) -> Path:
 
 def shape_of_more_than_there_is(folder: Path) -> Path:
     with zipfile.ZipFile(folder / "a.npz", "w") as archive, archive.open("x.npy", "w") as file:
-        format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
+        format.write_array_header_1_0(
+            file, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+        )
     return folder / "a.npz"
 
 
@@ -79,7 +83,10 @@ BOMBS: list[tuple[Callable[[Path], Path], str]] = [
     (virtual, "/x is virtual"),
     (external, "/x is external"),
     (linked, r"'x' is a link to another file \(other\.h5\)"),
-    (shape_of_more_than_there_is, r"takes more than the limit of 0\.01 GB of memory to read; .*SWASHTWIN_MEMORY_GB"),
+    (
+        shape_of_more_than_there_is,
+        r"takes more than the limit of 0\.01 GB of memory to read; .*SWASHTWIN_MEMORY_GB",
+    ),
     (matlab_zeros, r"takes 0\.012 GB, more than the limit of 0\.01 GB; .*SWASHTWIN_MEMORY_GB"),
     (packed_archive, r"takes 0\.016 GB, more than the limit of 0\.01 GB; .*SWASHTWIN_MEMORY_GB"),
 ]
@@ -101,16 +108,24 @@ def test_a_file_that_asks_for_too_much_is_refused_before_anything_is_taken(
 
 def test_a_resampling_beyond_memory_is_refused_with_both_numbers(tmp_path: Path) -> None:
     path = write_recording(Recording(np.zeros((1, 25600)), 25600.0, "a"), tmp_path / "a.h5")
-    with pytest.raises(DataError, match=r"resampled to 1e\+09 Hz takes 8 GB, more than the limit of 4 GB"):
+    with pytest.raises(
+        DataError, match=r"resampled to 1e\+09 Hz takes 8 GB, more than the limit of 4 GB"
+    ):
         load_recording(path, resample="1e9 Hz")
 
 
-def test_a_large_file_is_read_in_parts_and_refused_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_recording(Recording(np.ones((2, 50_000)), 25600.0, "a", channels=("x", "y")), tmp_path / "a.h5")
+def test_a_large_file_is_read_in_parts_and_refused_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_recording(
+        Recording(np.ones((2, 50_000)), 25600.0, "a", channels=("x", "y")), tmp_path / "a.h5"
+    )
     monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "0.0006")
     loaded = load_recording(path)
     assert loaded.slice(40_000, 40_010).signal.sum() == 20
-    with pytest.raises(DataError, match=r"with all its samples in memory, 0\.0008 GB, more than the limit"):
+    with pytest.raises(
+        DataError, match=r"with all its samples in memory, 0\.0008 GB, more than the limit"
+    ):
         _ = loaded.signal
     monkeypatch.setenv("SWASHTWIN_MEMORY_GB", "much")
     with pytest.raises(ValueError, match="SWASHTWIN_MEMORY_GB = 'much' must be a positive number"):

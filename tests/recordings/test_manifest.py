@@ -33,11 +33,15 @@ def written(recording: Recording, path: Path) -> Path:
 
 @pytest.mark.parametrize("suffix", [".h5", ".csv", ".npz", ".parquet"])
 def test_a_renamed_copy_in_another_format_is_the_same_recording(tmp_path, suffix):
-    again = load_recording(written(measured(), tmp_path / f"renamed{suffix}")).replace(recording_id="renamed")
+    again = load_recording(written(measured(), tmp_path / f"renamed{suffix}")).replace(
+        recording_id="renamed"
+    )
     assert seen_recordings(manifest_of([measured()]), manifest_of([again])) == {"renamed": "a"}
 
 
-def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_were_made_of(tmp_path):
+def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_were_made_of(
+    tmp_path,
+):
     path = written(measured(), tmp_path / "a.h5")
     hashes = measured().content_hashes()
     assert load_recording(path, resample="500 Hz").content_hashes() == hashes
@@ -50,7 +54,10 @@ def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_we
     assert measured().slice(10, 90).content_hashes() == hashes
     filtered = measured().replace(signal=2 * measured().signal)
     assert pickle.loads(pickle.dumps(filtered)).content_hashes() == hashes
-    assert measured().replace(signal=2 * measured().signal, recording_id="b").content_hashes() != hashes
+    assert (
+        measured().replace(signal=2 * measured().signal, recording_id="b").content_hashes()
+        != hashes
+    )
 
 
 def test_a_store_of_resampled_or_filtered_recordings_knows_what_was_recorded(tmp_path):
@@ -66,11 +73,17 @@ def test_blocks_do_not_change_a_hash_nor_does_the_sign_of_zero():
     signal = np.zeros((1, BLOCK + 7))
     signal[0, 5] = 1.0
     negative = np.where(signal == 0, -0.0, signal)
-    assert Recording(signal, 1.0, "a").content_hashes() == Recording(negative, 1.0, "b").content_hashes()
+    assert (
+        Recording(signal, 1.0, "a").content_hashes()
+        == Recording(negative, 1.0, "b").content_hashes()
+    )
 
 
 def test_a_channel_that_never_changes_makes_no_two_recordings_one():
-    first, second = (Recording(np.stack([np.zeros(9), np.arange(9.0) ** 2 + n]), 1.0, "a", ("x", "y")) for n in (0, 1))
+    first, second = (
+        Recording(np.stack([np.zeros(9), np.arange(9.0) ** 2 + n]), 1.0, "a", ("x", "y"))
+        for n in (0, 1)
+    )
     assert len(first.content_hashes()) == 1
     assert not set(first.content_hashes()) & set(second.content_hashes())
 

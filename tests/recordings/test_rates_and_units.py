@@ -1,4 +1,6 @@
-"""Files of several rates or units: each channel has its own, and nothing is taken from a neighbor."""
+"""Files of several rates or units: each channel has its own, and nothing is taken from a
+neighbor.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -51,12 +53,16 @@ def universal_file(folder: Path) -> Path:
     return folder / "a.uff"
 
 
-@pytest.mark.parametrize("write", [hdf5_data_sets, hdf5_groups, matlab_structures, archive_keys, universal_file])
+@pytest.mark.parametrize(
+    "write", [hdf5_data_sets, hdf5_groups, matlab_structures, archive_keys, universal_file]
+)
 def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
     write: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     path = write(tmp_path)
-    with pytest.raises(DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*channels = \[") as caught:
+    with pytest.raises(
+        DataError, match=r"several rates \(\S.*: 25600 Hz, \S.*: 12800 Hz\).*channels = \["
+    ) as caught:
         load_recording(path)
     assert "\n" not in str(caught.value)
     for channel, rate, values in ((0, 25600.0, X), (1, 12800.0, Y)):
@@ -67,14 +73,20 @@ def test_each_channel_has_its_own_rate_and_two_rates_are_refused_together(
         load_recording(path, channels=[1], sample_rate="25.6 kHz")
 
 
-def test_two_rates_for_the_same_vector_and_one_that_is_none_are_refused_by_name(tmp_path: Path) -> None:
+def test_two_rates_for_the_same_vector_and_one_that_is_none_are_refused_by_name(
+    tmp_path: Path,
+) -> None:
     np.savez(tmp_path / "a.npz", x=X, fs=25600.0, sample_rate=12800.0)
-    with pytest.raises(DataError, match=r"two sample rates for x \(fs = 25600\.0, sample_rate = 12800\.0\)"):
+    with pytest.raises(
+        DataError, match=r"two sample rates for x \(fs = 25600\.0, sample_rate = 12800\.0\)"
+    ):
         load_recording(tmp_path / "a.npz", unit="g")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["x"] = X
         file["x"].attrs.update({"fs": 25600.0, "samplerate": 12800.0})
-    with pytest.raises(DataError, match=r"two sample rates for x \(fs = 25600\.0, samplerate = 12800\.0\)"):
+    with pytest.raises(
+        DataError, match=r"two sample rates for x \(fs = 25600\.0, samplerate = 12800\.0\)"
+    ):
         load_recording(tmp_path / "a.h5", unit="g")
     for rate in (0.0, -5.0):
         savemat(tmp_path / "a.mat", {"x": X, "fs": rate})
@@ -85,7 +97,9 @@ def test_two_rates_for_the_same_vector_and_one_that_is_none_are_refused_by_name(
 
 
 def test_units_of_two_structures_are_not_mixed(tmp_path: Path) -> None:
-    savemat(tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}})
+    savemat(
+        tmp_path / "a.mat", {"fs": 1000.0, "a": {"x": X, "unit": "g"}, "b": {"y": Y, "unit": "Pa"}}
+    )
     with pytest.raises(DataError, match="different units"):
         load_recording(tmp_path / "a.mat", channels=["a.x", "b.y"])
     assert load_recording(tmp_path / "a.mat").channels == ("a.x",)
@@ -111,7 +125,9 @@ def test_a_vector_of_times_is_no_channel_and_agrees_with_the_stated_rate(
     for stated in ({}, {"fs": 1000.0}):
         loaded = load_recording(make(tmp_path, **stated))
         assert (loaded.channels, loaded.sample_rate) == (("x",), 1000.0)
-    with pytest.raises(DataError, match="two sample rates for x: 2000 Hz, and 1000 Hz by the times in time"):
+    with pytest.raises(
+        DataError, match="two sample rates for x: 2000 Hz, and 1000 Hz by the times in time"
+    ):
         load_recording(make(tmp_path, fs=2000.0))
 
 

@@ -30,7 +30,9 @@ def recording() -> Recording:
         ("1", 1.0, "1"),
     ],
 )
-def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, factor: float, expected: str) -> None:
+def test_accelerations_become_si_and_the_rest_stays(
+    tmp_path: Path, unit: str, factor: float, expected: str
+) -> None:
     (tmp_path / "a.csv").write_text("a\n1.5\n2.5\n")
     loaded = load_recording(tmp_path / "a.csv", sample_rate="1 kHz", unit=unit)
     np.testing.assert_allclose(loaded.signal, [[1.5 * factor, 2.5 * factor]])
@@ -40,16 +42,26 @@ def test_accelerations_become_si_and_the_rest_stays(tmp_path: Path, unit: str, f
 def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
     import soundfile
 
-    soundfile.write(tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16")
+    soundfile.write(
+        tmp_path / "a.wav", np.array([[0.5, 0.25], [-0.5, 0.125]]), 48000, subtype="PCM_16"
+    )
     for facts, message in (
         ({"unit": "g"}, 'without a scale; add sensitivity = "50 m/s\\^2"'),
-        ({"sensitivity": "100 mV/g", "unit": "V"}, 'state what full scale .* "50 m/s\\^2", and not "100 mV/g"'),
-        ({"sensitivity": "50 m/s^2", "unit": "g"}, r"remove unit, or state it of the other files only, not in \[def"),
+        (
+            {"sensitivity": "100 mV/g", "unit": "V"},
+            'state what full scale .* "50 m/s\\^2", and not "100 mV/g"',
+        ),
+        (
+            {"sensitivity": "50 m/s^2", "unit": "g"},
+            r"remove unit, or state it of the other files only, not in \[def",
+        ),
     ):
         with pytest.raises(DataError, match=message):
             load_recording(tmp_path / "a.wav", **facts)
     loaded = load_recording(tmp_path / "a.wav", sensitivity=["50 m/s^2", "10 g"])
-    np.testing.assert_allclose(loaded.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12)
+    np.testing.assert_allclose(
+        loaded.signal, [[25, -25], [2.5 * 9.80665, 1.25 * 9.80665]], rtol=1e-12
+    )
     assert load_recording(tmp_path / "a.wav", unit="1").signal[0, 0] == 0.5
 
 
@@ -66,25 +78,69 @@ def test_integer_wav_needs_to_be_told_its_scale(tmp_path: Path) -> None:
         ({"unit": "g", "sample_rate": 1000, "names": ["one"]}, DataError, "1 name for 2 channels"),
         ({"unit": "g", "sample_rate": 1000, "labl": "normal"}, DataError, "did you mean 'label'"),
         ({"unit": "g", "sample_rate": 1000, "label": 3}, DataError, "label: expected text"),
-        ({"unit": "g", "sample_rate": 1000, "speed": "14.3 1/s"}, UnitError, "is a frequency; write it as"),
-        ({"unit": "g", "sample_rate": 1000, "discharge_pressure": "0 MPa"}, DataError, "must be above zero"),
+        (
+            {"unit": "g", "sample_rate": 1000, "speed": "14.3 1/s"},
+            UnitError,
+            "is a frequency; write it as",
+        ),
+        (
+            {"unit": "g", "sample_rate": 1000, "discharge_pressure": "0 MPa"},
+            DataError,
+            "must be above zero",
+        ),
         (
             {"unit": "g", "sample_rate": 1000, "speed": "860 rpm", "discharge_pressure": "15 Pa"},
             DataError,
             "must exceed",
         ),
         ({"sensitivity": "much", "sample_rate": 1000}, UnitError, "number with its unit"),
-        ({"sensitivity": ["1 g"] * 3, "sample_rate": 1000}, DataError, "3 sensitivities for 2 channels"),
-        ({"sensitivity": "1 furlong/count", "sample_rate": 1000, "channels": ["a"]}, UnitError, "number with its unit"),
+        (
+            {"sensitivity": ["1 g"] * 3, "sample_rate": 1000},
+            DataError,
+            "3 sensitivities for 2 channels",
+        ),
+        (
+            {"sensitivity": "1 furlong/count", "sample_rate": 1000, "channels": ["a"]},
+            UnitError,
+            "number with its unit",
+        ),
         ({"sensitivity": "1 mV/g", "sample_rate": 1000}, DataError, 'add unit = "V" or "mV"'),
-        ({"sensitivity": "1 mV/g", "unit": "g", "sample_rate": 1000}, DataError, "is for channels in mV"),
-        ({"sensitivity": "1 g", "unit": "g", "sample_rate": 1000}, DataError, "'a' is in g already"),
+        (
+            {"sensitivity": "1 mV/g", "unit": "g", "sample_rate": 1000},
+            DataError,
+            "is for channels in mV",
+        ),
+        (
+            {"sensitivity": "1 g", "unit": "g", "sample_rate": 1000},
+            DataError,
+            "'a' is in g already",
+        ),
         ({"sensitivity": ["c=1 g"], "sample_rate": 1000}, DataError, "names no channel"),
-        ({"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"}, DataError, "ratio of whole numbers"),
-        ({"unit": "g", "sample_rate": 1000, "resample": "1e308 Hz"}, DataError, "no rate of a measurement"),
-        ({"unit": "g", "sample_rate": 1000, "sha256": "0" * 64}, DataError, "not the file that was indexed"),
-        ({"unit": "g", "sample_rate": 1000, "time_column": "z"}, DataError, "no column 'z' for time_column"),
-        ({"unit": "g", "sample_rate": 1000, "separator": ";", "decimal": ","}, DataError, "no table of numbers"),
+        (
+            {"unit": "g", "sample_rate": 1000, "resample": "333.777 Hz"},
+            DataError,
+            "ratio of whole numbers",
+        ),
+        (
+            {"unit": "g", "sample_rate": 1000, "resample": "1e308 Hz"},
+            DataError,
+            "no rate of a measurement",
+        ),
+        (
+            {"unit": "g", "sample_rate": 1000, "sha256": "0" * 64},
+            DataError,
+            "not the file that was indexed",
+        ),
+        (
+            {"unit": "g", "sample_rate": 1000, "time_column": "z"},
+            DataError,
+            "no column 'z' for time_column",
+        ),
+        (
+            {"unit": "g", "sample_rate": 1000, "separator": ";", "decimal": ","},
+            DataError,
+            "no table of numbers",
+        ),
     ],
 )
 def test_a_wrong_or_missing_fact_is_refused(
@@ -119,19 +175,34 @@ def test_a_sensitivity_says_what_numbers_stand_for(
     sensitivity: str | list[str], unit: str | None, factors: tuple[float, float], tmp_path: Path
 ) -> None:
     names = ["first", "second"] if "second" in str(sensitivity) else ["a", "b"]
-    (tmp_path / "a.csv").write_text("first,b\n1,2\n-3,4\n" if "second" in str(sensitivity) else "a,b\n1,2\n-3,4\n")
-    facts = {"sample_rate": 1000, "sensitivity": sensitivity, "names": names} | ({"unit": unit} if unit else {})
+    (tmp_path / "a.csv").write_text(
+        "first,b\n1,2\n-3,4\n" if "second" in str(sensitivity) else "a,b\n1,2\n-3,4\n"
+    )
+    facts = {"sample_rate": 1000, "sensitivity": sensitivity, "names": names} | (
+        {"unit": unit} if unit else {}
+    )
     scaled = load_recording(tmp_path / "a.csv", **facts)
-    np.testing.assert_allclose(scaled.signal, 9.80665 * np.array([[1, -3], [2, 4]]) * np.array(factors)[:, None])
+    np.testing.assert_allclose(
+        scaled.signal, 9.80665 * np.array([[1, -3], [2, 4]]) * np.array(factors)[:, None]
+    )
 
 
 def test_columns_of_several_lengths_must_be_chosen(tmp_path: Path) -> None:
-    savemat(tmp_path / "a.mat", {"X105_DE_time": np.ones(10), "X105_FE_time": np.ones(9), "X105RPM": 1797.0})
+    savemat(
+        tmp_path / "a.mat",
+        {"X105_DE_time": np.ones(10), "X105_FE_time": np.ones(9), "X105RPM": 1797.0},
+    )
     with pytest.raises(DataError, match="X105_DE_time: 10, X105_FE_time: 9"):
         load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g")
-    loaded = load_recording(tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm")
+    loaded = load_recording(
+        tmp_path / "a.mat", sample_rate=12000, unit="g", channels=["*_DE_time"], speed="1797 rpm"
+    )
     assert loaded.channels == ("X105_DE_time",)
-    assert (loaded.condition, loaded.attributes["speed"], loaded.attributes["X105RPM"]) == (None, "1797 rpm", "1797")
+    assert (loaded.condition, loaded.attributes["speed"], loaded.attributes["X105RPM"]) == (
+        None,
+        "1797 rpm",
+        "1797",
+    )
 
 
 def test_resampling_keeps_a_tone_and_says_so(tmp_path: Path) -> None:
@@ -139,7 +210,9 @@ def test_resampling_keeps_a_tone_and_says_so(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"x": 3 + np.sin(2 * np.pi * 500 * time), "fs": 48000.0})
     loaded = load_recording(tmp_path / "a.mat", unit="1", resample="12 kHz")
     assert loaded.sample_rate == 12000.0
-    np.testing.assert_allclose(loaded.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * loaded.time[50:-50]), atol=2e-3)
+    np.testing.assert_allclose(
+        loaded.signal[0, 50:-50], 3 + np.sin(2 * np.pi * 500 * loaded.time[50:-50]), atol=2e-3
+    )
     assert "from 48000 Hz to 12000 Hz" in loaded.attributes["resampled"]
 
 
@@ -159,5 +232,7 @@ def test_a_condition_in_a_file_is_completed_and_not_contradicted(tmp_path: Path)
         condition, speed=rpm(865), oil_temperature=celsius(50)
     )
     assert load_recording(path, discharge_pressure="150 bar").condition == condition
-    with pytest.raises(DataError, match=r"says it ran at 860 rpm and 15 MPa, the index says 860 rpm and 12 MPa"):
+    with pytest.raises(
+        DataError, match=r"says it ran at 860 rpm and 15 MPa, the index says 860 rpm and 12 MPa"
+    ):
         load_recording(path, discharge_pressure="120 bar")

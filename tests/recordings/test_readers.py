@@ -1,4 +1,6 @@
-"""Every format gives back what was measured, or refuses a damaged file; writing one leaves nothing half-done."""
+"""Every format gives back what was measured, or refuses a damaged file; writing one leaves nothing
+half-done.
+"""
 
 import gzip
 from dataclasses import replace
@@ -11,7 +13,13 @@ from recording_files import READABLE, WRITABLE, read_back, some_recording, write
 from scipy.io import savemat
 
 from swashtwin.foundation import DataError, InputError, MissingExtraError, MissingFileError
-from swashtwin.recordings import Recording, load_recording, load_recordings, write_index, write_recording
+from swashtwin.recordings import (
+    Recording,
+    load_recording,
+    load_recordings,
+    write_index,
+    write_recording,
+)
 from swashtwin.recordings.formats import isolation
 
 
@@ -24,28 +32,44 @@ def recording() -> Recording:
 
 
 @pytest.mark.parametrize("suffix", WRITABLE)
-def test_the_index_gives_back_what_a_format_loses(recording: Recording, tmp_path: Path, suffix: str) -> None:
+def test_the_index_gives_back_what_a_format_loses(
+    recording: Recording, tmp_path: Path, suffix: str
+) -> None:
     path = write_recording(recording, tmp_path / "deep" / f"a.{suffix}")
     write_index([recording], [path], tmp_path)
     (loaded,) = load_recordings(tmp_path)
-    np.testing.assert_allclose(loaded.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15)
+    np.testing.assert_allclose(
+        loaded.signal, recording.signal, rtol=1e-7 if suffix == "wav" else 1e-15
+    )
     assert loaded.condition is not None
     assert recording.condition is not None
     assert loaded.condition.speed == pytest.approx(recording.condition.speed, rel=1e-12)
-    for name in ("sample_rate", "recording_id", "channels", "unit", "label", "specimen", "synthetic"):
+    for name in (
+        "sample_rate",
+        "recording_id",
+        "channels",
+        "unit",
+        "label",
+        "specimen",
+        "synthetic",
+    ):
         assert getattr(loaded, name) == getattr(recording, name)
     assert loaded.attributes["sensor"] == "352C33"
     assert loaded.attributes["file"] == f"deep/a.{suffix}"
 
 
-def test_a_universal_file_gives_back_its_time_responses(recording: Recording, tmp_path: Path) -> None:
+def test_a_universal_file_gives_back_its_time_responses(
+    recording: Recording, tmp_path: Path
+) -> None:
     loaded = load_recording(written(recording, tmp_path, "uff"))
     np.testing.assert_allclose(loaded.signal, recording.signal, rtol=1e-9)
     assert loaded.channels == ("point 0", "point 1")
     assert (loaded.unit, loaded.sample_rate) == ("m/s^2", 25600.0)
 
 
-@pytest.mark.parametrize("rate", [1000.0, 6400.0, 12000.0, 25600.0, 44100.0, 48000.0, 51200 / 3, 65536.0, 102400.0])
+@pytest.mark.parametrize(
+    "rate", [1000.0, 6400.0, 12000.0, 25600.0, 44100.0, 48000.0, 51200 / 3, 65536.0, 102400.0]
+)
 def test_a_step_of_six_digits_gives_back_the_exact_rate(rate: float, tmp_path: Path) -> None:
     write_uff(tmp_path / "a.uff", np.random.default_rng(1).standard_normal((1, 50)), 1 / rate)
     assert load_recording(tmp_path / "a.uff").sample_rate == pytest.approx(rate, rel=1e-12)
@@ -80,7 +104,9 @@ def test_a_rate_that_wav_cannot_hold_is_refused(recording: Recording, tmp_path: 
         write_recording(replace(recording, sample_rate=17066.7), tmp_path / "a.wav")
 
 
-def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_named(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write_recording(recording, tmp_path / "a.tdms")
 
     (tmp_path / "nptdms.py").write_text("raise ImportError('nptdms')")
@@ -95,7 +121,9 @@ def test_a_missing_extra_is_named(recording: Recording, tmp_path: Path, monkeypa
 
 
 @pytest.mark.parametrize("suffix", READABLE)
-def test_a_missing_an_empty_and_a_cut_file_are_refused(recording: Recording, suffix: str, tmp_path: Path) -> None:
+def test_a_missing_an_empty_and_a_cut_file_are_refused(
+    recording: Recording, suffix: str, tmp_path: Path
+) -> None:
     with pytest.raises(MissingFileError, match="does not exist"):
         load_recording(tmp_path / f"a.{suffix}")
     (tmp_path / f"a.{suffix}").touch()
@@ -104,7 +132,9 @@ def test_a_missing_an_empty_and_a_cut_file_are_refused(recording: Recording, suf
     path = written(recording, tmp_path, suffix)
     content = path.read_bytes()
     length = 2 * len(content) // 3
-    length += content[length:].index(b",") if suffix == "csv" else 0  # a row of text must be torn to be seen
+    length += (
+        content[length:].index(b",") if suffix == "csv" else 0
+    )  # a row of text must be torn to be seen
     path.write_bytes(content[:length])
     with pytest.raises(DataError, match=r"cut off|damaged|no time response"):
         read_back(path)

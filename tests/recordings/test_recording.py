@@ -58,7 +58,10 @@ def test_a_recording_has_samples_of_its_own_and_none_where_they_are_masked() -> 
     [
         ({"recording_id": ""}, r"needs .* and a recording_id"),
         ({"channels": ("x", "y")}, "a: 2 channel names for 1 channels"),
-        *(({"sample_rate": rate}, r"a: sample_rate \(.* Hz\) must be") for rate in (0.0, -1.0, math.nan, math.inf)),
+        *(
+            ({"sample_rate": rate}, r"a: sample_rate \(.* Hz\) must be")
+            for rate in (0.0, -1.0, math.nan, math.inf)
+        ),
         ({"sample_rate": "25 kHz"}, r"sample_rate \('25 kHz' Hz\) must be a positive number"),
         ({"label": 3}, r"label \(3\) must be text"),
         ({"speed": 80.0}, r"speed has shape \(\) for 4 samples"),
@@ -70,7 +73,9 @@ def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], messa
     with pytest.raises(InputError, match="is no recording"):
         Recordings(["a.csv"])
     for stop in ("5", 2.5):
-        with pytest.raises(InputError, match="samples are counted by whole numbers, and not from 0 to"):
+        with pytest.raises(
+            InputError, match="samples are counted by whole numbers, and not from 0 to"
+        ):
             make().slice(0, stop)
 
 
@@ -79,8 +84,14 @@ def test_a_fact_of_a_wrong_kind_is_refused_in_words(facts: dict[str, Any], messa
     [
         (np.array([80.0, 81.0]), r"a: speed has shape \(2,\) for 4 samples"),
         (np.array([[80.0, 81.0, 82.0, 83.0]]), r"a: speed has shape \(1, 4\) for 4 samples"),
-        (np.array([80.0, -1.0, 80.0, 80.0]), r"a: speed \(-1 rad/s at sample 1\) must be zero or a positive"),
-        (np.array([80.0, 80.0, 80.0, math.nan]), r"a: speed \(nan rad/s at sample 3\) must be zero or a positive"),
+        (
+            np.array([80.0, -1.0, 80.0, 80.0]),
+            r"a: speed \(-1 rad/s at sample 1\) must be zero or a positive",
+        ),
+        (
+            np.array([80.0, 80.0, 80.0, math.nan]),
+            r"a: speed \(nan rad/s at sample 3\) must be zero or a positive",
+        ),
     ],
 )
 def test_a_speed_that_does_not_fit_the_samples_is_refused(speed: np.ndarray, message: str) -> None:
@@ -90,10 +101,14 @@ def test_a_speed_that_does_not_fit_the_samples_is_refused(speed: np.ndarray, mes
 
 @given(cuts=st.lists(st.integers(1, 11), max_size=4, unique=True))
 def test_blocks_join_to_the_recording_they_were_cut_from(cuts: list[int]) -> None:
-    whole = Recording(np.arange(24.0).reshape(2, 12), 8.0, "a", channels=("x", "y"), speed=np.arange(12.0))
+    whole = Recording(
+        np.arange(24.0).reshape(2, 12), 8.0, "a", channels=("x", "y"), speed=np.arange(12.0)
+    )
     edges = [0, *sorted(cuts), 12]
     blocks = [
-        replace(whole, signal=whole.signal[:, first:last], speed=np.arange(first, last, dtype=float))
+        replace(
+            whole, signal=whole.signal[:, first:last], speed=np.arange(first, last, dtype=float)
+        )
         for first, last in pairwise(edges)
     ]
     together = join_blocks(iter(blocks))
@@ -108,14 +123,19 @@ def test_blocks_join_to_the_recording_they_were_cut_from(cuts: list[int]) -> Non
     numbers=st.none() | st.lists(st.integers(0, 8)),
 )
 def test_where_meets_every_condition_and_leaves_out_nothing_that_does(
-    facts: list[tuple[str | None, str | None]], label: str | None, specimen: str | None, numbers: list[int] | None
+    facts: list[tuple[str | None, str | None]],
+    label: str | None,
+    specimen: str | None,
+    numbers: list[int] | None,
 ) -> None:
     recordings = Recordings(make(str(number), *pair) for number, pair in enumerate(facts))
     ids = None if numbers is None else [str(number) for number in numbers]
     expected = tuple(
         str(number)
         for number, pair in enumerate(facts)
-        if label in (None, pair[0]) and specimen in (None, pair[1]) and (numbers is None or number in numbers)
+        if label in (None, pair[0])
+        and specimen in (None, pair[1])
+        and (numbers is None or number in numbers)
     )
     if expected:
         assert recordings.where(label=label, ids=ids, specimen=specimen).recording_ids == expected

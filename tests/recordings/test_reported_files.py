@@ -1,4 +1,6 @@
-"""Properties of files that users of readers have reported publicly, and their kin: read right, or refused by name."""
+"""Properties of files that users of readers have reported publicly, and their kin: read right, or
+refused by name.
+"""
 
 import struct
 from collections.abc import Callable
@@ -43,7 +45,11 @@ def commas(values: Any) -> list[str]:
 def tdms(values: np.ndarray, **facts: Any) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         nptdms = pytest.importorskip("nptdms")
-        facts_all = {"wf_increment": 1 / RATE, "unit_string": "g", "NI_Scaling_Status": "unscaled"} | facts
+        facts_all = {
+            "wf_increment": 1 / RATE,
+            "unit_string": "g",
+            "NI_Scaling_Status": "unscaled",
+        } | facts
         with nptdms.TdmsWriter(str(folder / "a.tdms")) as writer:
             writer.write_segment([nptdms.ChannelObject("group", "x", values, properties=facts_all)])
         return folder / "a.tdms"
@@ -73,7 +79,9 @@ def daqmx(folder: Path) -> Path:
         "wf_increment": (10, number("<d", 1 / RATE)),
         "unit_string": (0x20, number("<I", 1) + text_of("g")),
     }
-    channel = made.daqmx_channel_metadata("x", len(COUNTS), [2], [made.daqmx_scaler_metadata(0, 3, 0)], facts)
+    channel = made.daqmx_channel_metadata(
+        "x", len(COUNTS), [2], [made.daqmx_scaler_metadata(0, 3, 0)], facts
+    )
     file = made.GeneratedFile()
     head = made.segment_objects_metadata(made.root_metadata(), made.group_metadata(), channel)
     file.add_segment(made.segment_toc(), head, COUNTS.astype("<i2").tobytes(), binary_data=True)
@@ -96,9 +104,16 @@ def universal(kind: str, *, tail: bytes = b"", even: bool = True) -> Callable[[P
         head[8] = f"{4 if kind == 'd' else 2:10d}{401:10d}{int(even):10d}" + head[8][30:]
         if kind in "df":
             data = NOISE.astype(f"<f{8 if kind == 'd' else 4}").tobytes()
-            head[1] = f"    58b     1     2          11{len(data):12d}     0     0           0           0"
+            head[1] = (
+                f"    58b     1     2          11{len(data):12d}     0     0           0           0"
+            )
         path.write_bytes(
-            "\n".join(head).encode() + b"\n" + data + tail + (b"" if kind in "df" else b"\n") + b"    -1\n"
+            "\n".join(head).encode()
+            + b"\n"
+            + data
+            + tail
+            + (b"" if kind in "df" else b"\n")
+            + b"    -1\n"
         )
         return path
 
@@ -110,7 +125,10 @@ def wav(stated: int, tail: bytes = b"") -> Callable[[Path], Path]:
         soundfile.write(folder / "a.wav", NOISE / 8, int(RATE), subtype="FLOAT")
         content = bytearray((folder / "a.wav").read_bytes())
         at = content.index(b"data") + 4
-        content[4:8], content[at : at + 4] = struct.pack("<I", stated & 0xFFFFFFFF), struct.pack("<I", stated)
+        content[4:8], content[at : at + 4] = (
+            struct.pack("<I", stated & 0xFFFFFFFF),
+            struct.pack("<I", stated),
+        )
         (folder / "a.wav").write_bytes(content[: at + 4 + 401 * 4] + tail if tail else content)
         return folder / "a.wav"
 
@@ -130,7 +148,9 @@ def mat(**variables: Any) -> Callable[[Path], Path]:
     return write
 
 
-def hdf5(values: np.ndarray, of_file: dict[str, Any] | None = None, **facts: Any) -> Callable[[Path], Path]:
+def hdf5(
+    values: np.ndarray, of_file: dict[str, Any] | None = None, **facts: Any
+) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         with h5py.File(folder / "a.h5", "w") as file:
             file["x"] = values
@@ -205,7 +225,13 @@ READ: list[tuple[str, Callable[[Path], Path], dict[str, Any], Any]] = [
 EPOCH = [f"{1774430000 + value:.4f}" for value in TIME]
 VOLTS = (NOISE * 0.1).round(6)
 SHORT = text("a.csv", "t [s],x [g],y [g],z [g]", *rows(",", TIMES, NOISE, NOISE))
-HEAD = ["Record Length,401,Points", "Sample Interval,1.0E-04,s", "Vertical Units,V", "Sensitivity (mV/g):,100", "n,x"]
+HEAD = [
+    "Record Length,401,Points",
+    "Sample Interval,1.0E-04,s",
+    "Vertical Units,V",
+    "Sensitivity (mV/g):,100",
+    "n,x",
+]
 TAGS = ["ACC" if number % 3 else "GYR" for number in range(401)]
 LISTS = mat(data=NOISE[:, None] * [1, 2], names=np.array(["x", "p"], object), units=np.array(["g", "bar"], object),
             Ts=1e-4)  # fmt: skip
@@ -335,7 +361,9 @@ READ += [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("thread", "write", "options", "right"), READ, ids=[row[0] for row in READ])
+@pytest.mark.parametrize(
+    ("thread", "write", "options", "right"), READ, ids=[row[0] for row in READ]
+)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_file_as_publicly_reported_is_read_right_or_refused(
     thread: str, write: Callable[[Path], Path], options: dict[str, Any], right: Any, tmp_path: Path

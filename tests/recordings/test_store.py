@@ -1,4 +1,6 @@
-"""Recordings larger than memory: converted, cut and diagnosed in blocks, to the same bits as in memory."""
+"""Recordings larger than memory: converted, cut and diagnosed in blocks, to the same bits as in
+memory.
+"""
 
 import json
 import os
@@ -28,7 +30,17 @@ from swashtwin.recordings import (
 from swashtwin.recordings.samples import Columns, Samples
 
 SOURCES = Path(swashtwin.__file__).parents[1]
-FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic", "attributes")
+FACTS = (
+    "sample_rate",
+    "recording_id",
+    "channels",
+    "unit",
+    "label",
+    "condition",
+    "specimen",
+    "synthetic",
+    "attributes",
+)
 
 
 def make(name: str, count: int = 5000, **changes: object) -> Recording:
@@ -56,7 +68,9 @@ def test_a_recording_in_g_is_the_same_in_a_file_of_its_own_and_in_a_store(tmp_pa
     write_recording(make("a", unit="1"), tmp_path / "a.wav")
     measured = load_recording(tmp_path / "a.wav", unit="g")
     assert measured.samples.factors != (1.0, 1.0)
-    np.testing.assert_array_equal(load_recording(write_recording(measured, tmp_path / "a.h5")).signal, measured.signal)
+    np.testing.assert_array_equal(
+        load_recording(write_recording(measured, tmp_path / "a.h5")).signal, measured.signal
+    )
     (stored,) = load_recordings(write_store([measured], tmp_path / "store.h5"))
     np.testing.assert_array_equal(stored.signal, measured.signal)
 
@@ -65,15 +79,21 @@ def test_a_recording_in_g_is_the_same_in_a_file_of_its_own_and_in_a_store(tmp_pa
 
 
 @pytest.mark.parametrize("suffix", ["h5", "csv", "tdms", "wav", "parquet", "mat", "npz", "mf4"])
-def test_the_parts_of_a_recording_in_a_file_are_those_of_its_signal(suffix: str, tmp_path: Path) -> None:
+def test_the_parts_of_a_recording_in_a_file_are_those_of_its_signal(
+    suffix: str, tmp_path: Path
+) -> None:
     path = write_recording(make("a"), tmp_path / f"a.{suffix}")
     facts = {"unit": "m/s^2"} if suffix == "wav" else {}
     whole, recording = load_recording(path, **facts), load_recording(path, **facts)
     blocks = list(recording.blocks())
     assert len(blocks) == 8
-    np.testing.assert_array_equal(np.concatenate([block.signal for block in blocks], axis=1), whole.signal)
+    np.testing.assert_array_equal(
+        np.concatenate([block.signal for block in blocks], axis=1), whole.signal
+    )
     assert_same(recording, whole)
-    np.testing.assert_array_equal(recording.unloaded().slice(4990, 6000).signal, whole.signal[:, 4990:])
+    np.testing.assert_array_equal(
+        recording.unloaded().slice(4990, 6000).signal, whole.signal[:, 4990:]
+    )
     assert (recording.n_samples, recording.duration) == (5000, 5.0)
 
 
@@ -102,7 +122,9 @@ def test_a_store_gives_back_every_recording_and_its_speed(tmp_path: Path) -> Non
         make("c", 700, synthetic=True),
     ]
     progress: list[tuple[int, int]] = []
-    path = write_store(recordings, tmp_path / "deep" / "a.h5", progress=lambda *counts: progress.append(counts))
+    path = write_store(
+        recordings, tmp_path / "deep" / "a.h5", progress=lambda *counts: progress.append(counts)
+    )
     assert progress[-1][0] == progress[-1][1]
     assert is_store(path)
     for loaded, recording in zip(load_recordings(path), recordings, strict=True):
@@ -118,7 +140,8 @@ def test_a_store_keeps_the_number_type_of_a_file_and_rounds_nothing(tmp_path: Pa
     assert path.stat().st_size < 1.3 * values.nbytes
     (loaded,) = load_recordings(path)
     assert_same(
-        replace(loaded, attributes={}), replace(load_recording(tmp_path / "a.h5", label="normal"), attributes={})
+        replace(loaded, attributes={}),
+        replace(load_recording(tmp_path / "a.h5", label="normal"), attributes={}),
     )
 
 
@@ -133,7 +156,10 @@ def test_a_store_is_not_taken_for_one_recording(tmp_path: Path) -> None:
 
 
 def test_a_store_of_nothing_or_of_two_of_one_name_is_refused(tmp_path: Path) -> None:
-    for recordings, message in (([], "no recording to store"), ([make("a"), make("a")], "the id 'a'")):
+    for recordings, message in (
+        ([], "no recording to store"),
+        ([make("a"), make("a")], "the id 'a'"),
+    ):
         with pytest.raises((DataError, InputError), match=message):
             write_store(recordings, tmp_path / "a.h5")
     with pytest.raises(InputError, match=r"must end in \.h5"):
@@ -146,7 +172,9 @@ def test_no_truncation_and_no_changed_byte_of_a_store_goes_unseen(tmp_path: Path
     content = write_store(recordings, tmp_path / "a.h5").read_bytes()
     generator, refused = np.random.default_rng(5), 0
     for number in range(120):
-        changed = bytearray(content[: generator.integers(1, len(content))] if number % 2 else content)
+        changed = bytearray(
+            content[: generator.integers(1, len(content))] if number % 2 else content
+        )
         if number % 2 == 0:
             changed[generator.integers(0, len(changed))] ^= int(generator.integers(1, 256))
         path = tmp_path / f"{number}.h5"
@@ -174,7 +202,9 @@ def test_an_interrupt_or_a_damaged_source_leaves_the_old_store(tmp_path: Path) -
 
     columns = Columns((Torn(), Torn()), (1.0, 1.0))
     torn = replace(make("new"), samples=Samples.from_columns("new", columns, lambda: columns))
-    with pytest.raises(DataError, match=r"new: samples 3500 to 4200 cannot be read \(OSError: wrong checksum\)"):
+    with pytest.raises(
+        DataError, match=r"new: samples 3500 to 4200 cannot be read \(OSError: wrong checksum\)"
+    ):
         write_store([torn], path)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
@@ -184,14 +214,18 @@ def test_an_interrupt_or_a_damaged_source_leaves_the_old_store(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("stride", [None, 33, 250, 1500])
-def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(stride: int | None, tmp_path: Path) -> None:
+def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(
+    stride: int | None, tmp_path: Path
+) -> None:
     recordings = [make("a"), make("b", label="piston")]
     loaded = load_recordings(write_store(recordings, tmp_path / "a.h5"))
     whole = cut_windows(recordings, length=100, stride=stride)
     lazy = cut_windows(loaded, length=100, stride=stride)
     for name in ("signal", "target", "recording_id", "start"):
         np.testing.assert_array_equal(getattr(lazy, name), getattr(whole, name))
-    parts = list(window_batches(loaded[0], length=100, stride=stride, classes=whole.classes, batch=7))
+    parts = list(
+        window_batches(loaded[0], length=100, stride=stride, classes=whole.classes, batch=7)
+    )
     of_a = whole.recording_id == "a"
     for name in ("signal", "target", "start"):
         np.testing.assert_array_equal(
@@ -200,12 +234,17 @@ def test_windows_of_a_recording_in_a_file_are_those_of_one_in_memory(stride: int
 
 
 @pytest.mark.parametrize("normalization", ["window", "set", "none"])
-def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: str, tmp_path: Path) -> None:
+def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(
+    normalization: str, tmp_path: Path
+) -> None:
     recordings = [make("a"), make("b", label="piston", signal=make("b").signal * 3 + 1)]
     settings = TrainingSettings(epochs=1, normalization=normalization)
     windows = cut_windows(recordings, length=32)
     classifier = fit(
-        build_network("bitcn", n_channels=2, n_classes=2, channels=(4,)), windows, settings=settings, seed=0
+        build_network("bitcn", n_channels=2, n_classes=2, channels=(4,)),
+        windows,
+        settings=settings,
+        seed=0,
     )
     long = make("c", 32 * 1700, signal=np.random.default_rng(9).normal(1, 2, (2, 32 * 1700)))
     (loaded,) = load_recordings(write_store([long], tmp_path / "a.h5"))
@@ -213,7 +252,9 @@ def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(normalization: st
     expected = classifier.predict_proba(whole)
     verdict = diagnose(classifier, loaded)
     assert verdict.to_dict() == diagnose(classifier, long).to_dict()
-    assert verdict.window_labels == tuple(classifier.classes[index] for index in expected.argmax(axis=1))
+    assert verdict.window_labels == tuple(
+        classifier.classes[index] for index in expected.argmax(axis=1)
+    )
     logarithm = np.log(np.maximum(expected, 1e-12)).mean(axis=0)
     pooled = np.exp(logarithm - logarithm.max())
     assert tuple(verdict.probabilities.values()) == tuple((pooled / pooled.sum()).tolist())
@@ -240,7 +281,9 @@ print(json.dumps([counts, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - b
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
-    """32 MB of single precision are 64 MB of double; converted, windowed and diagnosed they need a block."""
+    """32 MB of single precision are 64 MB of double; converted, windowed and diagnosed they need a
+    block.
+    """
     from swashtwin.diagnosis import save_classifier
 
     recordings = [make("a", 4096), make("b", 4096, label="piston")]
@@ -259,7 +302,9 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
                 data[:, start : start + (1 << 20)] = noise
     environment = {**os.environ, "PYTHONPATH": str(SOURCES), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY]
-    process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    process = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
     counts, growth = json.loads(process.stdout)
     assert counts == [4096, 4096]
     assert growth < 16_000  # KiB

@@ -29,7 +29,16 @@ from swashtwin.recordings import (
 )
 
 SOURCES = Path(swashtwin.__file__).parents[1]
-FACTS = ("sample_rate", "recording_id", "channels", "unit", "label", "condition", "specimen", "synthetic")
+FACTS = (
+    "sample_rate",
+    "recording_id",
+    "channels",
+    "unit",
+    "label",
+    "condition",
+    "specimen",
+    "synthetic",
+)
 
 
 def blocks_of(lengths: tuple[int, ...], *, speed: bool = True, seed: int = 0) -> list[Recording]:
@@ -67,7 +76,12 @@ def test_a_file_written_block_by_block_reads_as_one_written_whole(
     if speed:
         np.testing.assert_array_equal(streamed.speed, whole.speed)
     for name in FACTS:
-        assert getattr(streamed, name) == getattr(whole, name) == getattr(facts, name) == getattr(blocks[0], name)
+        assert (
+            getattr(streamed, name)
+            == getattr(whole, name)
+            == getattr(facts, name)
+            == getattr(blocks[0], name)
+        )
     assert facts.n_samples == sum(lengths)
 
 
@@ -80,15 +94,20 @@ def test_the_speed_survives_the_index_and_a_resampling(tmp_path: Path) -> None:
     np.testing.assert_allclose(halved.speed, 80 + 10 * halved.time)
 
 
-@pytest.mark.parametrize(("number", "advice"), [(1, "make it again"), (2, "make it again"), (4, "a newer swashtwin")])
-def test_a_recording_of_another_version_is_refused_by_both_names(tmp_path: Path, number: int, advice: str) -> None:
+@pytest.mark.parametrize(
+    ("number", "advice"), [(1, "make it again"), (2, "make it again"), (4, "a newer swashtwin")]
+)
+def test_a_recording_of_another_version_is_refused_by_both_names(
+    tmp_path: Path, number: int, advice: str
+) -> None:
     (block,) = blocks_of((10,))
     with h5py.File(write_recording(block, tmp_path / "a.h5"), "r+") as file:
         assert file.attrs["format"] == b"swashtwin recording 3"
         file.attrs["format"] = np.bytes_(f"swashtwin recording {number}".encode())
     for load in (load_recording, load_recordings):
         with pytest.raises(
-            ArtifactError, match=f"format 'swashtwin recording {number}', .* reads 'swashtwin recording 3'; .*{advice}"
+            ArtifactError,
+            match=f"format 'swashtwin recording {number}', .* reads 'swashtwin recording 3'; .*{advice}",
         ):
             load(tmp_path / "a.h5")
 
@@ -135,10 +154,15 @@ except OSError as error:
 
 
 @pytest.mark.parametrize("limit", [100, 5000, 700_000, -100])
-def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(tmp_path: Path, limit: int) -> None:
+def test_a_disk_that_fills_up_leaves_the_old_file_and_no_complaint(
+    tmp_path: Path, limit: int
+) -> None:
     """In the header, the first block, among the blocks, and when the file is closed."""
     if limit < 0:
-        blocks = (Recording(np.full((2, 20000), float(i)), 1000.0, "a", channels=("x", "y")) for i in range(20))
+        blocks = (
+            Recording(np.full((2, 20000), float(i)), 1000.0, "a", channels=("x", "y"))
+            for i in range(20)
+        )
         write_blocks(blocks, tmp_path / "a.h5")
         limit += (tmp_path / "a.h5").stat().st_size
     (tmp_path / "a.h5").write_text("old")
@@ -200,15 +224,25 @@ def test_a_series_is_a_folder_with_an_index(tmp_path: Path) -> None:
         progress=lambda *counts: progress.append(counts),
     )  # fmt: skip
     loaded = load_recordings(index)
-    assert [recording.recording_id for recording in loaded] == ids == ["runs-0000", "runs-0001", "runs-0002"]
+    assert (
+        [recording.recording_id for recording in loaded]
+        == ids
+        == ["runs-0000", "runs-0001", "runs-0002"]
+    )
     assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
     for number, recording in enumerate(loaded):
-        np.testing.assert_array_equal(recording.signal, join_blocks(blocks_of((300, 200), seed=number)).signal)
+        np.testing.assert_array_equal(
+            recording.signal, join_blocks(blocks_of((300, 200), seed=number)).signal
+        )
 
 
-def test_a_disk_without_space_is_refused_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_space_is_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=2_000_000_000 + (1 << 24)))
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda path: usage._replace(free=2_000_000_000 + (1 << 24))
+    )
     run = SeriesRun([])
     with pytest.raises(InputError, match=r"has 2 GB free, and 3 such recordings take 2\.1 GB"):
         write_series(tmp_path / "runs", 3, run.blocks_of, settings={}, bytes_each=700_000_000)

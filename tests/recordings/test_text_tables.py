@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Options, Recording, inspect_recordings, load_recording, refuse_unfit, write_recording
+from swashtwin.recordings import (
+    Options,
+    Recording,
+    inspect_recordings,
+    load_recording,
+    refuse_unfit,
+    write_recording,
+)
 from swashtwin.recordings.formats import csv
 
 TABLES = {
@@ -38,7 +45,9 @@ def test_every_dialect_of_a_text_table_is_read(text: str, suffix: str, tmp_path:
 
 def test_a_told_dialect_is_obeyed(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("1 2\n7,5\n8,5\n")
-    loaded = load_recording(tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1)
+    loaded = load_recording(
+        tmp_path / "a.txt", sample_rate=1, unit="1", decimal=",", header_lines=1
+    )
     np.testing.assert_array_equal(loaded.signal, [[7.5, 8.5]])
 
 
@@ -67,7 +76,10 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x\n" + rows + "\n")
     loaded = load_recording(tmp_path / "a.csv", unit="1")
     assert loaded.sample_rate == 100.0
-    assert loaded.attributes["time_gaps"] == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
+    assert (
+        loaded.attributes["time_gaps"]
+        == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
+    )
     with pytest.raises(DataError, match="1 of 99 steps differ"):
         refuse_unfit(loaded)
 
@@ -83,7 +95,9 @@ def rows_of(pattern: str, count: int = 60, step: float = 0.005) -> str:
     start = datetime(2019, 9, 11, 8)
     moments = (start + timedelta(seconds=step * number) for number in range(count))
     return "".join(
-        moment.strftime(pattern.replace("%ms", f"{moment.microsecond // 1000:03d}").replace("%n", str(number)))
+        moment.strftime(
+            pattern.replace("%ms", f"{moment.microsecond // 1000:03d}").replace("%n", str(number))
+        )
         for number, moment in enumerate(moments)
     )
 
@@ -127,7 +141,9 @@ def test_a_blank_first_stamp_is_named(tmp_path: Path) -> None:
 
 def test_time_stamps_run_over_midnight(tmp_path: Path) -> None:
     seconds = [86_399.0 + number / 100 for number in range(300)]
-    clocks = [f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f};{s}\n" for s in seconds]
+    clocks = [
+        f"{int(s // 3600) % 24:02d}:{int(s // 60) % 60:02d}:{s % 60:05.2f};{s}\n" for s in seconds
+    ]
     (tmp_path / "a.csv").write_text("t;x\n" + "".join(clocks))
     loaded = load_recording(tmp_path / "a.csv", unit="1")
     assert (loaded.sample_rate, loaded.attributes.get("time_gaps")) == (100.0, None)
@@ -148,7 +164,9 @@ def test_a_column_of_words_is_named_and_left_out(empty: int, tmp_path: Path) -> 
     loaded = load_recording(tmp_path / "a.csv", sample_rate=100, unit="1")
     np.testing.assert_array_equal(loaded.signal, [np.arange(60) + 0.5, np.arange(60) ** 2])
     notes = [
-        finding.message for finding in inspect_recordings([loaded]).recordings[0].findings if finding.kind == "left_out"
+        finding.message
+        for finding in inspect_recordings([loaded]).recordings[0].findings
+        if finding.kind == "left_out"
     ]
     assert notes == [
         "columns that hold text or dates were left out: status.",
@@ -170,30 +188,46 @@ def test_rows_without_a_value_at_the_end_are_left_out_and_others_are_nan(tmp_pat
 
 def test_units_stand_in_a_second_line_of_headings(tmp_path: Path) -> None:
     rows = "".join(f"{n / 100};{n};OK\n".replace(".", ",") for n in range(9))
-    (tmp_path / "a.csv").write_text("Drehzahl;1500 1/min\nDruck;120 bar\nZeit;Gehäuse;Status\ns;m/s²;-\n" + rows)
+    (tmp_path / "a.csv").write_text(
+        "Drehzahl;1500 1/min\nDruck;120 bar\nZeit;Gehäuse;Status\ns;m/s²;-\n" + rows
+    )
     loaded = load_recording(tmp_path / "a.csv")
     assert (loaded.channels, loaded.unit, loaded.sample_rate) == (("Gehäuse",), "m/s^2", 100.0)
 
 
 def test_numbered_columns_are_headings_and_no_samples(tmp_path: Path) -> None:
     for head in ("time,1,2", "0,1,2"):
-        (tmp_path / "a.csv").write_text(f"{head}\n" + "".join(f"{n / 10},{n}.5,{n}\n" for n in range(9)))
+        (tmp_path / "a.csv").write_text(
+            f"{head}\n" + "".join(f"{n / 10},{n}.5,{n}\n" for n in range(9))
+        )
         assert load_recording(tmp_path / "a.csv", sample_rate=10, unit="1").n_samples == 9
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y\n" + "1.5,2\n" * 17 + "1.5,overload\n" + "1.5,2\n" * 60, "line 19: 'overload' in column 'y'"),
-        ("x,y\noverload,2\n" + "1.5,2\n" * 60, "line 2: 'overload' in column 'x' is not a number; correct it."),
+        (
+            "x,y\n" + "1.5,2\n" * 17 + "1.5,overload\n" + "1.5,2\n" * 60,
+            "line 19: 'overload' in column 'y'",
+        ),
+        (
+            "x,y\noverload,2\n" + "1.5,2\n" * 60,
+            "line 2: 'overload' in column 'x' is not a number; correct it.",
+        ),
         ("x\n" + "1.5\n" * 9 + "overload\n" + "1.5\n" * 60, "line 11: 'overload'"),
         ("x,y\n1.5\n" + "1.5,2\n" * 60, "line 2 has 1 columns, not 2"),
         ("3,14\n2,72\n", "may be two columns or one decimal comma"),
         ("x;y\n1,234;2\n1,500;3\n", "'1,234' may be 1234, or 1.234"),
         ("x;y\n1.234,5;2\n-1.500,5;3\n", "'1.234,5' has marks for thousands"),
         ("x;y\n" + "1,25;2\n" * 60 + "1.25;2\n", "line 62: '1.25' in column 'x'"),
-        ("x;y\n" + "1,25;2\n" * 60 + "1 025;2\n", "line 62: '1 025' in column 'x' has marks for thousands"),
-        ("t;x\n" + rows_of("%H:%M:%S.%ms;%n\n") + "later;7\n", "line 62: 'later' in column 't' is not a time stamp"),
+        (
+            "x;y\n" + "1,25;2\n" * 60 + "1 025;2\n",
+            "line 62: '1 025' in column 'x' has marks for thousands",
+        ),
+        (
+            "t;x\n" + rows_of("%H:%M:%S.%ms;%n\n") + "later;7\n",
+            "line 62: 'later' in column 't' is not a time stamp",
+        ),
         ("Pump 3 runs\nPump 4 runs well\nmeasured, on Friday 3\n", "no table of numbers"),
     ],
 )
@@ -203,7 +237,9 @@ def test_no_row_is_lost_in_silence(text: str, message: str, tmp_path: Path) -> N
         load_recording(tmp_path / "a.csv", sample_rate=1, unit="1")
 
 
-def test_a_bomb_and_an_endless_line_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bomb_and_an_endless_line_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(csv, "_LONGEST_TEXT", 1 << 16)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
@@ -215,14 +251,20 @@ def test_a_bomb_and_an_endless_line_are_refused(tmp_path: Path, monkeypatch: pyt
 
 
 def test_a_name_like_a_formula_is_no_formula_in_the_file(tmp_path: Path) -> None:
-    recording = Recording(np.array([[1.0, 2.0, 3.0]]), 10.0, "a", channels=("=HYPERLINK(1)",), unit="1")
+    recording = Recording(
+        np.array([[1.0, 2.0, 3.0]]), 10.0, "a", channels=("=HYPERLINK(1)",), unit="1"
+    )
     path = write_recording(recording, tmp_path / "a.csv")
     assert "'=HYPERLINK(1) [1]" in path.read_text()
     assert load_recording(path, unit="1").channels == ("=HYPERLINK(1)",)
 
 
-@pytest.mark.parametrize("tail", ["\n\n\n", ",,\n,,\n", ",,\n\n,,\n", "\n,,\n\n\n,,\n\n", "\r\n,,\r\n"])
+@pytest.mark.parametrize(
+    "tail", ["\n\n\n", ",,\n,,\n", ",,\n\n,,\n", "\n,,\n\n\n,,\n\n", "\r\n,,\r\n"]
+)
 def test_an_empty_tail_of_any_kind_ends_a_table(tail: str, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_bytes(("time,x,y\n" + "".join(f"{n / 1000},{n}.5,2.5\n" for n in range(50)) + tail).encode())
+    path.write_bytes(
+        ("time,x,y\n" + "".join(f"{n / 1000},{n}.5,2.5\n" for n in range(50)) + tail).encode()
+    )
     assert load_recording(path, unit="g").n_samples == 50

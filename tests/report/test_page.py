@@ -1,4 +1,6 @@
-"""A page opens with what it is about and what came out, on a screen, a phone and paper, and for a screen reader."""
+"""A page opens with what it is about and what came out, on a screen, a phone and paper, and for a
+screen reader.
+"""
 
 import base64
 import math
@@ -32,14 +34,21 @@ def spectrum(level: float = 3.0) -> HealthySpectrum:
     recording = np.zeros((2, 3))
     recording[0, 1] = 1 + level
     low = np.array([10.0, 20.0, 40.0])
-    return HealthySpectrum(("x", "y"), "m/s^2", low, 2 * low, recording, healthy, "the 5 healthy recordings")
+    return HealthySpectrum(
+        ("x", "y"), "m/s^2", low, 2 * low, recording, healthy, "the 5 healthy recordings"
+    )
 
 
 def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diagnosis:
     facts = RecordingFacts("pump 3", "2026-03-01", "860 rev/min, 15 MPa", "line/a.h5", "", 14.3, 7)
     probabilities = {"normal": 0.1, "piston": 0.9}
     verdict = Diagnosis(
-        name, label=label, probabilities=probabilities, window_labels=("piston",) * 4, facts=facts, spectrum=spectrum()
+        name,
+        label=label,
+        probabilities=probabilities,
+        window_labels=("piston",) * 4,
+        facts=facts,
+        spectrum=spectrum(),
     )
     return replace(verdict, **changes)  # type: ignore[arg-type]
 
@@ -55,7 +64,10 @@ def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -
 
 def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -> None:
     page = page_text(diagnosis())
-    order = [page.index(text) for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")]
+    order = [
+        page.index(text)
+        for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")
+    ]
     assert order == sorted(order)
     assert "17 % of the bands lie outside the range of the 5 healthy recordings." in page
     assert "20 to 40 Hz, channel x" in page
@@ -69,7 +81,9 @@ def test_a_healthy_or_uncertain_recording_has_no_part_marked() -> None:
     healthy = page_text(diagnosis(label="normal"))
     assert "No fault found" in healthy
     assert "Where to look" not in healthy
-    silent = page_text(diagnosis(label=None, no_verdict="channel x is dead.", probabilities={}, spectrum=None))
+    silent = page_text(
+        diagnosis(label=None, no_verdict="channel x is dead.", probabilities={}, spectrum=None)
+    )
     assert ("No verdict" in silent, "Channel x is dead." in silent) == (True, True)
 
 
@@ -79,7 +93,9 @@ def test_only_recordings_of_the_virtual_rig_are_called_no_real_pump() -> None:
     assert "Not a real pump" in page_text(diagnosis(facts=facts))
     samples = np.random.default_rng(0).normal(size=(1, 64))
     rig = Recording(samples, 10.0, "a", attributes={"origin": RIG})
-    assert "Not a real pump" not in page_text(scored(0.7), recordings=[rig.replace(attributes={"origin": "bench 3"})])
+    assert "Not a real pump" not in page_text(
+        scored(0.7), recordings=[rig.replace(attributes={"origin": "bench 3"})]
+    )
     assert "Not a real pump" in page_text(scored(0.7), recordings=[rig])
 
 
@@ -96,7 +112,9 @@ def test_every_figure_has_words_for_screen_readers_and_its_data(tmp_path: Path) 
     figures = re.findall(r'<div class="drawing" role="img" aria-label="([^"]+)">', page)
     assert len(figures) == 2
     assert figures[0].startswith("Spectrum over the healthy recordings. 17 % of the bands")
-    for name, link in re.findall(r'<a download="(\w+)\.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)">', page):
+    for name, link in re.findall(
+        r'<a download="(\w+)\.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)">', page
+    ):
         assert base64.b64decode(link) == (tmp_path / "figures" / f"{name}.csv").read_bytes()
     assert "prefers-color-scheme: dark" in page
     assert "@media print" in page
@@ -120,8 +138,12 @@ def test_a_word_is_explained_where_it_stands_first_and_only_there() -> None:
     assert list(glossary.used) == ["dB", "baseline"]
     kept = r'<span class="option">\(<button class="term"[^>]*>RMS</button>\),</span> of'
     assert re.search(kept, Glossary().mark("level (RMS), of windows"))
-    assert '<span class="option">--group</span> specimen' in Glossary().mark("train --group specimen")
-    assert re.search(r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7)))
+    assert '<span class="option">--group</span> specimen' in Glossary().mark(
+        "train --group specimen"
+    )
+    assert re.search(
+        r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7))
+    )
 
 
 @pytest.mark.parametrize("name", [name for name in CLASSES if not is_healthy(name)])
@@ -135,7 +157,9 @@ def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at
     for label, twin in (("healthy", Twin(pump, at_15)), ("faulty", Twin(pump, at_15, fault))):
         signal = twin.simulate(turns * at_15.period, sample_rate=rate).signal[:, : turns * per_turn]
         lines = np.abs(np.fft.rfft(signal, axis=1))[:, turns * order].max(axis=0)
-        share[label] = math.hypot(*lines[order % pump.rotating_group.piston_count != 0]) / lines.max()
+        share[label] = (
+            math.hypot(*lines[order % pump.rotating_group.piston_count != 0]) / lines.max()
+        )
     assert share["healthy"] < 1e-3
     assert cutaway.family == ("shaft" if share["faulty"] > 0.01 else "pistons")
 
@@ -144,7 +168,9 @@ def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_
     def strip(label: str, pistons: int | None) -> tuple[list[str], list[int]]:
         html = cutaway_html(label, pistons, 14.3)
         bars = re.findall(r'class="(excited|calm)"', html)
-        return re.findall(r">(\w+×)<", html), [order for order, kind in enumerate(bars, 1) if kind == "excited"]
+        return re.findall(r">(\w+×)<", html), [
+            order for order, kind in enumerate(bars, 1) if kind == "excited"
+        ]
 
     names, orders = strip("piston", 9)
     assert names == ["1×", "9×", "18×", "27×"]
@@ -161,7 +187,11 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
         for i in range(1, 5)
     ]  # fmt: skip
     facts = facts_of(recordings)
-    assert (facts.machine, facts.file, facts.date) == ("4 machines", "4 files", "2026-01-01 to 2026-01-04")
+    assert (facts.machine, facts.file, facts.date) == (
+        "4 machines",
+        "4 files",
+        "2026-01-01 to 2026-01-04",
+    )
     assert facts.condition == "900 rev/min, 5 to 20 MPa"
     assert facts_of(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
     assert (facts.shaft, facts.pistons) == (pytest.approx(15), 9)
@@ -173,7 +203,13 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
 @pytest.mark.skipif(not shutil.which(CHROMIUM), reason=f"no {CHROMIUM}")
 def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
     page, paper = write_report(diagnosis(), folder=tmp_path), tmp_path / "page.pdf"
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command = [
+        CHROMIUM,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path / 'profile'}",
+    ]
     command += [f"--print-to-pdf={paper}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", paper.read_bytes())) <= 4
@@ -185,7 +221,9 @@ def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> Non
     assert "9 of 12 faulty recordings raised an alarm" in page
     assert "No healthy recording was tested" in page
     healthy = replace(faulty, label="normal", is_healthy=True, n_alarms=1)
-    assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(AlarmScores(0.05, (healthy, faulty)))
+    assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(
+        AlarmScores(0.05, (healthy, faulty))
+    )
 
 
 @pytest.mark.nightly
@@ -195,7 +233,9 @@ def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text(page_text(diagnosis(notes=("a note",) * 4), scored(0.7)), encoding="utf-8")
     with api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        browser = driver.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
+        )
         phone = browser.new_page(viewport={"width": 390, "height": 800})
         phone.goto(page.as_uri())
         assert phone.evaluate("document.documentElement.scrollWidth") == 390

@@ -1,4 +1,6 @@
-"""A report is one page that needs nothing else, says what came out whichever way it went, and is written whole."""
+"""A report is one page that needs nothing else, says what came out whichever way it went, and is
+written whole.
+"""
 
 import csv
 import json
@@ -34,14 +36,17 @@ def calibration(pump, at_15) -> Calibration:
     twin = Twin(pump, at_15, SwashPlateDefect(depth=mm(0.08), length=mm(30), width=mm(24)))
     recordings = [r for r, _ in rig_recordings(0, RigSize(1, 1, 1.5), labels=["swash_plate"])]
     method = GaussNewton(starts=1, most_iterations=8)
-    return calibrate(twin, recordings, method=method, nuisances=Nuisances(), phases=False, explain_misfit=False)
+    return calibrate(
+        twin, recordings, method=method, nuisances=Nuisances(), phases=False, explain_misfit=False
+    )
 
 
 @pytest.fixture(scope="module")
 def study(calibration) -> StudyResult:
     skills = {"measured": 0.5, "nominal": 0.6, "calibrated": 0.9}
     at_10 = replace(
-        calibration, twin=calibration.twin.at(OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
+        calibration,
+        twin=calibration.twin.at(OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10))),
     )
     runs = [run(name, seed, skill) for name, skill in skills.items() for seed in (0, 1)]
     runs += [run(name, seed, 0.8, "extra_trees", ("L2",)) for name in skills for seed in (0, 1)]
@@ -88,7 +93,9 @@ def test_the_page_asks_for_no_other_file_and_no_network(page):
     assert not any(words in page for words in ("<script", "<link", "@import", "<img"))
     assert re.findall(r'href="(?!#|data:text/csv;)[^"]*"', page) == []
     page = re.sub(r'href="data:text/csv;charset=utf-8;base64,[A-Za-z0-9+/=]*"', "", page)
-    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(r"url\(([^)]*)\)", page)
+    references = re.findall(r'(?:src|href|data|action)="([^"]*)"', page) + re.findall(
+        r"url\(([^)]*)\)", page
+    )
     assert references
     assert all(reference.startswith("#") for reference in references)
 
@@ -104,9 +111,20 @@ def test_every_figure_stands_on_the_page_and_beside_it_with_its_data(folder, pag
     names = json.loads((folder / "results.json").read_text())["figures"]
     assert len(names) == len(set(names)) == page.count("<figure>") == page.count("</svg>")
     names_on_disk = sorted(path.name for path in (folder / "figures").iterdir())
-    assert names_on_disk == sorted(f"{name}{suffix}" for name in names for suffix in (".csv", ".svg"))
+    assert names_on_disk == sorted(
+        f"{name}{suffix}" for name in names for suffix in (".csv", ".svg")
+    )
     kinds = {name.rsplit("_", 1)[-1] for name in names}
-    expected = {"excitation", "waveforms", "spectra", "estimates", "search", "confusion", "tsne", "training"}
+    expected = {
+        "excitation",
+        "waveforms",
+        "spectra",
+        "estimates",
+        "search",
+        "confusion",
+        "tsne",
+        "training",
+    }
     assert kinds == expected | {"rows"}
 
 
@@ -114,37 +132,52 @@ def test_the_data_of_a_figure_are_the_values_bit_for_bit(folder, study, calibrat
     first = folder / "figures" / "study_calibration_1_"
     spectra, history = calibration.fits[0].spectra, calibration.history
     for name in ("measured", "deviation", "nominal", "calibrated"):
-        np.testing.assert_array_equal(numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel())
+        np.testing.assert_array_equal(
+            numbers(Path(f"{first}spectra.csv"), name), getattr(spectra, name).ravel()
+        )
     waveform = numbers(Path(f"{first}waveforms.csv"), f"{spectra.channels[1]}_calibrated")
     np.testing.assert_array_equal(waveform, calibration.fits[0].waveforms.calibrated[1])
     values = numbers(Path(f"{first}estimates.csv"), "value")
     np.testing.assert_array_equal(values, [estimate.value for estimate in calibration.estimates])
-    np.testing.assert_array_equal(numbers(Path(f"{first}search.csv"), "spectrum"), history.spectrum_loss)
+    np.testing.assert_array_equal(
+        numbers(Path(f"{first}search.csv"), "spectrum"), history.spectrum_loss
+    )
     np.testing.assert_array_equal(numbers(Path(f"{first}search.csv"), "K_v"), history.values[:, 3])
     total = numbers(Path(f"{first}excitation.csv"), "total_m")
     each = sum(numbers(Path(f"{first}excitation.csv"), f"slipper_{j}_m") for j in range(1, 8))
     np.testing.assert_allclose(total, each, atol=1e-15)
     bars = columns(folder / "figures" / "study_rows.csv")
-    accuracy = [float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"]
+    accuracy = [
+        float(v) for m, v in zip(bars["metric"], bars["value"], strict=True) if m == "accuracy"
+    ]
     assert sorted(accuracy) == sorted(row["accuracy"] for _, row in study.tests())
 
 
 def test_the_same_results_give_the_same_figures_bit_for_bit(folder, study, tmp_path):
     write_study_report(replace(study, calibrations=study.calibrations[:1]), folder=tmp_path)
     for path in (tmp_path / "figures").iterdir():
-        earlier = folder / "figures" / path.name.replace("study_calibration_", "study_calibration_1_")
+        earlier = (
+            folder / "figures" / path.name.replace("study_calibration_", "study_calibration_1_")
+        )
         assert path.read_bytes() == earlier.read_bytes(), path.name
 
 
 def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_worse(calibration):
     fit = calibration.fits[0]
     at_10 = replace(fit, condition=OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
-    assert "(860 rev/min, 10 and 15 MPa, " in " ".join(calibration_answer(replace(calibration, fits=(at_10, fit))))
+    assert "(860 rev/min, 10 and 15 MPa, " in " ".join(
+        calibration_answer(replace(calibration, fits=(at_10, fit)))
+    )
     worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
     answer = " ".join(
-        calibration_answer(replace(calibration, fits=(replace(fit, before=calibration.fit_before, after=worse),)))
+        calibration_answer(
+            replace(calibration, fits=(replace(fit, before=calibration.fit_before, after=worse),))
+        )
     )
-    assert all(words in answer for words in ("(RMSE) ROSE from", "(SVE) stayed", "neither number is a test"))
+    assert all(
+        words in answer
+        for words in ("(RMSE) ROSE from", "(SVE) stayed", "neither number is a test")
+    )
 
 
 def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibration):
@@ -154,7 +187,9 @@ def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibrat
 
 def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):
     samples = np.random.default_rng(0).normal(size=(1, 64))
-    page = page_text(calibration, recordings=[Recording(samples, 10.0, "a", attributes={"file": "a.h5"})])
+    page = page_text(
+        calibration, recordings=[Recording(samples, 10.0, "a", attributes={"file": "a.h5"})]
+    )
     assert "<dt>File</dt> <dd>a.h5</dd>" in page
     assert "they stand in for a machine" in page
     assert not part_of(replace(calibration, origin=""), key="twin").notice
@@ -162,8 +197,12 @@ def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
     channels = ("<i>cover</i>", *calibration.fits[0].spectra.channels[1:])
-    fit = replace(calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels))
-    page = write_report(diagnosis, replace(calibration, fits=(fit,)), folder=tmp_path).read_text(encoding="utf-8")
+    fit = replace(
+        calibration.fits[0], spectra=replace(calibration.fits[0].spectra, channels=channels)
+    )
+    page = write_report(diagnosis, replace(calibration, fits=(fit,)), folder=tmp_path).read_text(
+        encoding="utf-8"
+    )
     for markup in ("<b>pump", "<script", "<i>cover"):
         assert markup not in page
     assert "&lt;b&gt;pump&lt;/b&gt; &amp; &#34;7&#34; $x$ 振动" in page
@@ -174,7 +213,11 @@ def test_a_report_of_control_characters_is_well_formed(diagnosis, tmp_path):
     hostile = "a\x00\x1b]0;x\x07\x9b\u202e\ud800\uffff\nb"
     probabilities = {"normal": 0.1, hostile: 0.9}
     named = replace(
-        diagnosis, recording_id=hostile, label=hostile, probabilities=probabilities, window_labels=(hostile, "normal")
+        diagnosis,
+        recording_id=hostile,
+        label=hostile,
+        probabilities=probabilities,
+        window_labels=(hostile, "normal"),
     )
     page = write_report(named, folder=tmp_path).read_text(encoding="utf-8")
     for figure in (tmp_path / "figures").glob("*.svg"):
@@ -200,12 +243,17 @@ def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
     assert f'<td title="{reason}">—</td>' in page
     assert f"<li>G-mean (of all declared classes): {reason}</li>" in plain(page)
     assert re.search(rf'<td title="{reason}">0\.\d+ \*</td>', page)
-    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace("nano", "")
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower().replace(
+        "nano", ""
+    )
     assert json.loads((tmp_path / "results.json").read_text())["scores"][0]["g_mean"] is None
 
 
 def test_a_missing_scarce_cell_is_told_with_its_reason(study, tmp_path):
-    runs = [{**r, "rows": [{**row, "scarce_recall": math.nan} for row in r["rows"]]} for r in study.runs[:4]]
+    runs = [
+        {**r, "rows": [{**row, "scarce_recall": math.nan} for row in r["rows"]]}
+        for r in study.runs[:4]
+    ]
     without = study_of(plan_of("case1"), runs)
     page = write_study_report(without, folder=tmp_path).read_text(encoding="utf-8")
     assert '<td title="no test window in the scarce cell">—</td>' in page
@@ -232,7 +280,10 @@ def test_the_page_of_a_study_says_where_its_recordings_come_from_and_what_its_le
 def test_the_papers_figures_stand_beside_the_networks_l2_rows_only(page):
     rows = re.findall(r'<th scope="row">(L\d, [^<]*)</th>(.*?)</tr>', page, flags=re.DOTALL)
     beside = {name for name, cells in rows if "accuracy 0.812" in cells or "G-mean 0.9748" in cells}
-    assert beside == {"L2, BiTCN on levels (ours), measured only", "L2, BiTCN on levels (ours), with calibrated twin"}
+    assert beside == {
+        "L2, BiTCN on levels (ours), measured only",
+        "L2, BiTCN on levels (ours), with calibrated twin",
+    }
     ours = [cells for name, cells in rows if name in beside]
     assert all("the paper&#39;s BiTCN: accuracy" in cells for cells in ours)
     assert "G-means are of another definition" in page

@@ -15,18 +15,28 @@ HEALTHY = [1.0, 1.01, 0.99, 1.02, 0.98, 1.005]
 
 
 def fleet(levels: list[float], **facts: object) -> list[Recording]:
-    return [pump(level, f"run{i}", seed=i, label="normal", **facts) for i, level in enumerate(levels)]
+    return [
+        pump(level, f"run{i}", seed=i, label="normal", **facts) for i, level in enumerate(levels)
+    ]
 
 
 def trend(recordings: list[Recording], **options: object):  # type: ignore[no-untyped-def]
-    table = stacked([indicators_of(recording, families=("statistics",)) for recording in recordings])
+    table = stacked(
+        [indicators_of(recording, families=("statistics",)) for recording in recordings]
+    )
     return trend_of(table, "rms", **options)  # type: ignore[arg-type]
 
 
 def test_a_louder_machine_is_flagged_against_its_own_baseline() -> None:
-    worn = [pump(1.5, "worn", 7, label="piston"), pump(1.01, "fine", 8, label="piston"), pump(0.5, "quiet", 9)]
+    worn = [
+        pump(1.5, "worn", 7, label="piston"),
+        pump(1.01, "fine", 8, label="piston"),
+        pump(0.5, "quiet", 9),
+    ]
     result = trend([*fleet(HEALTHY), *worn])
-    assert {point.row.recording_id: point.status for point in result.points if not point.healthy} == {
+    assert {
+        point.row.recording_id: point.status for point in result.points if not point.healthy
+    } == {
         "worn": "above",
         "fine": "within",
         "quiet": "below",
@@ -59,11 +69,16 @@ def test_another_machine_or_operating_point_has_no_part_in_a_baseline() -> None:
 
 
 def test_a_trend_goes_by_date_or_by_name() -> None:
-    dated = [replace(recording, attributes={"date": f"2024-01-0{9 - i}"}) for i, recording in enumerate(fleet(HEALTHY))]
+    dated = [
+        replace(recording, attributes={"date": f"2024-01-0{9 - i}"})
+        for i, recording in enumerate(fleet(HEALTHY))
+    ]
     assert [point.row.recording_id for point in trend(dated, by="time").points] == [
         f"run{i}" for i in (5, 4, 3, 2, 1, 0)
     ]
-    assert [point.row.recording_id for point in trend(dated).points] == [f"run{i}" for i in range(6)]
+    assert [point.row.recording_id for point in trend(dated).points] == [
+        f"run{i}" for i in range(6)
+    ]
     with pytest.raises(DataError, match="nobody wrote down when"):
         trend(fleet(HEALTHY), by="time")
 

@@ -36,7 +36,9 @@ def kurtogram(signal: np.ndarray, **options: float) -> Kurtogram:
     return kurtograms(signal[None], RATE, **options)[0]
 
 
-def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0) -> np.ndarray:
+def bursts(
+    every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed: int = 0
+) -> np.ndarray:
     """Decaying ringing at `ring` [Hz], struck every so many seconds, in white noise."""
     rng = np.random.default_rng(seed)
     strikes = np.zeros(len(TIME))
@@ -45,7 +47,12 @@ def bursts(every: float = 1 / 40, ring: float = 3000.0, noise: float = 0.2, seed
     return np.convolve(strikes, fade)[: len(TIME)] + noise * rng.standard_normal(len(TIME))
 
 
-@given(frequency=st.floats(11, 900), amplitude=st.floats(1e-3, 1e3), phase=st.floats(0, 6.3), offset=st.floats(-50, 50))
+@given(
+    frequency=st.floats(11, 900),
+    amplitude=st.floats(1e-3, 1e3),
+    phase=st.floats(0, 6.3),
+    offset=st.floats(-50, 50),
+)
 @settings(max_examples=30, deadline=None)
 def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
     frequency: float, amplitude: float, phase: float, offset: float
@@ -59,7 +66,10 @@ def test_the_velocity_of_a_sine_is_its_amplitude_over_its_angular_frequency(
 
 def test_the_energies_of_bands_that_share_an_edge_add_up_to_the_whole() -> None:
     noise = np.random.default_rng(1).standard_normal((2, len(TIME)))
-    parts = [band_rms(noise, RATE, low, high) ** 2 for low, high in ((0, 123.4), (123.4, 2000), (2000, 5000))]
+    parts = [
+        band_rms(noise, RATE, low, high) ** 2
+        for low, high in ((0, 123.4), (123.4, 2000), (2000, 5000))
+    ]
     assert np.sum(parts, axis=0) == pytest.approx(band_rms(noise, RATE, 0, 5000) ** 2)
     assert band_rms(noise, RATE, 0, 5000) == pytest.approx(noise.std(axis=1), rel=0.02)
     assert band_rms(noise, RATE, 1000, 2000) == pytest.approx([math.sqrt(0.2)] * 2, rel=0.05)
@@ -76,7 +86,9 @@ def test_the_kurtogram_of_noise_scatters_about_zero_as_it_says() -> None:
     assert 0.8 < scores.std() < 1.5
 
 
-def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_analytic_signal() -> None:
+def test_the_kurtosis_of_a_sine_is_minus_one_and_of_the_whole_band_that_of_the_analytic_signal() -> (
+    None
+):
     sine = np.sin(2 * np.pi * 1100 * TIME)
     assert kurtogram(sine).kurtosis[0] == pytest.approx(-1, abs=0.01)
     signal = bursts()
@@ -104,7 +116,9 @@ def test_statistics_of_blocks_are_the_time_statistics() -> None:
     signal = bursts()[None]
     values = shape_statistics(Recording(signal + 5, RATE, "a"))
     whole = dict(zip(TIME_STATISTICS, time_statistics(signal - signal.mean())[0], strict=True))
-    assert {name: value[0] for name, value in values.items()} == pytest.approx({name: whole[name] for name in values})
+    assert {name: value[0] for name, value in values.items()} == pytest.approx(
+        {name: whole[name] for name in values}
+    )
 
 
 def test_the_automatic_envelope_shows_the_rhythm_of_the_blows() -> None:
@@ -119,11 +133,17 @@ def test_a_table_holds_what_scipy_says_of_each_channel() -> None:
     row = recording.signal - recording.signal.mean(axis=1, keepdims=True)
     assert table.column("rms")[1] == pytest.approx(row.std(axis=1))
     assert table.column("peak")[1] == pytest.approx(np.abs(row).max(axis=1))
-    assert table.column("crest_factor")[1] == pytest.approx(np.abs(row).max(axis=1) / row.std(axis=1))
-    assert table.column("kurtosis")[1] == pytest.approx(scipy.stats.kurtosis(row, axis=1, fisher=False))
+    assert table.column("crest_factor")[1] == pytest.approx(
+        np.abs(row).max(axis=1) / row.std(axis=1)
+    )
+    assert table.column("kurtosis")[1] == pytest.approx(
+        scipy.stats.kurtosis(row, axis=1, fisher=False)
+    )
     assert table.column("skewness")[1] == pytest.approx(scipy.stats.skew(row, axis=1))
     for order, amplitude in ((1, 0.3), (7, 1.0), (14, 0.4)):
-        assert table.column(f"order_amplitude {order}x")[1] == pytest.approx([amplitude] * 2, rel=0.02)
+        assert table.column(f"order_amplitude {order}x")[1] == pytest.approx(
+            [amplitude] * 2, rel=0.02
+        )
     assert [indicator.unit for indicator in table.columns[:3]] == ["m/s^2", "m/s^2", ""]
     assert np.isnan(table.column("band_rms 5000-10000 Hz")[1]).all()
 
@@ -137,7 +157,9 @@ def test_bands_in_orders_need_a_speed_and_follow_it() -> None:
     band = (Band(0.5, 1.5, in_orders=True),)
     slow = indicators_of(pump(), bands=band, families=("bands",))
     assert slow.column("band_rms 0.5-1.5x")[1] == pytest.approx([0.3 / math.sqrt(2)] * 2, rel=0.02)
-    assert indicators_of(replace(pump(), condition=None), bands=band, families=("bands",)).values.shape == (2, 0)
+    assert indicators_of(
+        replace(pump(), condition=None), bands=band, families=("bands",)
+    ).values.shape == (2, 0)
 
 
 def test_a_short_recording_has_gaps_and_no_error() -> None:
@@ -178,7 +200,9 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     time = np.arange(200_000) / RATE
-    signal = np.random.default_rng(0).standard_normal((2, time.size)) + 0.5 * np.sin(2 * np.pi * 25 * time)
+    signal = np.random.default_rng(0).standard_normal((2, time.size)) + 0.5 * np.sin(
+        2 * np.pi * 25 * time
+    )
     recording = Recording(signal, RATE, "long", ("x", "y"), attributes={"speed": "1500 rpm"})
     whole = indicators_of(recording, pistons=9)
     monkeypatch.setattr(indicator_table, "LONGEST", 100_000)
@@ -193,8 +217,12 @@ def test_a_long_recording_is_described_in_stretches_and_its_statistics_are_those
 
 def test_the_orders_are_those_that_the_maker_prints() -> None:
     # CWRU's page, drive end (SKF 6205) and fan end (SKF 6203)
-    assert defect_orders(9, 0.3126 / 1.537) == pytest.approx((5.4152, 3.5848, 4.7135, 0.39828), rel=1e-4)
-    assert defect_orders(8, 0.2656 / 1.122) == pytest.approx((4.9469, 3.0530, 3.9874, 0.3817), rel=2e-4)
+    assert defect_orders(9, 0.3126 / 1.537) == pytest.approx(
+        (5.4152, 3.5848, 4.7135, 0.39828), rel=1e-4
+    )
+    assert defect_orders(8, 0.2656 / 1.122) == pytest.approx(
+        (4.9469, 3.0530, 3.9874, 0.3817), rel=2e-4
+    )
 
 
 def test_a_contact_angle_slows_the_ball_less_than_the_other_rhythms() -> None:

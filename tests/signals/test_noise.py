@@ -32,8 +32,13 @@ def test_pink_noise_has_the_same_power_in_each_octave() -> None:
 def test_hum_is_lines_of_the_mains_that_fall_with_their_number() -> None:
     power = np.abs(np.fft.rfft(added("hum") * np.hanning(COUNT), axis=1)) ** 2
     per_hertz = COUNT / RATE
-    lines = [power[0, round((50 * h - 4) * per_hertz) : round((50 * h + 4) * per_hertz)].sum() for h in range(1, 22)]
-    np.testing.assert_allclose(np.array(lines[:20]) / lines[0], 1 / np.arange(1, 21) ** 2, rtol=0.01)
+    lines = [
+        power[0, round((50 * h - 4) * per_hertz) : round((50 * h + 4) * per_hertz)].sum()
+        for h in range(1, 22)
+    ]
+    np.testing.assert_allclose(
+        np.array(lines[:20]) / lines[0], 1 / np.arange(1, 21) ** 2, rtol=0.01
+    )
     assert sum(lines[:20]) > 0.999 * power[0].sum()
     assert lines[20] < 1e-4 * lines[19]
 

@@ -1,4 +1,6 @@
-"""The shaft's angle from pulses and from the signal, against known shaft speeds; and the recording along it."""
+"""The shaft's angle from pulses and from the signal, against known shaft speeds; and the recording
+along it.
+"""
 
 import math
 from dataclasses import replace
@@ -26,20 +28,31 @@ from swashtwin.signals.spectra import amplitude_spectrum
 RATE = 10000.0
 
 
-def shaft_speed(*, seconds: float = 8.0, start: float = 12.0, end: float = 18.0, swing: float = 0.0) -> np.ndarray:
-    """True angle [rad] of a shaft whose frequency [Hz] runs from `start` to `end` and swings (relative) at 0.9 Hz."""
+def shaft_speed(
+    *, seconds: float = 8.0, start: float = 12.0, end: float = 18.0, swing: float = 0.0
+) -> np.ndarray:
+    """True angle [rad] of a shaft whose frequency [Hz] runs from `start` to `end` and swings
+    (relative) at 0.9 Hz.
+    """
     time = np.arange(int(seconds * RATE)) / RATE
     steady = start * time + (end - start) * time**2 / (2 * seconds)
     wander = swing * (start + end) / 2 * (1 - np.cos(2 * np.pi * 0.9 * time)) / (2 * np.pi * 0.9)
     return 2 * np.pi * (steady + wander)
 
 
-def turning(angle: np.ndarray, *, noise: float = 0.0, seed: int = 0, channels: int = 1) -> Recording:
-    """Lines of a seven-piston pump along `angle`, another mixture in each channel, with white noise."""
+def turning(
+    angle: np.ndarray, *, noise: float = 0.0, seed: int = 0, channels: int = 1
+) -> Recording:
+    """Lines of a seven-piston pump along `angle`, another mixture in each channel, with white
+    noise.
+    """
     rng = np.random.default_rng(seed)
     lines = {1: 0.2, 2: 0.1, 6: 0.15, 7: 1.0, 8: 0.15, 14: 0.5, 21: 0.3}
     rows = [
-        sum(amount * rng.uniform(0.5, 1.5) * np.cos(k * angle + rng.uniform(0, 6.3)) for k, amount in lines.items())
+        sum(
+            amount * rng.uniform(0.5, 1.5) * np.cos(k * angle + rng.uniform(0, 6.3))
+            for k, amount in lines.items()
+        )
         + noise * rng.standard_normal(len(angle))
         for _ in range(channels)
     ]
@@ -52,7 +65,9 @@ def tacho(angle: np.ndarray, pulses: int = 1, *, width: float = 0.4) -> Recordin
 
 
 def wandering(angle: ShaftAngle, true: np.ndarray) -> float:
-    """Largest difference [degrees] from the true angle, a constant apart, one revolution away from either end."""
+    """Largest difference [degrees] from the true angle, a constant apart, one revolution away from
+    either end.
+    """
     error = angle.angle - true
     inside = slice(int(RATE / 10), -int(RATE / 10))
     return float(np.degrees(np.abs(error[inside] - np.median(error[inside])).max()))
@@ -117,7 +132,10 @@ def test_noise_without_a_line_is_not_followed() -> None:
 
 
 def test_a_hump_of_noise_is_no_line() -> None:
-    low, high = 7 * 860 / 60 - 4, 7 * 860 / 60 + 4  # about the piston-pass line, some 0.3 orders to either side
+    low, high = (
+        7 * 860 / 60 - 4,
+        7 * 860 / 60 + 4,
+    )  # about the piston-pass line, some 0.3 orders to either side
     sos = scipy.signal.butter(2, [low, high], "bandpass", fs=RATE, output="sos")
     noise = np.random.default_rng(1).standard_normal(100_000)
     hump = 20 * scipy.signal.sosfilt(sos, noise)[20_000:] + 0.1 * noise[20_000:]
@@ -127,7 +145,12 @@ def test_a_hump_of_noise_is_no_line() -> None:
 
 def test_a_line_at_the_edge_of_the_search_is_refused() -> None:
     with pytest.raises(DataError, match=r"as far as the search goes|stands clear"):
-        tracked_speed(turning(shaft_speed(start=14.9, end=14.9), noise=0.1), order=7, near=rpm(860), search=0.03)
+        tracked_speed(
+            turning(shaft_speed(start=14.9, end=14.9), noise=0.1),
+            order=7,
+            near=rpm(860),
+            search=0.03,
+        )
 
 
 def test_what_cannot_be_followed_is_said() -> None:
@@ -145,8 +168,12 @@ def test_what_cannot_be_followed_is_said() -> None:
 
 
 @settings(max_examples=12, deadline=None)
-@given(order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000]))
-def test_a_line_keeps_its_amplitude_along_the_angle(order: int, swing: float, per_turn: int) -> None:
+@given(
+    order=st.integers(1, 100), swing=st.floats(0, 0.02), per_turn=st.sampled_from([256, 512, 1000])
+)
+def test_a_line_keeps_its_amplitude_along_the_angle(
+    order: int, swing: float, per_turn: int
+) -> None:
     true = shaft_speed(seconds=4.0, start=13, end=16, swing=swing)
     recording = Recording(np.cos(order * true + 0.5)[None], RATE, "run")
     angle = ShaftAngle(true, RATE, math.nan, math.nan, "the truth")
@@ -178,7 +205,9 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     assert turned.speed == pytest.approx(true_speed, rel=0.02)
     assert turned.speed[1024:-1024] == pytest.approx(true_speed[1024:-1024], rel=0.003)
     frequency, amplitude = amplitude_spectrum(turned.signal, turned.sample_rate)
-    assert frequency[amplitude[0].argmax()] == pytest.approx(7 * (stated_speed(turned) or 0), rel=1e-3)
+    assert frequency[amplitude[0].argmax()] == pytest.approx(
+        7 * (stated_speed(turned) or 0), rel=1e-3
+    )
     assert not inspect_recordings([turned]).recordings[0].findings
     with pytest.raises(InputError, match="already"):
         resampled_by_angle(turned, angle, 512)
@@ -215,15 +244,25 @@ TIME = np.arange(int(SECONDS * RATE)) / RATE
 def recording_of(signal: np.ndarray) -> Recording:
     """Seven pistons of a shaft at 15 Hz, as stated, in a little noise."""
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(signal))
-    return Recording((signal + noise)[None], RATE, "one", condition=OperatingCondition(2 * np.pi * STATED, MPa(15)))
+    return Recording(
+        (signal + noise)[None],
+        RATE,
+        "one",
+        condition=OperatingCondition(2 * np.pi * STATED, MPa(15)),
+    )
 
 
 @pytest.mark.parametrize("off", [-0.015, 0.015])
 def test_sidebands_do_not_pass_for_a_piston_line(off: float) -> None:
     shaft = STATED * (1 + off)
     angle = 2 * np.pi * shaft * TIME
-    lines = [0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle) for k in range(1, 7)]
-    assert piston_pass_angle(recording_of(sum(lines)), 7).mean_speed == pytest.approx(2 * np.pi * shaft, rel=1e-3)
+    lines = [
+        0.33 * np.cos(7 * k * angle) + 0.4 * np.cos((7 * k - np.sign(off)) * angle)
+        for k in range(1, 7)
+    ]
+    assert piston_pass_angle(recording_of(sum(lines)), 7).mean_speed == pytest.approx(
+        2 * np.pi * shaft, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("off", [0.0, 0.012])
@@ -231,7 +270,12 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
     shaft = 14 + 4 * TIME / SECONDS
     angle = 2 * np.pi * np.cumsum(shaft) / RATE
     signal = sum(np.cos(7 * k * angle + k) / k for k in range(1, 7))
-    error = piston_pass_angle(replace(recording_of(signal), speed=2 * np.pi * shaft * (1 + off)), 7).angle - angle
+    error = (
+        piston_pass_angle(
+            replace(recording_of(signal), speed=2 * np.pi * shaft * (1 + off)), 7
+        ).angle
+        - angle
+    )
     inside = slice(int(RATE / 5), -int(RATE / 5))
     assert np.degrees(np.abs(error[inside] - np.median(error[inside])).max()) < 1
 
@@ -243,7 +287,9 @@ def test_a_run_up_is_followed_along_the_speed_that_it_states(off: float) -> None
         ({"signal": np.random.default_rng(0).standard_normal((1, 60000))}, "stands clear"),
     ],
 )
-def test_a_recording_without_an_angle_is_refused_with_the_reason(changes: dict[str, Any], reason: str) -> None:
+def test_a_recording_without_an_angle_is_refused_with_the_reason(
+    changes: dict[str, Any], reason: str
+) -> None:
     recording = replace(recording_of(np.cos(2 * np.pi * 7 * STATED * TIME)), **changes)
     with pytest.raises((DataError, InputError), match=reason):
         piston_pass_angle(recording, 7)

@@ -34,7 +34,9 @@ def turning(
     noise: float = 0.0,
     seed: int = 0,
 ) -> np.ndarray:
-    """One channel of lines whose shaft frequency swings by `jitter` (relative) at 0.7 Hz, with white noise."""
+    """One channel of lines whose shaft frequency swings by `jitter` (relative) at 0.7 Hz, with
+    white noise.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(int(revolutions / SHAFT * RATE)) / RATE
     swing = np.sin(2 * np.pi * 0.7 * time + rng.uniform(0, 2 * np.pi)).cumsum() / RATE
@@ -47,8 +49,15 @@ def turning(
     return (signal + noise * rng.standard_normal(len(time)))[None]
 
 
-@given(line=st.integers(3, 490), amplitude=st.floats(1e-3, 1e3), phase=st.floats(0, 6.3), offset=st.floats(-10, 10))
-def test_a_sine_reads_its_amplitude_and_no_offset(line: int, amplitude: float, phase: float, offset: float) -> None:
+@given(
+    line=st.integers(3, 490),
+    amplitude=st.floats(1e-3, 1e3),
+    phase=st.floats(0, 6.3),
+    offset=st.floats(-10, 10),
+)
+def test_a_sine_reads_its_amplitude_and_no_offset(
+    line: int, amplitude: float, phase: float, offset: float
+) -> None:
     time = np.arange(1000) / 1000
     signal = (offset + amplitude * np.sin(2 * np.pi * line * time + phase))[None]
     frequency, spectrum = amplitude_spectrum(signal, 1000.0)
@@ -60,9 +69,17 @@ def test_a_sine_reads_its_amplitude_and_no_offset(line: int, amplitude: float, p
 
 @pytest.mark.parametrize(
     ("orders", "revolutions"),
-    [([7, 14, 21], 16), ([1, 2, 3, 7, 14, 21, 50], 16), (range(1, 60), 16), (range(1, 60), 33.3), (range(1, 60), 100)],
+    [
+        ([7, 14, 21], 16),
+        ([1, 2, 3, 7, 14, 21, 50], 16),
+        (range(1, 60), 16),
+        (range(1, 60), 33.3),
+        (range(1, 60), 100),
+    ],
 )
-def test_every_line_of_a_steady_shaft_reads_its_amplitude(orders: list[int], revolutions: float) -> None:
+def test_every_line_of_a_steady_shaft_reads_its_amplitude(
+    orders: list[int], revolutions: float
+) -> None:
     order = np.array(orders)
     amplitudes = np.random.default_rng(1).uniform(0.5, 2, len(order))
     spectrum = order_spectrum(turning(order, amplitudes, revolutions + 0.1), RATE, SHAFT, order)
@@ -73,7 +90,9 @@ def test_every_line_of_a_steady_shaft_reads_its_amplitude(orders: list[int], rev
 
 @pytest.mark.parametrize("orders", [[7, 14, 21, 28], range(1, 40)])
 @pytest.mark.parametrize("revolutions", [64, 150])
-def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(orders: list[int], revolutions: float) -> None:
+def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(
+    orders: list[int], revolutions: float
+) -> None:
     order = np.array(orders)
     amplitudes = np.random.default_rng(2).uniform(0.5, 2, len(order))
     signal = turning(order, amplitudes, revolutions, jitter=0.005)
@@ -81,18 +100,23 @@ def test_lines_smeared_by_a_jittering_speed_read_their_amplitude(orders: list[in
     np.testing.assert_allclose(spectrum.amplitude[0], amplitudes, rtol=0.03)
     plain = amplitude_spectrum(signal, RATE)
     highest = np.argmin(np.abs(plain[0] - order[-1] * SHAFT))
-    assert plain[1][0, highest] < 0.8 * amplitudes[-1]  # a line of the plain spectrum loses what is smeared
+    assert (
+        plain[1][0, highest] < 0.8 * amplitudes[-1]
+    )  # a line of the plain spectrum loses what is smeared
 
 
 def test_the_noise_under_a_line_is_taken_away() -> None:
     orders = np.array([7, 14, 21])
     draws = [
-        order_spectrum(turning(orders, np.ones(3), 100, noise=10.0, seed=s), RATE, SHAFT, orders) for s in range(60)
+        order_spectrum(turning(orders, np.ones(3), 100, noise=10.0, seed=s), RATE, SHAFT, orders)
+        for s in range(60)
     ]
     power = np.mean([draw.amplitude**2 for draw in draws], axis=0)
     np.testing.assert_allclose(power, 1.0, rtol=0.06)
     width = 0.006 * 21 * SHAFT + 2.5 * SHAFT / 25
-    raised = 1 + 2 * 10.0**2 * 2 * width / (RATE / 2)  # what the band over the last line would read with its noise
+    raised = 1 + 2 * 10.0**2 * 2 * width / (
+        RATE / 2
+    )  # what the band over the last line would read with its noise
     assert raised > 1.15
 
 
@@ -101,7 +125,8 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
     orders = np.array([1, 7, 14, 28])
     amplitudes = np.array([1.0, 2.0, 0.5, 1.0])
     draws = [
-        order_spectrum(turning(orders, amplitudes, 80, noise=noise, seed=s), RATE, SHAFT, orders) for s in range(60)
+        order_spectrum(turning(orders, amplitudes, 80, noise=noise, seed=s), RATE, SHAFT, orders)
+        for s in range(60)
     ]
     scatter = np.std([draw.amplitude[0] for draw in draws], axis=0, ddof=1)
     claimed = np.sqrt(np.mean([draw.deviation[0] ** 2 for draw in draws], axis=0))
@@ -118,9 +143,13 @@ def test_the_claimed_deviation_is_the_scatter_over_repeated_noise(noise: float) 
         (20.0, [0, 7], "order 0 has no amplitude: lines begin at order 1"),
     ],
 )
-def test_orders_that_cannot_be_read_are_refused(revolutions: float, orders: list[int], message: str) -> None:
+def test_orders_that_cannot_be_read_are_refused(
+    revolutions: float, orders: list[int], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
-        order_spectrum(turning(np.array([7]), np.ones(1), revolutions), RATE, SHAFT, np.array(orders))
+        order_spectrum(
+            turning(np.array([7]), np.ones(1), revolutions), RATE, SHAFT, np.array(orders)
+        )
 
 
 @settings(max_examples=40, deadline=None)
@@ -129,18 +158,24 @@ def test_orders_that_cannot_be_read_are_refused(revolutions: float, orders: list
     seed=st.integers(0, 2**32),
     start=st.floats(-20, 20),
 )
-def test_a_synchronous_signal_is_the_sum_of_its_cosines(orders: list[int], seed: int, start: float) -> None:
+def test_a_synchronous_signal_is_the_sum_of_its_cosines(
+    orders: list[int], seed: int, start: float
+) -> None:
     rng = np.random.default_rng(seed)
     order = np.array(orders)
     lines = rng.standard_normal((2, len(order))) + 1j * rng.standard_normal((2, len(order)))
     angle = start + rng.uniform(0, 0.3, 500).cumsum()
     expected = np.real(lines @ np.exp(1j * order[:, None] * angle))
     signal = synchronous_signal(lines, order, angle)
-    assert np.all(np.abs(signal - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12)
+    assert np.all(
+        np.abs(signal - expected).max(axis=-1) <= 0.005 * np.abs(lines).sum(axis=-1) + 1e-12
+    )
 
 
 @pytest.mark.parametrize(("high", "is_inside"), [(1000.0, False), (6400.0, True)])
-def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(high: float, is_inside: bool) -> None:
+def test_a_band_keeps_what_is_inside_unshifted_and_removes_the_rest(
+    high: float, is_inside: bool
+) -> None:
     time = np.arange(12800) / RATE
     low, inside, above = (np.sin(2 * np.pi * frequency * time) for frequency in (5, 300, 4000))
     limited = band_limited((low + inside + above)[None], RATE, 100.0, high)[0]
@@ -173,7 +208,9 @@ def test_the_papers_errors_have_their_special_values(scale: float, seed: int) ->
 @pytest.mark.parametrize("count", [400, 401])
 def test_the_envelope_is_the_magnitude_of_the_analytic_signal(count: int) -> None:
     signal = np.random.default_rng(0).standard_normal((3, count))
-    np.testing.assert_allclose(signal_envelope(signal), np.abs(scipy.signal.hilbert(signal)), rtol=1e-12)
+    np.testing.assert_allclose(
+        signal_envelope(signal), np.abs(scipy.signal.hilbert(signal)), rtol=1e-12
+    )
 
 
 def test_the_correlation_of_levels_ignores_gain_and_what_lies_in_the_noise() -> None:

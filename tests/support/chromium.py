@@ -1,4 +1,6 @@
-"""A real Chromium, in which pages are looked at; whoever imports this is skipped where there is none."""
+"""A real Chromium, in which pages are looked at; whoever imports this is skipped where there is
+none.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -8,10 +10,18 @@ import pytest
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 PROGRAM = "/usr/bin/chromium"
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--autoplay-policy=no-user-gesture-required"]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--autoplay-policy=no-user-gesture-required",
+]
 PATIENCE = 90_000
 """Time [ms] that a slow machine may take."""
-MARKS = [pytest.mark.nightly, pytest.mark.skipif(not Path(PROGRAM).exists(), reason=f"there is no {PROGRAM}")]
+MARKS = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(not Path(PROGRAM).exists(), reason=f"there is no {PROGRAM}"),
+]
 PHONE = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
 
 
@@ -26,7 +36,10 @@ def started_browser() -> Iterator[Any]:
 
 def tabs(browser: Any, address: str, **settings: Any) -> Iterator[Any]:
     """A tab whose scripts raise no error."""
-    wide = {"viewport": {"width": 1280, "height": 900}, "permissions": ["clipboard-read", "clipboard-write"]}
+    wide = {
+        "viewport": {"width": 1280, "height": 900},
+        "permissions": ["clipboard-read", "clipboard-write"],
+    }
     context = browser.new_context(base_url=address, locale="en-US", **{**wide, **settings})
     context.set_default_timeout(PATIENCE)
     page = context.new_page()
@@ -42,7 +55,9 @@ def _is_error(said: Any) -> bool:
     return said.type == "error" and "the server responded with a status of" not in said.text
 
 
-def check_phone(browser: Any, address: str, places: Iterable[str], enter: Callable[[Any, str], None]) -> None:
+def check_phone(
+    browser: Any, address: str, places: Iterable[str], enter: Callable[[Any, str], None]
+) -> None:
     """No place scrolls sideways on a phone."""
     for tab in tabs(browser, address, **PHONE):
         for place in places:
@@ -51,10 +66,16 @@ def check_phone(browser: Any, address: str, places: Iterable[str], enter: Callab
 
 
 def check_access(
-    browser: Any, address: str, places: Iterable[str], enter: Callable[[Any, str], None], scheme: str
+    browser: Any,
+    address: str,
+    places: Iterable[str],
+    enter: Callable[[Any, str], None],
+    scheme: str,
 ) -> None:
     """Axe finds no serious fault at any place."""
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed").Axe()
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe is not installed"
+    ).Axe()
     for tab in tabs(browser, address, color_scheme=scheme):
         for place in places:
             enter(tab, place)

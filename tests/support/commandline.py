@@ -23,14 +23,18 @@ PYTHON_WORDS = re.compile(
     r"\b(?!(?:MPa|rpm|celsius|mm)\()[A-Za-z_][\w.]*\((?!s\)|es\))"
     r"|(?<!--read )(?<!--read \")\b[a-z_]{2,}=(?=[\w\"'(\[{.,])"
 )
-"""What looks like a call or an argument of Python, which no error in the shell holds; ``MPa(15)`` may, and --read."""
+"""What looks like a call or an argument of Python, which no error in the shell holds; ``MPa(15)``
+may, and --read.
+"""
 
 
 def write_tone(path: Path, frequency: float, count: int = 600, rate: float = 2000.0) -> Path:
     """Path of a text table with a tone in noise, of which each file has its own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draw = np.random.default_rng(sum(path.name.encode()))
-    samples = np.sin(2 * np.pi * frequency / rate * np.arange(count)) + 0.1 * draw.standard_normal(count)
+    samples = np.sin(2 * np.pi * frequency / rate * np.arange(count)) + 0.1 * draw.standard_normal(
+        count
+    )
     np.savetxt(path, samples, header="x", comments="", fmt="%.6f")
     return path
 

@@ -1,7 +1,8 @@
 """Contracts of `.importlinter` that import-linter does not have itself.
 
-A room's front door (its ``__init__``) loads names when they are first used, and its ``__init__.pyi`` says where each
-lives. `FrontDoor` refuses an import that goes past a door; `DoorNames` looks behind it.
+A room's front door (its ``__init__``) loads names when they are first used, and its
+``__init__.pyi`` says where each lives. `FrontDoor` refuses an import that goes past a door;
+`DoorNames` looks behind it.
 """
 
 import ast
@@ -15,7 +16,9 @@ from importlinter import Contract, ContractCheck, fields, output
 
 
 def _room(module: str) -> str:
-    """``"swashtwin.pump"`` of ``"swashtwin.pump.faults"``; all of another distribution is one room."""
+    """``"swashtwin.pump"`` of ``"swashtwin.pump.faults"``; all of another distribution is one
+    room.
+    """
     root, *names = module.split(".")
     return ".".join([root, *names[: root == "swashtwin"]])
 
@@ -36,13 +39,17 @@ class FrontDoor(Contract):
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         for importer, imported in check.metadata["trespasses"]:
-            output.print_error(f"{importer} imports {imported}: import the name from {_room(imported)}.")
+            output.print_error(
+                f"{importer} imports {imported}: import the name from {_room(imported)}."
+            )
 
 
 class DoorNames(Contract):
-    """No module of a package imports a name that lives in a forbidden one or in a neighbor, by whichever door it comes.
+    """No module of a package imports a name that lives in a forbidden one or in a neighbor, by
+    whichever door it comes.
 
-    Written as ``import swashtwin...`` an import gives the whole package, so that form is refused whatever it names.
+    Written as ``import swashtwin...`` an import gives the whole package, so that form is refused
+    whatever it names.
     """
 
     type_name = "door_names"
@@ -59,8 +66,12 @@ class DoorNames(Contract):
         return ContractCheck(kept=not imports, metadata={"imports": imports})
 
     def _refuses(self, home: str) -> bool:
-        is_neighbor = _is_within(home, self.source.rpartition(".")[0]) and not _is_within(home, self.source)
-        return is_neighbor or any(_is_within(home, name) or _is_within(name, home) for name in self.forbidden)
+        is_neighbor = _is_within(home, self.source.rpartition(".")[0]) and not _is_within(
+            home, self.source
+        )
+        return is_neighbor or any(
+            _is_within(home, name) or _is_within(name, home) for name in self.forbidden
+        )
 
     def render_broken_contract(self, check: ContractCheck) -> None:
         for module, home in check.metadata["imports"]:

@@ -1,4 +1,6 @@
-"""The small virtual rig behind the golden values: four pumps, five classes, two recordings of each at 15 MPa."""
+"""The small virtual rig behind the golden values: four pumps, five classes, two recordings of each
+at 15 MPa.
+"""
 
 import contextlib
 import sys
@@ -37,15 +39,17 @@ def plant_recordings() -> list[Recording]:
 
 def pair_recordings(plant: Sequence[Recording]) -> list[Recording]:
     """Healthy pumps and those with a swash plate defect, of two specimens."""
-    return [recording for recording in plant if recording.specimen in "AB" and recording.label in LABELS]
+    return [
+        recording for recording in plant if recording.specimen in "AB" and recording.label in LABELS
+    ]
 
 
 def write_workspace(plant: Sequence[Recording], folder: Path) -> None:
     """Files that the commands start from.
 
-    ``recordings/`` with an HDF5 file each; the indexes ``plant.toml``, ``pair.toml``, ``wear.toml`` (a pump before and
-    after), ``worn.toml`` (after) and ``specimen.toml`` (A); and ``csv/`` with the first channel of a few recordings,
-    without an index.
+    ``recordings/`` with an HDF5 file each; the indexes ``plant.toml``, ``pair.toml``, ``wear.toml``
+    (a pump before and after), ``worn.toml`` (after) and ``specimen.toml`` (A); and ``csv/`` with
+    the first channel of a few recordings, without an index.
     """
     indexes = {
         "plant": list(plant),
@@ -55,7 +59,9 @@ def write_workspace(plant: Sequence[Recording], folder: Path) -> None:
         "specimen": [recording for recording in plant if recording.specimen == "A"],
     }
     files = {
-        recording.recording_id: write_recording(recording, folder / "recordings" / f"{recording.recording_id}.h5")
+        recording.recording_id: write_recording(
+            recording, folder / "recordings" / f"{recording.recording_id}.h5"
+        )
         for recording in plant
     }
     for name, recordings in indexes.items():
@@ -64,4 +70,6 @@ def write_workspace(plant: Sequence[Recording], folder: Path) -> None:
     (folder / "csv").mkdir()
     for recording in indexes["pair"][:4]:
         rows = "\n".join(f"{value:.6f}" for value in recording.signal[0, :4000])
-        (folder / "csv" / f"{recording.label}_{recording.recording_id[-1]}.csv").write_text(f"x\n{rows}\n")
+        (folder / "csv" / f"{recording.label}_{recording.recording_id[-1]}.csv").write_text(
+            f"x\n{rows}\n"
+        )

@@ -12,9 +12,11 @@ RETENTION = Retention(per_day=1, last=5)
 
 
 def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
-    """File recordings up to `count` that the machine does not have yet, each with its state and a message.
+    """File recordings up to `count` that the machine does not have yet, each with its state and a
+    message.
 
-    The last one that it has comes again, as it does where a watch was killed before it removed the delivery.
+    The last one that it has comes again, as it does where a watch was killed before it removed the
+    delivery.
     """
     history = History.open(url, folder, RETENTION)
     point = next(iter(history.read.points(machine)), None)
@@ -34,7 +36,9 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
 
 
 def file_in_turns(url: str, folder: Path, machines: int, count: int) -> None:
-    """File recordings of several machines, as one of several watches that get the same deliveries."""
+    """File recordings of several machines, as one of several watches that get the same
+    deliveries.
+    """
     for number in range(machines):
         file_recordings(url, folder, f"pump-{number}", count)
 

@@ -1,4 +1,6 @@
-"""Cards of saved models with a wrong type, size or text in each place, and contradictions between places."""
+"""Cards of saved models with a wrong type, size or text in each place, and contradictions between
+places.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -38,7 +40,9 @@ _FITTING = {
 
 
 def hostile_cards(card: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(name, card) of each: another type, size or text in each place, and contradictions between places."""
+    """(name, card) of each: another type, size or text in each place, and contradictions between
+    places.
+    """
     for path in _PATHS:
         for name, value in _TYPES.items():
             if (name, path) in _FITTING:

@@ -32,6 +32,11 @@ def waveform(number: int) -> Recording:
 
 def rejection(file: str, content: str, **changes: Any) -> Rejection:
     """Rejection of a broken file."""
-    facts: dict[str, Any] = {"received": START, "source": "folder", "machine": "", "reason": "broken"}
+    facts: dict[str, Any] = {
+        "received": START,
+        "source": "folder",
+        "machine": "",
+        "reason": "broken",
+    }
     facts |= {"file": file, "content": content, "detail": "no header"}
     return Rejection(**{**facts, **changes})

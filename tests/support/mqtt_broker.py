@@ -1,4 +1,6 @@
-"""A real MQTT broker on a free port, which can be stopped and started again with the sessions it keeps."""
+"""A real MQTT broker on a free port, which can be stopped and started again with the sessions it
+keeps.
+"""
 
 import os
 import shutil
@@ -34,7 +36,9 @@ class Broker:
     def start(self) -> None:
         """Start it, and wait until it listens."""
         self._process = subprocess.Popen(
-            [self._program, "-c", str(self._config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [self._program, "-c", str(self._config)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         end = time.monotonic() + 10
         while time.monotonic() < end:

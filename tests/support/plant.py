@@ -1,6 +1,8 @@
-"""One small plant on disk for all tests: recordings of the virtual rig, and what is trained and calibrated on them.
+"""One small plant on disk for all tests: recordings of the virtual rig, and what is trained and
+calibrated on them.
 
-Each thing is built when it is first used, once for all processes that run tests side by side. No test writes there.
+Each thing is built when it is first used, once for all processes that run tests side by side. No
+test writes there.
 """
 
 import fcntl
@@ -41,9 +43,11 @@ class Plant:
 
     @property
     def folder(self) -> Path:
-        """Folder of 40 recordings of four pumps and five classes at 15 MPa (``recordings/``), their indexes
-        ``plant.toml``, ``pair.toml`` (two pumps, healthy and with a swash plate defect), ``wear.toml`` (one pump before
-        and after) and ``specimen.toml`` (pump A), and ``csv/`` with a few text tables without an index."""
+        """Folder of 40 recordings of four pumps and five classes at 15 MPa (``recordings/``), their
+        indexes ``plant.toml``, ``pair.toml`` (two pumps, healthy and with a swash plate defect),
+        ``wear.toml`` (one pump before and after) and ``specimen.toml`` (pump A), and ``csv/`` with
+        a few text tables without an index.
+        """
 
         def build(path: Path) -> None:
             path.mkdir()
@@ -78,12 +82,16 @@ class Plant:
 
     @property
     def calibration(self) -> Path:
-        """Calibration on the healthy recordings of pump A, quick: one start, the six values alone."""
+        """Calibration on the healthy recordings of pump A, quick: one start, the six values
+        alone.
+        """
 
         def build(path: Path) -> None:
             healthy = self.recordings.where(label="normal", specimen="A")
             twin = Twin(load_pump("25scy14-1b"), AT_15)
-            calibrate(twin, healthy, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False).save(path)
+            calibrate(
+                twin, healthy, method=GaussNewton(starts=1), nuisances=Nuisances(), phases=False
+            ).save(path)
 
         return self._built("healthy.json", build)
 
@@ -93,7 +101,12 @@ class Plant:
 
         def build(path: Path) -> None:
             like = cut_windows(load_recordings(self.pair), length=WINDOW)
-            save_windows(synthesize(Twin(load_pump("25scy14-1b"), AT_15), RECESS, count=3, like=like, seed=0), path)
+            save_windows(
+                synthesize(
+                    Twin(load_pump("25scy14-1b"), AT_15), RECESS, count=3, like=like, seed=0
+                ),
+                path,
+            )
 
         return self._built("synthetic.safetensors", build)
 
@@ -103,8 +116,12 @@ class Plant:
 
         def build(path: Path) -> None:
             windows = cut_windows(load_recordings(self.pair), length=WINDOW)
-            network = build_network("bitcn", windows.n_channels, len(windows.classes), stride=32, channels=(8, 8))
+            network = build_network(
+                "bitcn", windows.n_channels, len(windows.classes), stride=32, channels=(8, 8)
+            )
             with replacing(path) as temporary:
-                save_classifier(fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), temporary)
+                save_classifier(
+                    fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), temporary
+                )
 
         return self._built("model.safetensors", build)

@@ -12,11 +12,14 @@ SHAFT = 15.0
 
 
 def pump(scale: float = 1.0, name: str = "run", seed: int = 0, **facts: object) -> Recording:
-    """Two channels of a seven-piston pump at 900 rev/min, the second 90 degrees behind the first at order 7."""
+    """Two channels of a seven-piston pump at 900 rev/min, the second 90 degrees behind the first at
+    order 7.
+    """
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * SHAFT * TIME
     rows = [
-        scale * (0.3 * np.cos(angle - 1.0) + np.cos(7 * angle + shift) + 0.4 * np.cos(14 * angle + 0.2))
+        scale
+        * (0.3 * np.cos(angle - 1.0) + np.cos(7 * angle + shift) + 0.4 * np.cos(14 * angle + 0.2))
         + 0.05 * rng.standard_normal(len(TIME))
         for shift in (0.5, 0.5 - np.pi / 2)
     ]

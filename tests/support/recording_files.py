@@ -21,16 +21,28 @@ def some_recording() -> Recording:
         recording_id="normal_15MPa_1",
         channels=("axial x", "radial"),
         label="normal",
-        condition=OperatingCondition(speed=rpm(860.0), discharge_pressure=MPa(15.0), oil_temperature=celsius(45.0)),
+        condition=OperatingCondition(
+            speed=rpm(860.0), discharge_pressure=MPa(15.0), oil_temperature=celsius(45.0)
+        ),
         specimen="A",
         attributes={"sensor": "352C33"},
     )
 
 
-def noise(name: str, channels: tuple[str, ...] = ("x", "y"), count: int = 400, **facts: Any) -> Recording:
+def noise(
+    name: str, channels: tuple[str, ...] = ("x", "y"), count: int = 400, **facts: Any
+) -> Recording:
     """Noise of its own for each name, at 1 kHz."""
     signal = np.random.default_rng(sum(name.encode())).standard_normal((len(channels), count))
-    return Recording(**{"signal": signal, "sample_rate": 1000.0, "recording_id": name, "channels": channels, **facts})
+    return Recording(
+        **{
+            "signal": signal,
+            "sample_rate": 1000.0,
+            "recording_id": name,
+            "channels": channels,
+            **facts,
+        }
+    )
 
 
 def write_uff(path: Path, signal: np.ndarray, step: float, unit: str = "m/s^2") -> None:

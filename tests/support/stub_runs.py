@@ -35,14 +35,22 @@ class Guesser:
 def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
     recordings = [
-        Recording(stream(i, label).normal(size=(1, 400)), 1000.0, f"{label} {i}", label=label, condition=condition)
+        Recording(
+            stream(i, label).normal(size=(1, 400)),
+            1000.0,
+            f"{label} {i}",
+            label=label,
+            condition=condition,
+        )
         for label in labels
         for i in range(3)
     ]
     return cut_windows(recordings, length=80, classes=CLASSES)
 
 
-def scored(skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[str, ...] = CLASSES) -> Scores:
+def scored(
+    skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[str, ...] = CLASSES
+) -> Scores:
     return evaluate(Guesser(skill, seed), windows(labels), level=level)
 
 
@@ -53,10 +61,18 @@ def run(
     """A run of the training set `name`, whose classifier is right with the probability `skill`."""
     factors = {"classifier": classifier, "training_set": name}
     is_network = classifier == "spectral_bitcn"
-    settings = {"scenario": {"pressure_Pa": 15e6}, "training_set": {}, "model": {"limit": math.nan}, "tests": {}}
+    settings = {
+        "scenario": {"pressure_Pa": 15e6},
+        "training_set": {},
+        "model": {"limit": math.nan},
+        "tests": {},
+    }
     task = Task(study, seed, factors, settings, "data", "quick")
     scores = {level: scored(skill, seed, level) for level in levels}
-    rows = [{"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])} for at, each in scores.items()]
+    rows = [
+        {"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])}
+        for at, each in scores.items()
+    ]
     return {
         "format": FORMAT, "key": task.key, **asdict(task), "rows": rows, "classes": list(CLASSES),
         "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [], "values": {},
@@ -71,4 +87,8 @@ def run(
 def features(name: str) -> dict[str, list[Any]]:
     points = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
     levels = np.tile(np.repeat(["L2", "L4"], 4), 5)
-    return {"values": points.tolist(), "label": np.repeat(CLASSES, 8).tolist(), "level": levels.tolist()}
+    return {
+        "values": points.tolist(),
+        "label": np.repeat(CLASSES, 8).tolist(),
+        "level": levels.tolist(),
+    }

@@ -1,4 +1,6 @@
-"""The checker that jaxtyping applies to every annotated function of swashtwin while `.ci/nightly` runs the tests."""
+"""The checker that jaxtyping applies to every annotated function of swashtwin while `.ci/nightly`
+runs the tests.
+"""
 
 from functools import wraps
 from typing import Any

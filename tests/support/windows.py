@@ -1,7 +1,8 @@
-"""Commands as on Windows, as far as that can be tried elsewhere: run as a script with command lines as arguments.
+"""Commands as on Windows, as far as that can be tried elsewhere: run as a script with command lines
+as arguments.
 
-The package finds no module and no function that only POSIX has, and believes to run on Windows. A file with a name that
-Windows refuses, or opened without its encoding, ends the script.
+The package finds no module and no function that only POSIX has, and believes to run on Windows. A
+file with a name that Windows refuses, or opened without its encoding, ends the script.
 """
 
 import builtins
@@ -23,7 +24,9 @@ FUNCTIONS = {
     "time": "tzset clock_gettime",
 }
 REPLACED: dict[str, dict[str, object]] = {"os": {"name": "nt"}, "sys": {"platform": "win32"}}
-FORBIDDEN = re.compile(r'[<>:"|?*\x00-\x1f]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE)
+FORBIDDEN = re.compile(
+    r'[<>:"|?*\x00-\x1f]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE
+)
 
 
 class _Module(types.ModuleType):
@@ -60,12 +63,16 @@ def _check_names(event: str, arguments: tuple[Any, ...]) -> None:
     if event == "open" and not (isinstance(arguments[1], str) and set(arguments[1]) & set("wxa+")):
         return
     path = os.path.relpath(os.fsdecode(arguments[1 if event == "os.rename" else 0]))
-    if not path.startswith("..") and any(FORBIDDEN.search(part) for part in path.split(os.sep) if part != "."):
+    if not path.startswith("..") and any(
+        FORBIDDEN.search(part) for part in path.split(os.sep) if part != "."
+    ):
         raise RuntimeError(f"Windows takes no file {path!r}")
 
 
 def main() -> None:
-    """Run each argument as a command line of swashtwin, and end with the first exit code that is not 0."""
+    """Run each argument as a command line of swashtwin, and end with the first exit code that is
+    not 0.
+    """
     warnings.filterwarnings("error", category=EncodingWarning, module="swashtwin")
     _hide()
     sys.addaudithook(_check_names)

@@ -23,7 +23,11 @@ def windows(
     rng, count = stream(seed, "likeness"), per_recording * recordings
     target = np.arange(count) // per_recording % 2
     signal = rng.normal(size=(count, 2, 256))
-    signal += 2 * target[:, None, None] * np.sin(2 * np.pi * tone * np.arange(256) + 6.28 * rng.random((count, 1, 1)))
+    signal += (
+        2
+        * target[:, None, None]
+        * np.sin(2 * np.pi * tone * np.arange(256) + 6.28 * rng.random((count, 1, 1)))
+    )
     return WindowSet(
         signal=(gain * signal).astype(np.float32),
         target=target.astype(np.int64),
@@ -48,7 +52,9 @@ def synthetic_windows(seed: int, **how: float) -> WindowSet:
 
 def test_a_gain_of_a_decibel_in_every_line_is_a_distance_of_a_decibel() -> None:
     quiet = windows(0)
-    louder = replace(quiet, signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32))
+    louder = replace(
+        quiet, signal=quiet.signal * np.array([[10**0.05], [10**0.15]], dtype=np.float32)
+    )
     np.testing.assert_allclose(spectral_distance(quiet, louder), [1.0, 3.0], atol=1e-3)
     np.testing.assert_array_equal(spectral_distance(quiet, quiet), 0.0)
 
@@ -59,7 +65,9 @@ def test_windows_of_the_same_law_are_not_told_apart_and_a_fingerprint_is() -> No
 
 
 def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
-    """Measured windows whose recordings differ in level, and synthetic ones spread as the recordings are."""
+    """Measured windows whose recordings differ in level, and synthetic ones spread as the
+    recordings are.
+    """
     level = np.exp(stream(0, "levels").normal(0, 1, 12)).astype(np.float32)
     plain = windows(0, recordings=12)
     measured = replace(plain, signal=plain.signal * np.repeat(level, 10)[:, None, None])
@@ -81,11 +89,15 @@ def test_what_cannot_be_compared_is_refused() -> None:
 
 def test_the_report_names_the_features_that_give_windows_away() -> None:
     measured = windows(0)
-    louder = replace(windows(1), signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32))
+    louder = replace(
+        windows(1), signal=windows(1).signal * np.array([[1.0], [3.0]], dtype=np.float32)
+    )
     report = measure_fidelity(measured, louder, seed=0)
     assert report.auroc is not None
     assert report.auroc > 0.98
-    assert all(feature.name.startswith("y ") and feature.auroc > 0.95 for feature in report.features)
+    assert all(
+        feature.name.startswith("y ") and feature.auroc > 0.95 for feature in report.features
+    )
     assert (report.n_measured, report.n_recordings, report.n_synthetic) == (60, 6, 60)
     assert report.to_dict()["spectral_distance_db"]["y"] == pytest.approx(9.5, abs=0.5)
     assert "AUROC" in repr(report)

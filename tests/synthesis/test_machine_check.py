@@ -1,4 +1,6 @@
-"""A twin and recordings of different pumps or operating points are refused with both values, or it cannot be known."""
+"""A twin and recordings of different pumps or operating points are refused with both values, or it
+cannot be known.
+"""
 
 from dataclasses import replace
 
@@ -37,43 +39,62 @@ def without_condition(recording: Recording, **attributes: str) -> Recording:
     return replace(recording, condition=None, attributes={**recording.attributes, **attributes})
 
 
-def test_the_twins_pump_at_its_operating_point_passes_in_silence(twin: Twin, same: Recording) -> None:
+def test_the_twins_pump_at_its_operating_point_passes_in_silence(
+    twin: Twin, same: Recording
+) -> None:
     assert require_same_machine(twin, [twin.condition], [same]) == ()
 
 
-def test_a_pump_with_other_pistons_and_speed_is_refused_with_both_values(twin: Twin, other: Recording) -> None:
-    message = (
-        r"lines at multiples of 22[45].* Hz, those of 9 pistons at 1500 rev/min, and the twin .* its 7 at multiples of"
-    )
+def test_a_pump_with_other_pistons_and_speed_is_refused_with_both_values(
+    twin: Twin, other: Recording
+) -> None:
+    message = r"lines at multiples of 22[45].* Hz, those of 9 pistons at 1500 rev/min, and the twin .* its 7 at multiples of"
     with pytest.raises(InputError, match=message):
         synthesize(twin, None, count=1, like=[other], window=1024)
 
 
-def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(twin: Twin, same: Recording) -> None:
+def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
+    twin: Twin, same: Recording
+) -> None:
     faster = twin.condition.replaced(speed=rpm(1500))
-    with pytest.raises(InputError, match=r"the twin runs at 1500 rev/min and the recordings state 860 rev/min"):
+    with pytest.raises(
+        InputError, match=r"the twin runs at 1500 rev/min and the recordings state 860 rev/min"
+    ):
         require_same_machine(twin, [faster], [same])
     assert require_same_machine(twin, [faster], [same], speed=False) == ()
     higher = twin.condition.replaced(discharge_pressure=MPa(28))
-    with pytest.raises(InputError, match=r"the twin runs at 28 MPa and the recordings state 15 MPa: .* calibrate"):
-        require_same_machine(twin, [higher], cut_windows([same], length=1024, allow_partial_revolution=True))
+    with pytest.raises(
+        InputError, match=r"the twin runs at 28 MPa and the recordings state 15 MPa: .* calibrate"
+    ):
+        require_same_machine(
+            twin, [higher], cut_windows([same], length=1024, allow_partial_revolution=True)
+        )
     assert require_same_machine(twin, [twin.condition, higher], [same]) == ()
 
 
-def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(twin: Twin, same: Recording) -> None:
+def test_a_stated_number_of_pistons_is_compared_without_looking_at_the_lines(
+    twin: Twin, same: Recording
+) -> None:
     nine = same.replace(attributes={"pistons": "9"}, signal=np.zeros_like(same.signal))
-    with pytest.raises(InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7; cal"):
+    with pytest.raises(
+        InputError, match=r"rec-0 is of a pump with 9 pistons, the twin \(25scy14-1b\) has 7; cal"
+    ):
         require_same_machine(twin, [twin.condition], [nine])
     seven = nine.replace(attributes={"pistons": "7"})
     assert require_same_machine(twin, [twin.condition], [seven]) == ()
 
 
-def test_lines_alone_show_another_pump_where_nothing_is_stated(twin: Twin, same: Recording, other: Recording) -> None:
+def test_lines_alone_show_another_pump_where_nothing_is_stated(
+    twin: Twin, same: Recording, other: Recording
+) -> None:
     notes = require_same_machine(twin, [twin.condition], [without_condition(same)])
     assert [note.split(";")[0] for note in notes] == [
         "the recordings state no speed", "the recordings state no pressure",
     ]  # fmt: skip
-    with pytest.raises(InputError, match=r"lines at multiples of 22[45].* Hz, and the twin \(25scy14-1b\) with its 7"):
+    with pytest.raises(
+        InputError,
+        match=r"lines at multiples of 22[45].* Hz, and the twin \(25scy14-1b\) with its 7",
+    ):
         require_same_machine(twin, [twin.condition], [without_condition(other)])
 
 
@@ -87,9 +108,15 @@ def test_noise_shows_nothing_and_that_is_said(twin: Twin, same: Recording) -> No
 def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: Recording) -> None:
     measured = cut_windows([same], length=1024, allow_partial_revolution=True)
     synthetic = simulate_windows(
-        twin.at(twin.condition.replaced(speed=rpm(1500))), count=2, like=measured, seed=0, background="none"
+        twin.at(twin.condition.replaced(speed=rpm(1500))),
+        count=2,
+        like=measured,
+        seed=0,
+        background="none",
     )
-    with pytest.raises(InputError, match=r"synthetic windows run at 1500 rev/min .* recordings state 860"):
+    with pytest.raises(
+        InputError, match=r"synthetic windows run at 1500 rev/min .* recordings state 860"
+    ):
         require_shared_speed(measured, synthetic)
     require_shared_speed(replace(measured, speed=np.full(len(measured), np.nan)), synthetic)
     require_shared_speed(measured, replace(synthetic, speed=np.full(2, twin.condition.speed)))

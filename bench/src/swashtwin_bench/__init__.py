@@ -1,4 +1,6 @@
-"""Everything that answers "does it work?": virtual rigs, studies, public sets, rivals, and their figures."""
+"""Everything that answers "does it work?": virtual rigs, studies, public sets, rivals, and their
+figures.
+"""
 
 import lazy_loader
 

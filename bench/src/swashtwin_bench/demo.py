@@ -1,8 +1,10 @@
-"""`run_demo`: a virtual rig, a trained model, the twin of a pump and a diagnosis, on a page that begins with it.
+"""`run_demo`: a virtual rig, a trained model, the twin of a pump and a diagnosis, on a page that
+begins with it.
 
-The question is that of the paper's Case II: nobody recorded a fault at the pressure where it has to be recognized.
-Twins are calibrated on the same fault at another pressure, and simulate it. The recording shown is the first, by its
-name, of that fault at that pressure from a pump that had no part in anything, whatever the models say of it.
+The question is that of the paper's Case II: nobody recorded a fault at the pressure where it has to
+be recognized. Twins are calibrated on the same fault at another pressure, and simulate it. The
+recording shown is the first, by its name, of that fault at that pressure from a pump that had no
+part in anything, whatever the models say of it.
 """
 
 from collections.abc import Callable, Sequence
@@ -59,8 +61,9 @@ class Demo:
     pump: str
     """That pump."""
     with_twin: tuple[Diagnosis, ...]
-    """Diagnosis of each recording of the fault at the pressure where nobody had recorded it, from unseen pumps; the
-    first is the page's."""
+    """Diagnosis of each recording of the fault at the pressure where nobody had recorded it, from
+    unseen pumps; the first is the page's.
+    """
     without_twin: tuple[Diagnosis, ...]
     """The same recordings, diagnosed by the network that was trained on measured windows alone."""
     label: str
@@ -96,7 +99,10 @@ def run_demo(
     folder = out / f"rig-{seed}"
     if not (folder / "recordings.toml").is_file():
         build_rig(
-            folder, seed=seed, jobs=jobs, progress=lambda count, total: progress("recording on the rig", count, total)
+            folder,
+            seed=seed,
+            jobs=jobs,
+            progress=lambda count, total: progress("recording on the rig", count, total),
         )
     recordings = list(load_recordings(folder))
     require_rig(folder, recordings, SIZES["small"])
@@ -113,15 +119,25 @@ def run_demo(
     validation = _validation(recordings, runs[WITH], plan)
     models = {name: _with_confidence(load_classifier(model_file(out / "runs" / STUDY / runs[name]["key"])), validation)
               for name in (WITHOUT, WITH)}  # fmt: skip
-    unseen = [recording for recording in recordings if recording.recording_id in runs[WITH]["roles"][_UNSEEN]]
+    unseen = [
+        recording
+        for recording in recordings
+        if recording.recording_id in runs[WITH]["roles"][_UNSEEN]
+    ]
     faulty = [recording for recording in unseen if plan.scenario.is_scarce(recording)]
-    other = next(recording for recording in unseen if recording.label not in (*plan.scenario.scarce, "normal"))
+    other = next(
+        recording
+        for recording in unseen
+        if recording.label not in (*plan.scenario.scarce, "normal")
+    )
     calibration = study.calibrations[0]
     demo = Demo(
         study=study,
         model=save_classifier(models[WITH], out / "model.safetensors"),
         twin=calibration.save(out / "twin.json"),
-        pump=str(next(r.specimen for r in recordings if r.recording_id == calibration.recording_ids[0])),
+        pump=str(
+            next(r.specimen for r in recordings if r.recording_id == calibration.recording_ids[0])
+        ),
         with_twin=_verdicts(models[WITH], faulty, plan),
         without_twin=_verdicts(models[WITHOUT], faulty, plan),
         label=str(faulty[0].label),
@@ -134,32 +150,49 @@ def run_demo(
 
 
 def _validation(recordings: Sequence[Recording], run: Run, plan: Plan) -> list[Recording]:
-    """Recordings of the training pumps that no training, calibration or test used, none of the missing cell."""
+    """Recordings of the training pumps that no training, calibration or test used, none of the
+    missing cell.
+    """
     used = {name for ids in run["roles"].values() for name in ids}
-    pumps = {recording.specimen for recording in recordings if recording.recording_id in run["roles"]["train"]}
+    pumps = {
+        recording.specimen
+        for recording in recordings
+        if recording.recording_id in run["roles"]["train"]
+    }
     return [
         recording
         for recording in recordings
-        if recording.specimen in pumps and recording.recording_id not in used and not plan.scenario.is_scarce(recording)
+        if recording.specimen in pumps
+        and recording.recording_id not in used
+        and not plan.scenario.is_scarce(recording)
     ]
 
 
-def _with_confidence(classifier: FittedClassifier, validation: Sequence[Recording]) -> FittedClassifier:
+def _with_confidence(
+    classifier: FittedClassifier, validation: Sequence[Recording]
+) -> FittedClassifier:
     windows = cut_windows(validation, length=classifier.length, classes=classifier.classes)
-    return learn_confidence(classifier, windows, error_rate=allowed_error_rate(len(validation), _ERROR_RATE))
+    return learn_confidence(
+        classifier, windows, error_rate=allowed_error_rate(len(validation), _ERROR_RATE)
+    )
 
 
-def _verdicts(classifier: FittedClassifier, recordings: Sequence[Recording], plan: Plan) -> tuple[Diagnosis, ...]:
+def _verdicts(
+    classifier: FittedClassifier, recordings: Sequence[Recording], plan: Plan
+) -> tuple[Diagnosis, ...]:
     """Diagnosis of each recording; the rig does not state how many pistons its pump has."""
     pistons = plan.scenario.pump.rotating_group.piston_count
     verdicts = [diagnose(classifier, recording) for recording in recordings]
-    return tuple(replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts)
+    return tuple(
+        replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts
+    )
 
 
 def answer_of_demo(demo: Demo) -> tuple[str, ...]:
     """The answer to the question in sentences."""
     right = [
-        sum(verdict.label == demo.label for verdict in verdicts) for verdicts in (demo.with_twin, demo.without_twin)
+        sum(verdict.label == demo.label for verdict in verdicts)
+        for verdicts in (demo.with_twin, demo.without_twin)
     ]
     fault, shown = words(demo.label), demo.with_twin[0]
     verdict = "right" if shown.label == demo.label else "wrong"
@@ -175,7 +208,9 @@ def answer_of_demo(demo: Demo) -> tuple[str, ...]:
 
 
 def _recalls(demo: Demo) -> str:
-    """Share of the fault's windows that is right, with the twins' windows and without, of both kinds of test."""
+    """Share of the fault's windows that is right, with the twins' windows and without, of both
+    kinds of test.
+    """
     recall = {
         (row["training_set"], row["level"]): float(row["scarce_recall"]["mean"])
         for row in demo.study.rows()
@@ -183,13 +218,17 @@ def _recalls(demo: Demo) -> str:
     }
     return ", and ".join(
         f"{percent(recall[WITH, level])} right with them and {percent(recall[WITHOUT, level])} without on {pumps}"
-        for level, pumps in ((_UNSEEN, "unseen pumps"), (_FAMILIAR, "other recordings of the training pumps"))
+        for level, pumps in (
+            (_UNSEEN, "unseen pumps"),
+            (_FAMILIAR, "other recordings of the training pumps"),
+        )
     )
 
 
 def _part(demo: Demo) -> Part:
-    """The page: the question and the diagnosis, then the recordings with and without the twin, then the paper's
-    tables; what lies behind these is folded away."""
+    """The page: the question and the diagnosis, then the recordings with and without the twin, then
+    the paper's tables; what lies behind these is folded away.
+    """
     verdict = part_of(demo.with_twin[0], "diagnosis")
     study = study_part(demo.study, "study")
     lead = Section(SectionOrder.VERDICT, "With the twin and without", (_comparison(demo),))

@@ -1,10 +1,12 @@
 """The evidence: one file for each question that was answered, and the page made of them.
 
     python -m swashtwin_bench.evidence page                      writes docs/bench/evidence.md
-    python -m swashtwin_bench.evidence add case1 --study answer.json --question "What do twins add?" ...
+    python -m swashtwin_bench.evidence add case1 --study answer.json --question "What do twins add?"
+    ...
 
-A file holds the question, the answer in a sentence, the aim, the table, n, what the intervals are, the command and the
-commit at which it runs. ``add`` makes one of what a study prints with ``--json``; edit its answer by hand.
+A file holds the question, the answer in a sentence, the aim, the table, n, what the intervals are,
+the command and the commit at which it runs. ``add`` makes one of what a study prints with
+``--json``; edit its answer by hand.
 """
 
 import argparse
@@ -67,7 +69,9 @@ class Evidence:
     def section(self) -> str:
         """Section of the page."""
         facts = [f"*Aim*: {self.aim}."] if self.aim else []
-        facts += [f"*n*: {self.n}" + ("." if self.interval in USUAL_INTERVALS else f"; {self.interval}.")]
+        facts += [
+            f"*n*: {self.n}" + ("." if self.interval in USUAL_INTERVALS else f"; {self.interval}.")
+        ]
         source = f"`{self.command}`" + ("" if self.commit == USUAL else f" at `{self.commit}`")
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
         table = "\n".join("|" + "|".join(cells) + "|" for cells in lines)
@@ -104,7 +108,11 @@ def page(evidence: Iterable[Evidence]) -> str:
 
 def table_of(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Columns and cells of a study's rows; a measure with mean and deviation becomes one cell."""
-    columns = [name for name, value in rows[0].items() if not isinstance(value, dict | list) or "mean" in value]
+    columns = [
+        name
+        for name, value in rows[0].items()
+        if not isinstance(value, dict | list) or "mean" in value
+    ]
 
     def cell(value: Any) -> str:
         if isinstance(value, dict):
@@ -117,18 +125,26 @@ def table_of(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
 
 def main() -> None:
     """Write the page, or add a file of evidence."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     actions = parser.add_subparsers(dest="action", required=True)
     actions.add_parser("page", help="write the page")
     adding = actions.add_parser("add", help="make a file of what a study printed")
     adding.add_argument("name", help="of the file")
-    adding.add_argument("--study", type=Path, required=True, help="what a study printed with --json")
+    adding.add_argument(
+        "--study", type=Path, required=True, help="what a study printed with --json"
+    )
     for name in ("part", "question", "answer", "n", "interval", "command", "commit"):
         adding.add_argument(f"--{name}", required=True)
     adding.add_argument("--aim")
     options = parser.parse_args()
     if options.action == "add":
-        facts = {name: value for name, value in vars(options).items() if name not in ("action", "name", "study")}
+        facts = {
+            name: value
+            for name, value in vars(options).items()
+            if name not in ("action", "name", "study")
+        }
         columns, rows = table_of(json.loads(options.study.read_text(encoding="utf-8"))["rows"])
         place = 10 + max((one.place for one in load()), default=0)
         made = Evidence(place=place, columns=columns, rows=rows, **facts)

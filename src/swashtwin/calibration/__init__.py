@@ -1,7 +1,7 @@
 """Calibration: six interface values from measured vibration, and how far to trust them.
 
-`calibrate` takes a pump and recordings, searches with a `Calibrator` (`GaussNewton`, or the paper's `IPINN`), and gives
-a `Calibration`.
+`calibrate` takes a pump and recordings, searches with a `Calibrator` (`GaussNewton`, or the paper's
+`IPINN`), and gives a `Calibration`.
 """
 
 import lazy_loader

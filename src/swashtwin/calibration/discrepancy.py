@@ -1,26 +1,28 @@
 """What a twin lacks, estimated from the lines it misses.
 
-A machine differs from every twin of it: its mounting is off, its housing bends, its slippers follow a recess in part.
-Such errors are not noise. They are the same in every recording and shared by neighboring lines, so that fifty lines do
-not average them away as fifty independent ones would. After Kennedy and O'Hagan (2001,
-doi:10.1111/1467-9868.00294) measured minus simulated amplitudes are taken as noise plus a random function with the
-covariance
+A machine differs from every twin of it: its mounting is off, its housing bends, its slippers follow
+a recess in part. Such errors are not noise. They are the same in every recording and shared by
+neighboring lines, so that fifty lines do not average them away as fifty independent ones would.
+After Kennedy and O'Hagan (2001, doi:10.1111/1467-9868.00294) measured minus simulated amplitudes
+are taken as noise plus a random function with the covariance
 
     sum_k s_k^2 v_k v_k' + t_e^2 A E A + t_p^2 A P A + t_l^2 A^2
 
-- v_k: change of the lines with the logarithm of a constant that was not searched (mounting, bearings, excitation,
-  sensors), times the standard deviation of its prior;
-- A: each line's amplitude, measured and simulated in the mean square, with a tenth of the loudest channel's for
-  cross-talk;
+- v_k: change of the lines with the logarithm of a constant that was not searched (mounting,
+  bearings, excitation, sensors), times the standard deviation of its prior;
+- A: each line's amplitude, measured and simulated in the mean square, with a tenth of the loudest
+  channel's for cross-talk;
 - E: exp(-|f - f'| / 1 kHz) among lines of one condition, such as an excitation of another shape;
 - P: the same among lines of one channel, such as gains and a housing that bends;
 - and an error of each line's own.
 
-The shares s_k, t_e, t_p, t_l are those most probable (restricted maximum likelihood, Patterson and Thompson 1971,
-doi:10.1093/biomet/58.3.545: of the residuals, what no coordinate can take up) under half-normal densities of width 1
-for the s_k and 0.1 for the others: zero where the twin meets the lines within what `Comparison.sigma` expects. What a
-wrong twin hides in its coordinates without a trace in the residuals, nobody can estimate (Brynjarsdottir and O'Hagan
-2014, doi:10.1088/0266-5611/30/11/114007): where it is known that a constant is uncertain, search it (`Nuisances`).
+The shares s_k, t_e, t_p, t_l are those most probable (restricted maximum likelihood, Patterson and
+Thompson 1971, doi:10.1093/biomet/58.3.545: of the residuals, what no coordinate can take up) under
+half-normal densities of width 1 for the s_k and 0.1 for the others: zero where the twin meets the
+lines within what `Comparison.sigma` expects. What a wrong twin hides in its coordinates without a
+trace in the residuals, nobody can estimate (Brynjarsdottir and O'Hagan 2014,
+doi:10.1088/0266-5611/30/11/114007): where it is known that a constant is uncertain, search it
+(`Nuisances`).
 """
 
 from dataclasses import dataclass, replace
@@ -40,10 +42,13 @@ COHERENCE = 1000.0
 CROSS_TALK = 0.1
 """Share of the loudest channel's line in the error of the others'; our estimate."""
 RELATIVE_WIDTH = 0.1
-"""Width of the half-normal density of the relative shares: twice the model error that `sigma` expects."""
+"""Width of the half-normal density of the relative shares: twice the model error that `sigma`
+expects.
+"""
 CHANCE = 4.0
-"""By how much -2 ln of the residuals' probability must fall before a discrepancy is stated: noise alone does so in a
-tenth of all cases."""
+"""By how much -2 ln of the residuals' probability must fall before a discrepancy is stated: noise
+alone does so in a tenth of all cases.
+"""
 SHARES = (1e-4, 5.0)
 """Within which shares are sought."""
 CONSTANTS = Nuisances.usual()
@@ -85,7 +90,9 @@ class Discrepancy:
     """How much a twin lacks, as shares of what each cause would do."""
 
     constants: tuple[tuple[str, float], ...]
-    """Standard deviation of the logarithm of each constant that was not searched, as the lines show it."""
+    """Standard deviation of the logarithm of each constant that was not searched, as the lines show
+    it.
+    """
     excitation: float
     """Relative error that all channels of a condition share."""
     path: float
@@ -95,7 +102,9 @@ class Discrepancy:
 
 
 def estimate_discrepancy(around: Linearization) -> Discrepancy:
-    """Discrepancy that the residuals show; none where there are no more observables than coordinates."""
+    """Discrepancy that the residuals show; none where there are no more observables than
+    coordinates.
+    """
     forced, searched = around.objective.twin.fault is not None, around.objective.unknowns.scales
     names = [name for name in COMMON if name not in searched and (forced or name != "excitation")]
     width = np.array([1.0] * len(names) + [RELATIVE_WIDTH] * 3)
@@ -106,20 +115,31 @@ def estimate_discrepancy(around: Linearization) -> Discrepancy:
         parts = [scaled.T @ part @ scaled for part in _parts(around, names)]
         shares = _most_probable(scaled.T @ around.residual, parts, width)
     prior = [getattr(CONSTANTS, name) for name in names]
-    constants = tuple((name, float(s * d)) for name, s, d in zip(names, shares, prior, strict=False))
+    constants = tuple(
+        (name, float(s * d)) for name, s, d in zip(names, shares, prior, strict=False)
+    )
     excitation, path, line = (float(share) for share in shares[len(names) :])
     return Discrepancy(constants, excitation, path, line)
 
 
 def _most_probable(residual: np.ndarray, parts: list[np.ndarray], width: np.ndarray) -> np.ndarray:
-    """Shares at which the residual, with unit noise, is most probable; `width` is that of their half-normal priors."""
+    """Shares at which the residual, with unit noise, is most probable; `width` is that of their
+    half-normal priors.
+    """
     unit = np.eye(len(residual))
 
     def loss(logarithm: np.ndarray) -> tuple[float, np.ndarray]:
         variance = np.exp(2 * logarithm)
-        factor = scipy.linalg.cho_factor(unit + sum(v * part for v, part in zip(variance, parts, strict=True)))
-        weighted, inverse = scipy.linalg.cho_solve(factor, residual), scipy.linalg.cho_solve(factor, unit)
-        value = 2 * np.log(np.diag(factor[0])).sum() + residual @ weighted + (variance / width**2).sum()
+        factor = scipy.linalg.cho_factor(
+            unit + sum(v * part for v, part in zip(variance, parts, strict=True))
+        )
+        weighted, inverse = (
+            scipy.linalg.cho_solve(factor, residual),
+            scipy.linalg.cho_solve(factor, unit),
+        )
+        value = (
+            2 * np.log(np.diag(factor[0])).sum() + residual @ weighted + (variance / width**2).sum()
+        )
         slope = [np.vdot(inverse, part) - weighted @ part @ weighted for part in parts]
         return float(value), 2 * variance * (np.array(slope) + 1 / width**2)
 
@@ -132,21 +152,29 @@ def _most_probable(residual: np.ndarray, parts: list[np.ndarray], width: np.ndar
     return np.where(shares > 2 * SHARES[0], shares, 0.0)
 
 
-def noise_covariance(around: Linearization, discrepancy: Discrepancy) -> Float[np.ndarray, "observable observable"]:
-    """Covariance of measured minus simulated observables [(m/s^2)^2]: noise, and what the twin lacks."""
+def noise_covariance(
+    around: Linearization, discrepancy: Discrepancy
+) -> Float[np.ndarray, "observable observable"]:
+    """Covariance of measured minus simulated observables [(m/s^2)^2]: noise, and what the twin
+    lacks.
+    """
     names = [name for name, _ in discrepancy.constants]
     shares = [share / getattr(CONSTANTS, name) for name, share in discrepancy.constants]
     shares += [discrepancy.excitation, discrepancy.path, discrepancy.line]
     noise = np.diag(around.sigma**2) + _repeated_errors(around)
     if any(shares):
-        noise = noise + sum(s**2 * part for s, part in zip(shares, _parts(around, names), strict=True))
+        noise = noise + sum(
+            s**2 * part for s, part in zip(shares, _parts(around, names), strict=True)
+        )
     return noise
 
 
 def _repeated_errors(around: Linearization) -> np.ndarray:
-    """Covariance between comparisons at one operating point, which are of recordings with different sensors.
+    """Covariance between comparisons at one operating point, which are of recordings with different
+    sensors.
 
-    In a channel and line that two of them have, the error that `Comparison.sigma` allows the twin is the same.
+    In a channel and line that two of them have, the error that `Comparison.sigma` allows the twin
+    is the same.
     """
     comparisons = around.objective.comparisons
     noise = np.zeros((len(around.sigma), len(around.sigma)))
@@ -162,26 +190,40 @@ def _repeated_errors(around: Linearization) -> np.ndarray:
     for (rows, first), (columns, second) in combinations(pairs, 2):
         if first.twin.condition == second.twin.condition:
             is_same = _line_names(first)[:, None] == _line_names(second)
-            block = np.outer(level[rows], level[columns]) + np.outer(quarter[rows], quarter[columns])
-            noise[np.ix_(rows, columns)], noise[np.ix_(columns, rows)] = is_same * block, (is_same * block).T
+            block = np.outer(level[rows], level[columns]) + np.outer(
+                quarter[rows], quarter[columns]
+            )
+            noise[np.ix_(rows, columns)], noise[np.ix_(columns, rows)] = (
+                is_same * block,
+                (is_same * block).T,
+            )
     return noise
 
 
 def _line_names(comparison: Comparison) -> np.ndarray:
     """Channel and order of each observable."""
     orders = np.tile(comparison.measurement.orders, 2 if comparison.has_phases else 1)
-    return np.array([f"{order} {channel}" for channel in comparison.measurement.channels for order in orders])
+    return np.array(
+        [f"{order} {channel}" for channel in comparison.measurement.channels for order in orders]
+    )
 
 
 def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:
     """Covariance of each cause at a share of 1."""
     objective = around.objective
-    constants = [np.outer(slope, slope) for slope in _constant_slopes(objective, around.point, names)]
+    constants = [
+        np.outer(slope, slope) for slope in _constant_slopes(objective, around.point, names)
+    ]
     comparisons = objective.comparisons
     frequency = objective.frequency
-    condition = np.concatenate([np.full(comparison.measured.numel(), i) for i, comparison in enumerate(comparisons)])
+    condition = np.concatenate(
+        [np.full(comparison.measured.numel(), i) for i, comparison in enumerate(comparisons)]
+    )
     channel = np.concatenate(
-        [np.repeat(comparison.measurement.channels, comparison.measured.shape[1]) for comparison in comparisons]
+        [
+            np.repeat(comparison.measurement.channels, comparison.measured.shape[1])
+            for comparison in comparisons
+        ]
     )
     level, quarter = _levels(objective, around.simulated)
     similarity = np.outer(level, level) + np.outer(quarter, quarter)
@@ -195,17 +237,23 @@ def _parts(around: Linearization, names: list[str]) -> list[np.ndarray]:
 
 
 def _levels(objective: Objective, simulated: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Effect of an error of 1 on each observable [m/s^2]: one in phase with the line, and one a quarter turn ahead of
-    it.
+    """Effect of an error of 1 on each observable [m/s^2]: one in phase with the line, and one a
+    quarter turn ahead of it.
 
-    Amplitudes know only the first. A line's level is the mean of the simulated and the measured one, and a share of
-    the loudest channel's.
+    Amplitudes know only the first. A line's level is the mean of the simulated and the measured
+    one, and a share of the loudest channel's.
     """
     levels, quarters, first = [], [], 0
     for comparison in objective.comparisons:
-        lines = simulated[first : first + comparison.measured.numel()].reshape(comparison.measured.shape)
+        lines = simulated[first : first + comparison.measured.numel()].reshape(
+            comparison.measured.shape
+        )
         count = len(comparison.measurement.orders)
-        line = lines[:, :count] + 1j * lines[:, count:] if comparison.has_phases else lines.astype(complex)
+        line = (
+            lines[:, :count] + 1j * lines[:, count:]
+            if comparison.has_phases
+            else lines.astype(complex)
+        )
         square = (np.abs(line) ** 2 + comparison.measurement.amplitude**2) / 2
         level = np.sqrt(square + CROSS_TALK**2 * square.max(axis=0)) * np.exp(1j * np.angle(line))
         parts = (level.real, level.imag) if comparison.has_phases else (np.abs(level),)
@@ -227,6 +275,9 @@ def _constant_slopes(objective: Objective, point: np.ndarray, names: list[str]) 
         moved[SCALES.index(name)] += step
         other = replace(objective, unknowns=replace(unknowns, twin_scales=moved))
         with torch.no_grad():
-            pair = [shifted.observables(torch.as_tensor(point)).numpy() for shifted in (other, objective)]
+            pair = [
+                shifted.observables(torch.as_tensor(point)).numpy()
+                for shifted in (other, objective)
+            ]
         rows.append((pair[0] - pair[1]) / step * getattr(CONSTANTS, name))
     return np.stack(rows)

@@ -1,4 +1,6 @@
-"""Differences between twin and measurement, as the paper reports them: waveforms, spectra, RMSE, PE, SVE."""
+"""Differences between twin and measurement, as the paper reports them: waveforms, spectra, RMSE,
+PE, SVE.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -26,33 +28,45 @@ from swashtwin.signals import (
 MOST_WINDOWS = 8
 """Windows compared per recording, evenly spread over it."""
 PHASES = 4
-"""Shifts tried within one sample; without them the error at 2.5 kHz and 25.6 kHz would be a tenth."""
+"""Shifts tried within one sample; without them the error at 2.5 kHz and 25.6 kHz would be a
+tenth.
+"""
 ERRORS = ("rmse", "relative_rmse", "peak_error", "spectrum_value_error")
 """Figures of an `Agreement` that are zero at best."""
 DRAWS = 64
 """Twins drawn from the posterior for the band of each line."""
 MARGIN = 5
-"""Revolutions at each end, measured and simulated, that are not compared: the band filter settles there."""
+"""Revolutions at each end, measured and simulated, that are not compared: the band filter settles
+there.
+"""
 
 
 @dataclass(frozen=True)
 class Agreement:
     """Differences between measured and simulated acceleration within the band.
 
-    Waveforms are compared over windows of one revolution, each aligned over all phases, and averaged over windows and
-    recordings: the shaft angle at the start of a recording is unknown. A model without noise cannot reach zero.
+    Waveforms are compared over windows of one revolution, each aligned over all phases, and
+    averaged over windows and
+    recordings: the shaft angle at the start of a recording is unknown. A model without noise cannot
+    reach zero.
     """
 
     rmse: float
     """Root mean square of the waveforms' difference [m/s^2] (the paper's RMSE)."""
     relative_rmse: float
-    """The same over the root mean square of the measured waveform; 1 is the error of a silent twin."""
+    """The same over the root mean square of the measured waveform; 1 is the error of a silent
+    twin.
+    """
     peak_error: float
     """Difference of the peaks over the measured peak (the paper's PE)."""
     spectrum_value_error: float
-    """Sum of the lines' differences over the sum of the measured lines (the paper's SVE; our reading)."""
+    """Sum of the lines' differences over the sum of the measured lines (the paper's SVE; our
+    reading).
+    """
     spectral_correlation: float
-    """Correlation of the lines' levels in dB over channels and orders, 1 at best (`signals.spectral_correlation`)."""
+    """Correlation of the lines' levels in dB over channels and orders, 1 at best
+    (`signals.spectral_correlation`).
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +118,9 @@ class Fit:
     before: Agreement
     """Agreement of the nominal twin."""
     after: Agreement
-    """Agreement of the calibrated twin with the same recordings: no test, because it was calibrated on them."""
+    """Agreement of the calibrated twin with the same recordings: no test, because it was calibrated
+    on them.
+    """
     spectra: Spectra
     """Lines before and after."""
     waveforms: Waveforms
@@ -114,7 +130,9 @@ class Fit:
 
 
 def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: Posterior) -> Fit:
-    """Fit of both twins at the comparison's condition, with the range of each line under the posterior."""
+    """Fit of both twins at the comparison's condition, with the range of each line under the
+    posterior.
+    """
     measurement, condition = comparison.measurement, comparison.twin.condition
     amplitudes, agreements, excerpts = [], [], []
     for twin in (nominal.at(condition), calibrated.at(condition)):
@@ -123,7 +141,11 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
         agreements.append(near)
         excerpts.append(simulated)
     with torch.no_grad():
-        draws = comparison.lines(posterior.unknowns, torch.as_tensor(posterior.draws(DRAWS, seed=0))).abs().numpy()
+        draws = (
+            comparison.lines(posterior.unknowns, torch.as_tensor(posterior.draws(DRAWS, seed=0)))
+            .abs()
+            .numpy()
+        )
     low, high = np.quantile(draws, (0.05, 0.95), axis=0)
     spectra = Spectra(
         channels=measurement.channels,
@@ -146,7 +168,12 @@ def fit_of(comparison: Comparison, nominal: Twin, calibrated: Twin, posterior: P
 def mean_agreement(agreements: Sequence[Agreement]) -> Agreement:
     """Mean of each figure."""
     names = [item.name for item in fields(Agreement)]
-    return Agreement(**{name: float(np.mean([getattr(agreement, name) for agreement in agreements])) for name in names})
+    return Agreement(
+        **{
+            name: float(np.mean([getattr(agreement, name) for agreement in agreements]))
+            for name in names
+        }
+    )
 
 
 def agreement(
@@ -179,11 +206,19 @@ def agreement_of_lines(
     rmses, relative, peaks, excerpts = [], [], [], []
     for recording in measurement.recordings:
         turn = _samples_per_turn(recording)
-        low, high = max(measurement.band[0], 0.5 * recording.sample_rate / turn), measurement.band[1]
+        low, high = (
+            max(measurement.band[0], 0.5 * recording.sample_rate / turn),
+            measurement.band[1],
+        )
         measured = band_limited(recording.signal, recording.sample_rate, low, high)
-        shifted = [_simulated(lines, orders, recording, (low, high), step / PHASES) for step in range(PHASES)]
+        shifted = [
+            _simulated(lines, orders, recording, (low, high), step / PHASES)
+            for step in range(PHASES)
+        ]
         turns = measured.shape[1] // turn - 2 * MARGIN
-        for number in np.unique(np.linspace(MARGIN, MARGIN + turns - 1, min(MOST_WINDOWS, turns)).astype(int)):
+        for number in np.unique(
+            np.linspace(MARGIN, MARGIN + turns - 1, min(MOST_WINDOWS, turns)).astype(int)
+        ):
             start = number * turn
             window = measured[:, start : start + turn]
             candidates = [aligned(window, simulated) for simulated in shifted]
@@ -209,12 +244,24 @@ def _samples_per_turn(recording: Recording) -> int:
 
 
 def _simulated(
-    lines: np.ndarray, orders: np.ndarray, recording: Recording, band: tuple[float, float], shift: float
+    lines: np.ndarray,
+    orders: np.ndarray,
+    recording: Recording,
+    band: tuple[float, float],
+    shift: float,
 ) -> Float[np.ndarray, "channel time"]:
-    """Two revolutions at the recording's speed and rate, through its filter, the start shifted by `shift` [sample]."""
+    """Two revolutions at the recording's speed and rate, through its filter, the start shifted by
+    `shift` [sample].
+    """
     assert recording.condition is not None
     turn = _samples_per_turn(recording)
     is_resolved = orders * recording.condition.shaft_frequency < 0.49 * recording.sample_rate
-    angle = recording.condition.speed * (np.arange((2 + 2 * MARGIN) * turn) + shift) / recording.sample_rate
+    angle = (
+        recording.condition.speed
+        * (np.arange((2 + 2 * MARGIN) * turn) + shift)
+        / recording.sample_rate
+    )
     signal = synchronous_signal(lines[:, is_resolved], orders[is_resolved], angle)
-    return band_limited(signal, recording.sample_rate, *band)[:, MARGIN * turn : (2 + MARGIN) * turn]
+    return band_limited(signal, recording.sample_rate, *band)[
+        :, MARGIN * turn : (2 + MARGIN) * turn
+    ]

@@ -1,4 +1,6 @@
-"""The paper's method: a network that reads the measured signal and is trained through the model's equations."""
+"""The paper's method: a network that reads the measured signal and is trained through the model's
+equations.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,22 +24,24 @@ PAPER_RATES = (0.1, 0.01, 0.001, 0.0001)
 class IPINN:
     """Inverse physics-informed neural network (DOI 10.1177/00202940261419020).
 
-    The measured acceleration passes four convolutions and a dense layer that gives six base values theta. The interface
-    values are P = theta * S with fixed magnitudes S; they pass through the model, and the network's weights are
-    trained on
+    The measured acceleration passes four convolutions and a dense layer that gives six base values
+    theta. The interface values are P = theta * S with fixed magnitudes S; they pass through the
+    model, and the network's weights are trained on
 
         loss = spectrum loss + boundary loss
 
-    with Adam; the result is the epoch of least loss. The paper gives channels, learning rate, epochs, the form of P and
-    both losses. Our reading, where it is silent: one window of `revolutions` of the first recording, all channels
-    divided by their common RMS; kernels of `kernel` samples at a `stride`, ReLU, and the mean over time before the
-    dense layer; S is the power of ten below each nominal value; the dense layer's bias makes the first pass give the
-    nominal values exactly; spectra are compared at the piston-pass lines, relative to the RMS of the measured ones;
-    beyond a bound the model is given the bound, so that it always simulates a possible pump, while the boundary loss
-    pulls the value back. Constants searched beside the six values count with their priors.
+    with Adam; the result is the epoch of least loss. The paper gives channels, learning rate,
+    epochs, the form of P and both losses. Our reading, where it is silent: one window of
+    `revolutions` of the first recording, all channels divided by their common RMS; kernels of
+    `kernel` samples at a `stride`, ReLU, and the mean over time before the dense layer; S is the
+    power of ten below each nominal value; the dense layer's bias makes the first pass give the
+    nominal values exactly; spectra are compared at the piston-pass lines, relative to the RMS of
+    the measured ones; beyond a bound the model is given the bound, so that it always simulates a
+    possible pump, while the boundary loss pulls the value back. Constants searched beside the six
+    values count with their priors.
 
-    One calibration trains one network for one measurement: the network is a way to search, not to be used again. Lines
-    compared are the measurement's, whichever these are.
+    One calibration trains one network for one measurement: the network is a way to search, not to
+    be used again. Lines compared are the measurement's, whichever these are.
     """
 
     channels: tuple[int, ...] = (32, 64, 128, 256)
@@ -53,17 +57,25 @@ class IPINN:
     stride: int = 4
     """Samples between its positions."""
     solver: SteadySolver = EXACT
-    """What solves the equations; the paper's is `RK4`, which gives the same lines a few times slower."""
+    """What solves the equations; the paper's is `RK4`, which gives the same lines a few times
+    slower.
+    """
 
     def __post_init__(self) -> None:
         if self.epochs < 1 or not self.channels:
-            raise InputError(f"epochs ({self.epochs}) must be at least 1, and channels ({self.channels}) not empty.")
+            raise InputError(
+                f"epochs ({self.epochs}) must be at least 1, and channels ({self.channels}) not empty."
+            )
         if not 0 < self.learning_rate < 1:
-            raise InputError(f"learning_rate ({self.learning_rate:g}) must lie within 0...1, such as 1e-4.")
+            raise InputError(
+                f"learning_rate ({self.learning_rate:g}) must lie within 0...1, such as 1e-4."
+            )
         if self.revolutions < 1:
             raise InputError(f"revolutions ({self.revolutions:g}) must be at least 1.")
 
-    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
+    def search(
+        self, objective: Objective, *, seed: int, progress: Progress | None = None
+    ) -> Search:
         """Values of the epoch with the least loss; see `Calibrator`."""
         window = measured_window(objective, self.revolutions)
         rows: list[tuple[float, float, float, float]] = []
@@ -77,11 +89,17 @@ class IPINN:
                 point, losses = self._losses(objective, *network(window))
                 loss = losses.sum()
                 if not torch.isfinite(loss):
-                    raise InputError(f"the loss is {loss.item()} in epoch {epoch + 1}; lower learning_rate.")
+                    raise InputError(
+                        f"the loss is {loss.item()} in epoch {epoch + 1}; lower learning_rate."
+                    )
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
-                slopes = [weights.grad.norm() for weights in network.parameters() if weights.grad is not None]
+                slopes = [
+                    weights.grad.norm()
+                    for weights in network.parameters()
+                    if weights.grad is not None
+                ]
                 rows.append((*losses.tolist(), float(torch.stack(slopes).norm())))
                 path.append(point.detach().numpy())
                 best = epoch if sum(rows[epoch][:3]) < sum(rows[best][:3]) else best
@@ -95,33 +113,47 @@ class IPINN:
         """Point of what the network gave, and the spectrum, boundary and prior loss there."""
         if not bool(torch.isfinite(values).all()):
             raise InputError("the network's values are no longer finite; lower learning_rate.")
-        lower, upper = torch.as_tensor(objective.unknowns.space.lower), torch.as_tensor(objective.unknowns.space.upper)
+        lower, upper = (
+            torch.as_tensor(objective.unknowns.space.lower),
+            torch.as_tensor(objective.unknowns.space.upper),
+        )
         possible = torch.minimum(torch.maximum(values, lower), upper)
         point = torch.cat([possible.log(), rest])
         spectrum = objective.spectrum_loss(point, solver=self.solver)
         prior = torch.zeros_like(spectrum)
-        if len(rest):  # in units of the model error, in which the spectrum loss is about that of weighted lines
+        if len(
+            rest
+        ):  # in units of the model error, in which the spectrum loss is about that of weighted lines
             unknowns = objective.unknowns
-            center, deviation = (torch.as_tensor(row[CONSTANTS]) for row in (unknowns.center, unknowns.deviation))
+            center, deviation = (
+                torch.as_tensor(row[CONSTANTS]) for row in (unknowns.center, unknowns.deviation)
+            )
             away = ((rest - center) / deviation).square().sum() / objective.measured.numel()
             prior = MODEL_ERROR * ((spectrum / MODEL_ERROR).square() + away).sqrt() - spectrum
         return point, torch.stack([spectrum, objective.unknowns.space.boundary_loss(values), prior])
 
 
 class ParameterNetwork(nn.Module):
-    """The paper's network, from a measured window to six interface values and whatever else is searched."""
+    """The paper's network, from a measured window to six interface values and whatever else is
+    searched.
+    """
 
     scale: Tensor
     center: Tensor
     deviation: Tensor
 
-    def __init__(self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective) -> None:
+    def __init__(
+        self, settings: IPINN, window: Float[Tensor, "channel time"], objective: Objective
+    ) -> None:
         super().__init__()
         unknowns, nominal = objective.unknowns, objective.unknowns.space.nominal
         sizes = (len(window), *settings.channels)
         layers: list[nn.Module] = []
         for before, after in pairwise(sizes):
-            layers += [nn.Conv1d(before, after, settings.kernel, settings.stride, settings.kernel // 2), nn.ReLU()]
+            layers += [
+                nn.Conv1d(before, after, settings.kernel, settings.stride, settings.kernel // 2),
+                nn.ReLU(),
+            ]
         self.features = nn.Sequential(*layers, nn.AdaptiveAvgPool1d(1), nn.Flatten(-2))
         self.dense = nn.Linear(sizes[-1], len(unknowns))
         magnitude = 10 ** np.floor(np.log10(nominal))
@@ -134,14 +166,22 @@ class ParameterNetwork(nn.Module):
             self.dense.bias.zero_()
             self.dense.bias.copy_(torch.as_tensor(start) - self.dense(self.features(window)))
 
-    def forward(self, window: Float[Tensor, "channel time"]) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
-        """Interface values, and the other coordinates within four deviations of their priors' means; float64."""
+    def forward(
+        self, window: Float[Tensor, "channel time"]
+    ) -> tuple[Float[Tensor, " 6"], Float[Tensor, " rest"]]:
+        """Interface values, and the other coordinates within four deviations of their priors'
+        means; float64.
+        """
         output = self.dense(self.features(window)).double()
-        return self.scale * output[VALUES], self.center + self.deviation * REACH * torch.tanh(output[CONSTANTS] / REACH)
+        return self.scale * output[VALUES], self.center + self.deviation * REACH * torch.tanh(
+            output[CONSTANTS] / REACH
+        )
 
 
 def measured_window(objective: Objective, revolutions: float) -> Float[Tensor, "channel time"]:
-    """Start of the first recording; all channels over their common RMS, float32. A `DataError` where it is shorter."""
+    """Start of the first recording; all channels over their common RMS, float32. A `DataError`
+    where it is shorter.
+    """
     first = objective.comparisons[0]
     recording = first.measurement.recordings[0]
     length = round(revolutions * first.twin.condition.period * recording.sample_rate)

@@ -1,10 +1,11 @@
 """What a calibration takes from recordings: amplitudes and phases of lines.
 
-The paper drops the phase on purpose, for nobody knows the shaft's position at the first reading. But one unknown
-position turns all lines of all channels together, order k by k times the angle; what is left of the phases says as much
-as the amplitudes do. The shaft's angle comes from the lines themselves (`signals.piston_pass_angle`), and the
-position that suits best is found anew for every point, so that it costs no coordinate (variable projection, Golub and
-Pereyra 2003, doi:10.1088/0266-5611/19/2/201).
+The paper drops the phase on purpose, for nobody knows the shaft's position at the first reading.
+But one unknown position turns all lines of all channels together, order k by k times the angle;
+what is left of the phases says as much as the amplitudes do. The shaft's angle comes from the lines
+themselves (`signals.piston_pass_angle`), and the position that suits best is found anew for every
+point, so that it costs no coordinate (variable projection, Golub and Pereyra 2003,
+doi:10.1088/0266-5611/19/2/201).
 """
 
 import math
@@ -18,7 +19,12 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.calibration.recording_checks import clipping_note, level_notes, lines_of, refuse_other_speed
+from swashtwin.calibration.recording_checks import (
+    clipping_note,
+    level_notes,
+    lines_of,
+    refuse_other_speed,
+)
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
 from swashtwin.pump import Pump, is_same_class, values_match
@@ -28,20 +34,26 @@ from swashtwin.signals import hann_taper, piston_pass_angle
 DEFAULT_BAND = (0.0, 2500.0)
 """Band [Hz] whose lines are compared.
 
-The upper end lies just above the highest mode of the model (2376 Hz for the paper's pump): beyond it the model's shell
-is a free mass, which says little of the interfaces (up to 5 kHz, only C_sw becomes more than a tenth more certain). A
-real housing bends from 1 to 2 kHz on, which rigid bodies cannot follow: where measured lines above 1 kHz are far off
-for any values, ``band=(0, 1000)`` is the honest choice, at the price of C_v and C_Hz three times less certain.
+The upper end lies just above the highest mode of the model (2376 Hz for the paper's pump): beyond
+it the model's shell is a free mass, which says little of the interfaces (up to 5 kHz, only C_sw
+becomes more than a tenth more certain). A real housing bends from 1 to 2 kHz on, which rigid bodies
+cannot follow: where measured lines above 1 kHz are far off for any values, ``band=(0, 1000)`` is
+the honest choice, at the price of C_v and C_Hz three times less certain.
 """
 
 LINE_SPEED_TOLERANCE = 0.01
-"""Relative difference of speed up to which a recording agrees with a twin: less than elsewhere, since lines that lie
-1 % apart meet another part of a mode's peak."""
+"""Relative difference of speed up to which a recording agrees with a twin: less than elsewhere,
+since lines that lie 1 % apart meet another part of a mode's peak.
+"""
 GRAVITY = 9.80665
 Lines = Literal["piston", "shaft", "spectrum"]
-"""Which lines are compared: multiples of the piston count, or all multiples of the shaft frequency."""
+"""Which lines are compared: multiples of the piston count, or all multiples of the shaft
+frequency.
+"""
 MOST_SHAFT_ORDER = 75
-"""Shaft orders above blend with their neighbors where the speed wanders by 0.6 %, as `order_spectrum` allows for."""
+"""Shaft orders above blend with their neighbors where the speed wanders by 0.6 %, as
+`order_spectrum` allows for.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +67,9 @@ class Measurement:
     amplitude: Float[np.ndarray, "channel order"]
     """Mean peak amplitude [m/s^2]."""
     deviation: Float[np.ndarray, "channel order"]
-    """Standard deviation of that mean [m/s^2]: within recordings or between them, whichever is larger."""
+    """Standard deviation of that mean [m/s^2]: within recordings or between them, whichever is
+    larger.
+    """
     recordings: tuple[Recording, ...]
     """What was measured."""
     left_out: tuple[tuple[str, str], ...]
@@ -67,8 +81,9 @@ class Measurement:
     notes: tuple[str, ...] = ()
     """What the user should look at in the recordings, in words."""
     phasor: Complex[np.ndarray, "channel order"] | None = None
-    """Mean complex peak amplitude [m/s^2] along the shaft's angle, its position arbitrary; None where phases are
-    dropped."""
+    """Mean complex peak amplitude [m/s^2] along the shaft's angle, its position arbitrary; None
+    where phases are dropped.
+    """
     phasor_deviation: Float[np.ndarray, "channel order"] | None = None
     """Standard deviation of the real and of the imaginary part of that mean [m/s^2]."""
 
@@ -86,25 +101,28 @@ def measure(
     *,
     phases: bool = False,
 ) -> Measurement:
-    """Line amplitudes of those `recordings` that agree with the twin in label, speed (1 %) and pressure (6 %).
+    """Line amplitudes of those `recordings` that agree with the twin in label, speed (1 %) and
+    pressure (6 %).
 
     Parameters
     ----------
     band : frequencies [Hz] whose lines are taken.
-    lines : ``"piston"``: multiples of the piston count, the only lines of equal pistons; ``"shaft"``: every order
-        up to 75, for twins of a fault that sets one piston apart; ``"spectrum"``: every order of the band, the twin
-        being silent between its lines: the paper's L_freq over the whole spectrum.
+    lines : ``"piston"``: multiples of the piston count, the only lines of equal pistons;
+        ``"shaft"``: every order up to 75, for twins of a fault that sets one piston apart;
+        ``"spectrum"``: every order of the band, the twin being silent between its lines: the
+        paper's L_freq over the whole spectrum.
     phases : measure the lines' phases too, along the shaft's angle (`phased_lines`).
 
     Raises
     ------
     DataError
-        None agrees; a recording is unfit (missing samples, too short, clipped, nothing but noise), shows another speed
-        than it states, or has a channel for which the pump has no sensor.
+        None agrees; a recording is unfit (missing samples, too short, clipped, nothing but noise),
+        shows another speed than it states, or has a channel for which the pump has no sensor.
     UnitError
         A recording is not in m/s^2.
     InputError
-        The band holds no such line, or the twin has none but piston-pass lines although all shaft orders are requested.
+        The band holds no such line, or the twin has none but piston-pass lines although all shaft
+        orders are requested.
     """
     used, left_out = select_agreeing(twin, recordings)
     count, notes = twin.pump.rotating_group.piston_count, []
@@ -124,10 +142,16 @@ def measure(
         spectra.append(lines_of(recording, _shaft_frequency(recording), orders))
     amplitudes = np.stack([spectrum.amplitude for spectrum in spectra])
     within = np.sqrt(np.sum([spectrum.deviation**2 for spectrum in spectra], axis=0)) / len(used)
-    between = amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used)) if len(used) > 1 else np.zeros_like(within)
+    between = (
+        amplitudes.std(axis=0, ddof=1) / math.sqrt(len(used))
+        if len(used) > 1
+        else np.zeros_like(within)
+    )
     phasor, phasor_deviation = None, None
     if phases:
-        phasor, phasor_deviation = combine_lines([phased_lines(recording, orders, count) for recording in used], orders)
+        phasor, phasor_deviation = combine_lines(
+            [phased_lines(recording, orders, count) for recording in used], orders
+        )
     return Measurement(
         channels=used[0].channels,
         orders=orders,
@@ -143,8 +167,11 @@ def measure(
     )
 
 
-def place_single_channels(recordings: Iterable[Recording], pump: Pump) -> tuple[list[Recording], tuple[str, ...]]:
-    """Recordings of one channel that is none of the pump's sensors, as of its first sensor; and the names they had.
+def place_single_channels(
+    recordings: Iterable[Recording], pump: Pump
+) -> tuple[list[Recording], tuple[str, ...]]:
+    """Recordings of one channel that is none of the pump's sensors, as of its first sensor; and the
+    names they had.
 
     Where such a channel sits nobody knows: its way from the shell must be searched freely.
     """
@@ -158,7 +185,9 @@ def place_single_channels(recordings: Iterable[Recording], pump: Pump) -> tuple[
     return placed, tuple(names)
 
 
-def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[Recording], list[tuple[str, str]]]:
+def select_agreeing(
+    twin: Twin, recordings: Iterable[Recording]
+) -> tuple[list[Recording], list[tuple[str, str]]]:
     """Recordings that show what the twin models, and the ids of the others, each with the reason.
 
     Where none is left, a `DataError` names both numbers that differ.
@@ -172,7 +201,10 @@ def select_agreeing(twin: Twin, recordings: Iterable[Recording]) -> tuple[list[R
             left_out.append((recording.recording_id, reason))
     if not used:
         counts = Counter(reason for _, reason in left_out)
-        reasons = "; ".join(f"{count} times {reason}" for reason, count in counts.most_common(4)) or "none was given"
+        reasons = (
+            "; ".join(f"{count} times {reason}" for reason, count in counts.most_common(4))
+            or "none was given"
+        )
         raise DataError(
             f"no recording agrees with the twin ({reasons}); give others, or a twin of their class, speed and pressure "
             "(--fault, --speed, --pressure)."
@@ -187,10 +219,14 @@ def _disagreement(twin: Twin, recording: Recording) -> str | None:
         return "it lacks speed or pressure; add them to the index"
     if recording.condition.matches(twin.condition, speed=LINE_SPEED_TOLERANCE):
         return None
-    measured, simulated = (condition.speed * 30 / math.pi for condition in (recording.condition, twin.condition))
+    measured, simulated = (
+        condition.speed * 30 / math.pi for condition in (recording.condition, twin.condition)
+    )
     if not values_match(measured, simulated, LINE_SPEED_TOLERANCE):
         return f"the recording is at {measured:.4g} rev/min, the twin at {simulated:.4g} rev/min"
-    measured, simulated = (condition.discharge_pressure / 1e6 for condition in (recording.condition, twin.condition))
+    measured, simulated = (
+        condition.discharge_pressure / 1e6 for condition in (recording.condition, twin.condition)
+    )
     return f"the recording is at {measured:.4g} MPa, the twin at {simulated:.4g} MPa"
 
 
@@ -231,7 +267,8 @@ def _orders_within(
 
 
 def line_orders(twin: Twin, band: tuple[float, float], lines: Lines) -> Int[np.ndarray, " order"]:
-    """Shaft orders of the lines within `band` [Hz] at the twin's speed; an `InputError` where there is none.
+    """Shaft orders of the lines within `band` [Hz] at the twin's speed; an `InputError` where there
+    is none.
 
     So it is where a twin has none but piston-pass lines although all shaft orders are requested.
     """
@@ -265,10 +302,11 @@ _NEWTON_STEPS = 4
 def phased_lines(
     recording: Recording, orders: Int[np.ndarray, " order"], piston_count: int
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """Complex peak amplitudes at `orders` along the shaft's angle, and the standard deviation of each of their parts.
+    """Complex peak amplitudes at `orders` along the shaft's angle, and the standard deviation of
+    each of their parts.
 
-    Angle 0 is an arbitrary position of the shaft, the same for all channels and orders of the recording. A `DataError`
-    where no piston-pass line stands clear enough to be followed.
+    Angle 0 is an arbitrary position of the shaft, the same for all channels and orders of the
+    recording. A `DataError` where no piston-pass line stands clear enough to be followed.
     """
     shaft = piston_pass_angle(recording, piston_count)
     length = recording.signal.shape[1] // SEGMENTS
@@ -284,10 +322,14 @@ def phased_lines(
 
 
 def combine_lines(
-    pairs: Sequence[tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]],
+    pairs: Sequence[
+        tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]
+    ],
     orders: Int[np.ndarray, " order"],
 ) -> tuple[Complex[np.ndarray, "channel order"], Float[np.ndarray, "channel order"]]:
-    """Mean of the `phased_lines` of several recordings, each turned to the first's shaft position; its deviation."""
+    """Mean of the `phased_lines` of several recordings, each turned to the first's shaft position;
+    its deviation.
+    """
     lines, deviations = zip(*pairs, strict=True)
     first, numbers = torch.as_tensor(lines[0]), torch.as_tensor(orders)
     rows = []
@@ -296,22 +338,30 @@ def combine_lines(
         rows.append(row * np.exp(1j * orders * float(angle)))
     stack = np.stack(rows)
     within = np.sqrt(np.sum(np.square(deviations), axis=0)) / len(lines)
-    return stack.mean(axis=0), np.maximum(within, _part_deviation(stack)) if len(lines) > 1 else within
+    return stack.mean(axis=0), np.maximum(within, _part_deviation(stack)) if len(
+        lines
+    ) > 1 else within
 
 
-def _part_deviation(lines: Complex[np.ndarray, "draw channel order"]) -> Float[np.ndarray, "channel order"]:
+def _part_deviation(
+    lines: Complex[np.ndarray, "draw channel order"],
+) -> Float[np.ndarray, "channel order"]:
     """Standard deviation of the real and of the imaginary part of the lines' mean."""
-    spread: np.ndarray = np.sqrt(np.mean([lines.real.var(axis=0, ddof=1), lines.imag.var(axis=0, ddof=1)], axis=0))
+    spread: np.ndarray = np.sqrt(
+        np.mean([lines.real.var(axis=0, ddof=1), lines.imag.var(axis=0, ddof=1)], axis=0)
+    )
     return spread / math.sqrt(len(lines))
 
 
-def best_position(cross: Complex[Tensor, "*batch order"], orders: Int[Tensor, " order"]) -> Float[Tensor, "*batch"]:
+def best_position(
+    cross: Complex[Tensor, "*batch order"], orders: Int[Tensor, " order"]
+) -> Float[Tensor, "*batch"]:
     """Angle a [rad] at which Re sum_k cross_k exp(i k a) is greatest, differentiable.
 
-    With cross_k the sum over channels of simulated times conjugate measured lines, weighed, it is the shaft position
-    to which the simulated lines must be turned to come nearest to the measured ones in the sense of least squares.
-    A grid finds the highest peak, Newton's steps its top; the last step carries the exact derivative (that of an
-    implicit function).
+    With cross_k the sum over channels of simulated times conjugate measured lines, weighed, it is
+    the shaft position to which the simulated lines must be turned to come nearest to the measured
+    ones in the sense of least squares. A grid finds the highest peak, Newton's steps its top; the
+    last step carries the exact derivative (that of an implicit function).
     """
     step = math.gcd(*orders.tolist())
     numbers = orders // step
@@ -329,7 +379,9 @@ def best_position(cross: Complex[Tensor, "*batch order"], orders: Int[Tensor, " 
 
 
 def _slopes(cross: Tensor, orders: Tensor, angle: Tensor) -> tuple[Tensor, Tensor]:
-    """First and second derivative of the score; the second is below zero around a peak, and never zero."""
+    """First and second derivative of the score; the second is below zero around a peak, and never
+    zero.
+    """
     turned = cross * torch.exp(1j * orders * angle[..., None])
     bend = -(orders**2 * turned).real.sum(dim=-1)
     return -(orders * turned).imag.sum(dim=-1), torch.clamp(bend, max=-1e-30)
@@ -341,6 +393,8 @@ def turn_lines(
     weight: Float[Tensor, "channel order"],
     orders: Int[Tensor, " order"],
 ) -> Complex[Tensor, "*batch channel order"]:
-    """Simulated lines at the shaft position at which they come nearest to the measured ones, by weighed squares."""
+    """Simulated lines at the shaft position at which they come nearest to the measured ones, by
+    weighed squares.
+    """
     angle = best_position((simulated * measured.conj() * weight).sum(dim=-2), orders)
     return simulated * torch.exp(1j * orders * angle[..., None])[..., None, :]

@@ -1,13 +1,16 @@
-"""Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had been made.
+"""Simple mistakes that would explain a misfit; for each the twin is calibrated again as if it had
+been made.
 
-Where such a mistake moves only what is searched anyway, the point that it leads to is another place to start from: a
-mode of the mounting on the wrong side of a line is a valley of its own (`MisfitHypothesis.start`).
+Where such a mistake moves only what is searched anyway, the point that it leads to is another place
+to start from: a mode of the mounting on the wrong side of a line is a valley of its own
+(`MisfitHypothesis.start`).
 
-Tried are two channels with each other's name, the other topology, other pressures, one channel read in another unit,
-each direction of the mounting, each bearing, and each constant, searched from several places. A mistake is suspected
-where the misfit then falls to `EXPLAINED` of what it was, which a number more does not do where it explains nothing,
-and where the fall is beyond chance (`BEYOND_CHANCE`). Only mistakes of this list can be named; a twin that is wrong in
-another way (the timing of the ports, the place of a defect) shows in the misfit only, or not at all.
+Tried are two channels with each other's name, the other topology, other pressures, one channel read
+in another unit, each direction of the mounting, each bearing, and each constant, searched from
+several places. A mistake is suspected where the misfit then falls to `EXPLAINED` of what it was,
+which a number more does not do where it explains nothing, and where the fall is beyond chance
+(`BEYOND_CHANCE`). Only mistakes of this list can be named; a twin that is wrong in another way (the
+timing of the ports, the place of a defect) shows in the misfit only, or not at all.
 """
 
 import math
@@ -29,12 +32,16 @@ from swashtwin.physics import Topology
 EXPLAINED = 0.7
 """Share of the misfit that is left at most where a mistake is suspected."""
 BEYOND_CHANCE = 20.0
-"""By how much the sum of squares over `Comparison.sigma` must fall: noise does so, with one to three numbers more and
-eight mistakes tried, once in a thousand cases."""
+"""By how much the sum of squares over `Comparison.sigma` must fall: noise does so, with one to
+three numbers more and eight mistakes tried, once in a thousand cases.
+"""
 ALIKE = 1.15
-"""Mistakes that leave up to this factor of the least misfit are suspected as well: the lines do not distinguish
-them."""
-WIDE = Nuisances(mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, mount_axes=0.5, each_bearing=0.5, gains=1.5)
+"""Mistakes that leave up to this factor of the least misfit are suspected as well: the lines do not
+distinguish them.
+"""
+WIDE = Nuisances(
+    mount=0.5, bearing=0.5, excitation=1.0, sensor=1.5, mount_axes=0.5, each_bearing=0.5, gains=1.5
+)
 """Priors of constants that may be wrong by mistake: wider than the usual ones."""
 AWAY = {
     "mount": (-0.5, 0.0, 0.5),
@@ -42,8 +49,9 @@ AWAY = {
     "excitation": (0.0,),
     "sensor": (-math.log(GRAVITY), 0.0),
 }
-"""Where the search of a constant starts, in logarithms from the twin's: a mode on the other side of a line is a valley
-of its own, and so is another unit."""
+"""Where the search of a constant starts, in logarithms from the twin's: a mode on the other side of
+a line is a valley of its own, and so is another unit.
+"""
 NAMES = {
     "mount": "the mounting's stiffness",
     "bearing": "the bearings' stiffness",
@@ -76,22 +84,37 @@ class MisfitHypothesis:
         return f"the misfit falls from {self.before:.2g} to {self.misfit:.2g} if {self.mistake}"
 
 
-def suspected_mistakes(objective: Objective, point: Float[np.ndarray, " unknown"]) -> tuple[MisfitHypothesis, ...]:
-    """`misfit_hypotheses` at the point found, where its misfit is `LARGE` or the fit is in doubt."""
+def suspected_mistakes(
+    objective: Objective, point: Float[np.ndarray, " unknown"]
+) -> tuple[MisfitHypothesis, ...]:
+    """`misfit_hypotheses` at the point found, where its misfit is `LARGE` or the fit is in
+    doubt.
+    """
     misfit = misfit_of(objective, point)
     is_odd = misfit > LARGE or is_in_doubt(objective.unknowns, point, misfit)
     return misfit_hypotheses(objective, misfit) if is_odd else ()
 
 
 def misfit_hypotheses(objective: Objective, misfit: float) -> tuple[MisfitHypothesis, ...]:
-    """Mistakes that would explain a misfit (`misfit_of`), the likeliest first; none where no single one does."""
+    """Mistakes that would explain a misfit (`misfit_of`), the likeliest first; none where no single
+    one does.
+    """
     count = objective.measured.numel()
     if count * misfit**2 < BEYOND_CHANCE:
         return ()
     most = min(EXPLAINED * misfit, float(np.sqrt(misfit**2 - BEYOND_CHANCE / count)))
-    mistakes = (_swap_channels, _change_topology, _change_pressure, _free_constants, _free_supports, _free_gains)
+    mistakes = (
+        _swap_channels,
+        _change_topology,
+        _change_pressure,
+        _free_constants,
+        _free_supports,
+        _free_gains,
+    )
     hypotheses = [hypothesis for mistake in mistakes for hypothesis in mistake(objective, misfit)]
-    likely = sorted((item for item in hypotheses if item.misfit < most), key=lambda item: item.misfit)
+    likely = sorted(
+        (item for item in hypotheses if item.misfit < most), key=lambda item: item.misfit
+    )
     return tuple(item for item in likely if item.misfit <= ALIKE * likely[0].misfit)
 
 
@@ -107,16 +130,22 @@ def _swap_channels(objective: Objective, before: float) -> Iterator[MisfitHypoth
         names = {first: second, second: first}
         changed = []
         for each in objective.comparisons:
-            measurement = replace(each.measurement, channels=tuple(names.get(n, n) for n in each.measurement.channels))
+            measurement = replace(
+                each.measurement, channels=tuple(names.get(n, n) for n in each.measurement.channels)
+            )
             searched = tuple(names.get(name, name) for name in each.searched)
             changed.append(replace(each, measurement=measurement, searched=searched))
         _, misfit = _refit(replace(objective, comparisons=tuple(changed)))
-        yield MisfitHypothesis(f"{first} and {second} have each other's name: look at the wiring", misfit, before)
+        yield MisfitHypothesis(
+            f"{first} and {second} have each other's name: look at the wiring", misfit, before
+        )
 
 
 def _change_topology(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
     other: Topology = "T2" if objective.twin.topology == "T1" else "T1"
-    changed = tuple(replace(each, twin=replace(each.twin, topology=other)) for each in objective.comparisons)
+    changed = tuple(
+        replace(each, twin=replace(each.twin, topology=other)) for each in objective.comparisons
+    )
     _, misfit = _refit(replace(objective, comparisons=changed))
     yield MisfitHypothesis(f"the bodies are joined as in topology {other}", misfit, before)
 
@@ -129,10 +158,14 @@ def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypo
         for each in objective.comparisons:
             condition = each.twin.condition
             pressure = factor * condition.discharge_pressure
-            changed.append(replace(each, twin=each.twin.at(condition.replaced(discharge_pressure=pressure))))
+            changed.append(
+                replace(each, twin=each.twin.at(condition.replaced(discharge_pressure=pressure)))
+            )
         refits.append((*_refit(replace(objective, comparisons=tuple(changed))), factor))
     point, misfit, factor = min(refits, key=lambda refit: refit[1])
-    yield MisfitHypothesis(f"the discharge pressure is about {factor:g} times the stated one", misfit, before, point)
+    yield MisfitHypothesis(
+        f"the discharge pressure is about {factor:g} times the stated one", misfit, before, point
+    )
 
 
 def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -143,11 +176,18 @@ def _free_supports(objective: Objective, before: float) -> Iterator[MisfitHypoth
         unknowns = objective.unknowns.changed(**{kind: getattr(WIDE, kind)})
         point, misfit = _refit(replace(objective, unknowns=unknowns))
         offs = {
-            n: float(x) for n, x in zip(unknowns.names, point, strict=True) if n.startswith(prefix) and abs(x) > 0.1
+            n: float(x)
+            for n, x in zip(unknowns.names, point, strict=True)
+            if n.startswith(prefix) and abs(x) > 0.1
         }
-        words = [f"{words_of_constant(name)} is {np.exp(off):.2g} times the twin's" for name, off in offs.items()]
+        words = [
+            f"{words_of_constant(name)} is {np.exp(off):.2g} times the twin's"
+            for name, off in offs.items()
+        ]
         if words:
-            yield MisfitHypothesis(f"{', '.join(words)}: search each (--set nuisances=by-axis)", misfit, before)
+            yield MisfitHypothesis(
+                f"{', '.join(words)}: search each (--set nuisances=by-axis)", misfit, before
+            )
 
 
 def words_of_constant(name: str) -> str:
@@ -161,7 +201,11 @@ def words_of_constant(name: str) -> str:
         return f"the stiffness of bearing {rest}"
     if name.startswith("gain "):
         return f"the gain of {name.removeprefix('gain ')} (its sensor or unit)"
-    return f"{name} of the housing" if name.startswith("mode ") else f"the share of {name} (cross-talk)"
+    return (
+        f"{name} of the housing"
+        if name.startswith("mode ")
+        else f"the share of {name} (cross-talk)"
+    )
 
 
 def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypothesis]:
@@ -173,8 +217,14 @@ def _free_constants(objective: Objective, before: float) -> Iterator[MisfitHypot
         unknowns = objective.unknowns.changed(**{name: getattr(WIDE, name)})
         index = unknowns.names.index(name)
         is_it = np.arange(len(unknowns)) == index
-        starts = [replace(unknowns, begun=np.where(is_it, twin_value + away, unknowns.start)) for away in AWAY[name]]
-        point, misfit = min((_refit(replace(objective, unknowns=start)) for start in starts), key=lambda pair: pair[1])
+        starts = [
+            replace(unknowns, begun=np.where(is_it, twin_value + away, unknowns.start))
+            for away in AWAY[name]
+        ]
+        point, misfit = min(
+            (_refit(replace(objective, unknowns=start)) for start in starts),
+            key=lambda pair: pair[1],
+        )
         factor = float(np.exp(point[index] - twin_value))
         is_unit = name == "sensor" and _is_gravity(factor)
         advice = IN_G if is_unit else ": search it from there, or correct the pump file"
@@ -198,7 +248,9 @@ def _free_gains(objective: Objective, before: float) -> Iterator[MisfitHypothesi
 
 
 def _start(objective: Objective, names: tuple[str, ...], point: np.ndarray) -> np.ndarray | None:
-    """The point as a start of the objective's search; None where that searches others than the names."""
+    """The point as a start of the objective's search; None where that searches others than the
+    names.
+    """
     return point if names == objective.unknowns.names else None
 
 

@@ -1,4 +1,6 @@
-"""What is known after a calibration: the posterior, and an estimate of each value with interval and verdict."""
+"""What is known after a calibration: the posterior, and an estimate of each value with interval and
+verdict.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -31,14 +33,20 @@ QUANTILE = float(ndtri((1 + COVERAGE) / 2))
 IDENTIFIED_STD = 0.25
 """Standard deviation of ln value up to which a value is identified: 90 % within a factor of 1.5."""
 UNIDENTIFIED_SHARE = 0.7
-"""A posterior wider than this share of the prior has learned next to nothing from the measurement."""
+"""A posterior wider than this share of the prior has learned next to nothing from the
+measurement.
+"""
 
 
 STRAINED = 2.5
-"""Standard deviations of its prior by which a constant that is right is hardly ever off: the search ends at 4."""
+"""Standard deviations of its prior by which a constant that is right is hardly ever off: the search
+ends at 4.
+"""
 LARGE = 1.0
-"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected, above which mistakes
-are sought that would explain it, and what rests on the twin is not called identified."""
+"""RMS of the missed lines, in what noise and the model error of `Comparison.sigma` make expected,
+above which mistakes are sought that would explain it, and what rests on the twin is not called
+identified.
+"""
 MISFIT = 2.0
 """The same from which the twin lacks something, so that its own values are not."""
 
@@ -60,16 +68,22 @@ class Estimate:
     log_std: float
     """Standard deviation of ln value: 0.1 is 10 %."""
     interval: tuple[float, float]
-    """The most probable range that holds the value with a probability of 90 %, within the bounds; it holds the value
-    found, and ends at a bound where the measurement sets no limit on that side (`open_sides`)."""
+    """The most probable range that holds the value with a probability of 90 %, within the bounds;
+    it holds the value found, and ends at a bound where the measurement sets no limit on that side
+    (`open_sides`).
+    """
     bounds: tuple[float, float]
     """Where it was searched."""
     verdict: Verdict
-    """``identified``; ``weak``: uncertain by more than a factor of 1.5, or the fit is in doubt (`is_in_doubt`); ``not
-    identified``: the measurement hardly says more than the prior (the bounds, or the population of its type); ``at
+    """``identified``; ``weak``: uncertain by more than a factor of 1.5, or the fit is in doubt
+    (`is_in_doubt`); ``not
+    identified``: the measurement hardly says more than the prior (the bounds, or the population of
+    its type); ``at
     bound``: a bound stopped the search, often because a constant is wrong."""
     traded_with: str | None = None
-    """Letter of the value that can be changed along with it at almost the same spectrum (correlation above 0.9)."""
+    """Letter of the value that can be changed along with it at almost the same spectrum
+    (correlation above 0.9).
+    """
 
     @property
     def is_told(self) -> bool:
@@ -80,7 +94,8 @@ class Estimate:
     def open_sides(self) -> tuple[bool, bool]:
         """Whether the interval is limited by nothing but the bound, below and above."""
         below, above = (
-            math.isclose(end, bound, rel_tol=1e-9) for end, bound in zip(self.interval, self.bounds, strict=True)
+            math.isclose(end, bound, rel_tol=1e-9)
+            for end, bound in zip(self.interval, self.bounds, strict=True)
         )
         return below, above
 
@@ -90,16 +105,17 @@ def posterior_covariance(
 ) -> Float[np.ndarray, "unknown unknown"]:
     """Covariance of the coordinates found, about the truth.
 
-    A search weighs every line by its own `Comparison.sigma`, as if errors were independent: with W those weights,
-    J the sensitivities and P the priors' covariance it finds the truth plus H^-1 (J' W e + P^-1 d), H = J' W J + P^-1,
-    where e is what the twin misses and d how far the truth is from the priors' means. Errors of a real machine are
-    larger and shared by many lines, so e is given the covariance V of `discrepancy`, estimated from the residuals:
+    A search weighs every line by its own `Comparison.sigma`, as if errors were independent: with W
+    those weights, J the sensitivities and P the priors' covariance it finds the truth plus H^-1 (J'
+    W e + P^-1 d), H = J' W J + P^-1, where e is what the twin misses and d how far the truth is
+    from the priors' means. Errors of a real machine are larger and shared by many lines, so e is
+    given the covariance V of `discrepancy`, estimated from the residuals:
 
         H^-1 (J' W V W J + P^-1) H^-1
 
-    (the sandwich of Huber 1967 and White 1982, doi:10.2307/1912526, with Kennedy and O'Hagan's discrepancy between). It
-    is the Fisher information's inverse where the twin meets the lines as expected; no coordinate is less certain than
-    its prior.
+    (the sandwich of Huber 1967 and White 1982, doi:10.2307/1912526, with Kennedy and O'Hagan's
+    discrepancy between). It is the Fisher information's inverse where the twin meets the lines as
+    expected; no coordinate is less certain than its prior.
     """
     around = linearize(objective, point)
     return sandwich(around, noise_covariance(around, estimate_discrepancy(around)))
@@ -110,20 +126,35 @@ def sandwich(
 ) -> Float[np.ndarray, "unknown unknown"]:
     """The same where the covariance of measured minus simulated amplitudes is known."""
     prior = around.objective.unknowns.deviation
-    scaled = around.slope / around.sigma[:, None] * prior  # in units of the priors: well conditioned if one is flat
-    weights = np.linalg.solve(scaled.T @ scaled + np.eye(len(prior)), np.hstack([scaled.T, np.eye(len(prior))]))
+    scaled = (
+        around.slope / around.sigma[:, None] * prior
+    )  # in units of the priors: well conditioned if one is flat
+    weights = np.linalg.solve(
+        scaled.T @ scaled + np.eye(len(prior)), np.hstack([scaled.T, np.eye(len(prior))])
+    )
     errors, shift = weights[:, : len(scaled)], weights[:, len(scaled) :]
-    covariance = errors @ (noise / np.outer(around.sigma, around.sigma)) @ errors.T + shift @ shift.T
+    covariance = (
+        errors @ (noise / np.outer(around.sigma, around.sigma)) @ errors.T + shift @ shift.T
+    )
     excess = prior / np.maximum(1.0, np.sqrt(np.diag(covariance)))
     return covariance * np.outer(excess, excess)
 
 
 def estimates_of(
-    objective: Objective, point: Float[np.ndarray, " unknown"], covariance: Float[np.ndarray, "unknown unknown"]
+    objective: Objective,
+    point: Float[np.ndarray, " unknown"],
+    covariance: Float[np.ndarray, "unknown unknown"],
 ) -> tuple[Estimate, ...]:
     """Each of the six values with its interval and verdict."""
-    space, in_doubt = objective.unknowns.space, is_in_doubt(objective.unknowns, point, misfit_of(objective, point))
-    values, covariance, prior_std = np.exp(point[VALUES]), covariance[VALUES, VALUES], objective.unknowns.deviation
+    space, in_doubt = (
+        objective.unknowns.space,
+        is_in_doubt(objective.unknowns, point, misfit_of(objective, point)),
+    )
+    values, covariance, prior_std = (
+        np.exp(point[VALUES]),
+        covariance[VALUES, VALUES],
+        objective.unknowns.deviation,
+    )
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance / np.outer(std, std)) - np.eye(len(PARAMETERS))
     partners = np.argmax(correlation, axis=1)
@@ -138,7 +169,9 @@ def estimates_of(
             prior_std=float(prior_std[i]),
             bounds=(float(space.lower[i]), float(space.upper[i])),
             in_doubt=in_doubt,
-            traded_with=LETTERS[PARAMETERS[partners[i]]] if correlation[i, partners[i]] > 0.9 else None,
+            traded_with=LETTERS[PARAMETERS[partners[i]]]
+            if correlation[i, partners[i]] > 0.9
+            else None,
         )
         for i, name in enumerate(PARAMETERS)
     )
@@ -165,11 +198,17 @@ def estimated(
     elif log_std > UNIDENTIFIED_SHARE * prior_std:
         verdict = "not identified"
     interval = interval_around(value, log_std, bounds)
-    return Estimate(name, letter, unit, nominal, value, log_std, interval, bounds, verdict, traded_with)
+    return Estimate(
+        name, letter, unit, nominal, value, log_std, interval, bounds, verdict, traded_with
+    )
 
 
-def interval_around(value: float, log_std: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is always within."""
+def interval_around(
+    value: float, log_std: float, bounds: tuple[float, float]
+) -> tuple[float, float]:
+    """The most probable 90 % of a normal density of ln value that the bounds cut: its middle is
+    always within.
+    """
     center, low, high = (float(np.log(each)) for each in (value, *bounds))
     below, above = (low - center) / log_std, (high - center) / log_std
     wanted = COVERAGE * (ndtr(above) - ndtr(below))
@@ -182,7 +221,8 @@ def interval_around(value: float, log_std: float, bounds: tuple[float, float]) -
 
 
 def is_in_doubt(unknowns: Unknowns, point: Float[np.ndarray, " unknown"], misfit: float) -> bool:
-    """Whether no value may be called identified: one lies on a bound, a constant is strained, or the misfit is large.
+    """Whether no value may be called identified: one lies on a bound, a constant is strained, or
+    the misfit is large.
 
     See `strained_constants` and `MISFIT`.
     """
@@ -191,7 +231,9 @@ def is_in_doubt(unknowns: Unknowns, point: Float[np.ndarray, " unknown"], misfit
 
 
 def strained_constants(unknowns: Unknowns, point: Float[np.ndarray, " unknown"]) -> tuple[str, ...]:
-    """Constants that lie on a bound or farther than `STRAINED` from what was stated, by name, the farthest first."""
+    """Constants that lie on a bound or farther than `STRAINED` from what was stated, by name, the
+    farthest first.
+    """
     away = np.abs(point - unknowns.center) / unknowns.deviation
     strained = (away > STRAINED) | touched(point, unknowns)
     order = [int(i) for i in np.argsort(-away) if strained[i] and i >= CONSTANTS.start]
@@ -210,7 +252,9 @@ _TRIES = 200
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Density of all coordinates searched: normal (Laplace's approximation), and cut at their bounds."""
+    """Density of all coordinates searched: normal (Laplace's approximation), and cut at their
+    bounds.
+    """
 
     unknowns: Unknowns
     """What was searched."""
@@ -238,7 +282,11 @@ class Posterior:
         """Points drawn from the density; the same seed gives the same ones, whatever the count."""
         if count < 1:
             raise InputError(f"count ({count}) must be at least 1.")
-        root, lower, upper = np.linalg.cholesky(self.covariance), self.unknowns.lower, self.unknowns.upper
+        root, lower, upper = (
+            np.linalg.cholesky(self.covariance),
+            self.unknowns.lower,
+            self.unknowns.upper,
+        )
         points = []
         for index in range(count):
             rng = stream(seed, "posterior", index)

@@ -18,7 +18,11 @@ from swashtwin.calibration.measurement import (
     place_single_channels,
     select_agreeing,
 )
-from swashtwin.calibration.misfit_hypotheses import MisfitHypothesis, suspected_mistakes, words_of_constant
+from swashtwin.calibration.misfit_hypotheses import (
+    MisfitHypothesis,
+    suspected_mistakes,
+    words_of_constant,
+)
 from swashtwin.calibration.posterior import (
     MISFIT,
     Estimate,
@@ -30,23 +34,45 @@ from swashtwin.calibration.posterior import (
 )
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
-from swashtwin.calibration.search import WIDENED, Calibrator, GaussNewton, Progress, Search, widening_search
+from swashtwin.calibration.search import (
+    WIDENED,
+    Calibrator,
+    GaussNewton,
+    Progress,
+    Search,
+    widening_search,
+)
 from swashtwin.calibration.severity.law_search import identify_law
 from swashtwin.calibration.spectrum_objective import NONE, Objective, objective_of
 from swashtwin.calibration.unknowns import CONSTANTS, Nuisances, search_space, unstated
 from swashtwin.foundation import VERSION, DataError, InputError
 from swashtwin.physics import Twin
-from swashtwin.pump import Fault, OperatingCondition, Pump, group_by_condition, is_same_class, load_pump
+from swashtwin.pump import (
+    Fault,
+    OperatingCondition,
+    Pump,
+    group_by_condition,
+    is_same_class,
+    load_pump,
+)
 from swashtwin.recordings import Recording, facts_of, manifest_of
 
-PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType({"method": IPINN(), "nuisances": NONE, "phases": False})
-"""The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six values, no phases."""
+PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType(
+    {"method": IPINN(), "nuisances": NONE, "phases": False}
+)
+"""The paper's way, ``calibrate(pump, recordings, **PAPER_CALIBRATION)``: its network, the six
+values, no phases.
+"""
 RECOMMENDED_NUISANCES = Nuisances.by_axis()
 """What `calibrate` searches beside the six values where nothing is said."""
 FREE_PATH = 1.0
-"""Prior deviation of the logarithm of the gain, and of the housing's shares, of a sensor whose place is unknown."""
+"""Prior deviation of the logarithm of the gain, and of the housing's shares, of a sensor whose
+place is unknown.
+"""
 DEEPER = 1.0
-"""Fall of the sum of squares, priors counted, from which another optimum is reported in place of the first."""
+"""Fall of the sum of squares, priors counted, from which another optimum is reported in place of
+the first.
+"""
 _PLACE = (
     "{0!r} is none of the pump's sensors: it counts as {1} with a free way from the shell, which leaves the values "
     "less certain. Name it as the sensor where it sits (--names), or add that place to [[sensors]] in the pump file."
@@ -69,50 +95,58 @@ def calibrate(
     law: Fault | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Twin whose lines come nearest to those of measured recordings, and how far to trust its six values.
+    """Twin whose lines come nearest to those of measured recordings, and how far to trust its six
+    values.
 
-    Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are used, with the
-    operating condition that each states; the others are listed in `Calibration.left_out` with the reason.
-    Recordings at several operating points are fitted together, with one set of values; so are recordings of several
-    sets of sensors. Channels are the pump's sensors of the same names; a single channel of another name counts as the
-    first of them, its gain and the housing's share in it free. Calibrating is training: no recording used here may
+    Of `recordings`, those of the class of `fault` (without one, ``"normal"`` or ``"healthy"``) are
+    used, with the operating condition that each states; the others are listed in
+    `Calibration.left_out` with the reason. Recordings at several operating points are fitted
+    together, with one set of values; so are recordings of several sets of sensors. Channels are the
+    pump's sensors of the same names; a single channel of another name counts as the first of them,
+    its gain and the housing's share in it free. Calibrating is training: no recording used here may
     stand in a test set.
 
     Parameters
     ----------
-    pump : a pump, or its name (`load_pump`); its interface values are where the search starts. Or a `Twin`, or several
-        that differ in condition only: then the recordings within 1 % of a twin's speed and 6 % of its discharge
-        pressure are used.
+    pump : a pump, or its name (`load_pump`); its interface values are where the search starts. Or a
+        `Twin`, or several that differ in condition only: then the recordings within 1 % of a twin's
+        speed and 6 % of its discharge pressure are used.
     fault : what the recorded pump had, with dimensions; None is a healthy pump.
     method : `GaussNewton` by default; `IPINN` is the paper's.
-    bounds : where to search: a factor, or (least, greatest) by parameter name or letter. Where nothing is stated it is
-        a factor of 10, widened tenfold up to 1000 for a value that ends at a bound; `IPINN` keeps its bounds.
+    bounds : where to search: a factor, or (least, greatest) by parameter name or letter. Where
+        nothing is stated it is a factor of 10, widened tenfold up to 1000 for a value that ends at
+        a bound; `IPINN` keeps its bounds.
     band : frequencies [Hz] whose lines are compared; see `DEFAULT_BAND`.
     lines : multiples of the piston count, or all shaft orders; see `measure`.
-    nuisances : constants searched beside the six values, with their priors; by default mounting by axis, each bearing,
-        excitation, sensors with cross-talk, and two modes of the housing. ``Nuisances()`` is none, as in the paper.
-    phases : compare the lines' phases too, which makes the values more certain (docs/explanation/calibration.md). The
-        shaft's angle is then followed on the recording itself. The paper compares amplitudes only.
-    explain_misfit : where the calibrated lines miss the measured ones by more than expected, or a bound or a prior
-        strains the fit, calibrate again as if each of a few simple mistakes (two channels swapped, another unit) had
-        been made. The search starts again from those that explain it; what is still suspected at the best optimum is
-        noted.
-    law : a recess as far as it is known, whose law is searched on the recordings of its class beside the healthy ones
-        (`Calibration.law`): how far slippers follow it, under which contact, how deep it acts.
+    nuisances : constants searched beside the six values, with their priors; by default mounting by
+        axis, each bearing, excitation, sensors with cross-talk, and two modes of the housing.
+        ``Nuisances()`` is none, as in the paper.
+    phases : compare the lines' phases too, which makes the values more certain
+        (docs/explanation/calibration.md). The shaft's angle is then followed on the recording
+        itself. The paper compares amplitudes only.
+    explain_misfit : where the calibrated lines miss the measured ones by more than expected, or a
+        bound or a prior strains the fit, calibrate again as if each of a few simple mistakes (two
+        channels swapped, another unit) had been made. The search starts again from those that
+        explain it; what is still suspected at the best optimum is noted.
+    law : a recess as far as it is known, whose law is searched on the recordings of its class
+        beside the healthy ones (`Calibration.law`): how far slippers follow it, under which
+        contact, how deep it acts.
     progress : called with (steps done, steps in all, loss).
 
     Raises
     ------
     DataError
-        No recording can be used, or one is unfit, or shows no line to follow for the phases; or they are of several
-        machines.
+        No recording can be used, or one is unfit, or shows no line to follow for the phases; or
+        they are of several machines.
     UnitError
         A recording is not in m/s^2.
     InputError
         Impossible bounds or band, or a law beside a calibration on faulty recordings.
     """
     if law is not None and fault is not None:
-        raise InputError("a fault's law is searched beside the healthy pump's calibration; leave out fault.")
+        raise InputError(
+            "a fault's law is searched beside the healthy pump's calibration; leave out fault."
+        )
     started = time.perf_counter()
     method = GaussNewton() if method is None else method
     twins = starting_twins(pump, recordings := list(recordings), fault)
@@ -122,16 +156,31 @@ def calibrate(
         nuisances = replace(nuisances, **wide)
     search_space(twins[0], bounds)  # refuses impossible bounds before anything is measured
     groups = []
-    for twin in twins:  # once for each set of channels of those that agree with it, with all that do not
-        agreeing = {id(recording): recording.channels for recording in select_agreeing(twin, recordings)[0]}
+    for (
+        twin
+    ) in twins:  # once for each set of channels of those that agree with it, with all that do not
+        agreeing = {
+            id(recording): recording.channels for recording in select_agreeing(twin, recordings)[0]
+        }
         for channels in dict.fromkeys(agreeing.values()):
-            groups.append((twin, [item for item in recordings if agreeing.get(id(item), channels) == channels]))
+            groups.append(
+                (
+                    twin,
+                    [item for item in recordings if agreeing.get(id(item), channels) == channels],
+                )
+            )
     band = DEFAULT_BAND if band is None else band
     measurements = [measure(twin, group, band, lines, phases=phases) for twin, group in groups]
-    require_one_machine([recording for each in measurements for recording in each.recordings], "a calibration")
+    require_one_machine(
+        [recording for each in measurements for recording in each.recordings], "a calibration"
+    )
     objective = objective_of([twin for twin, _ in groups], measurements, bounds, nuisances)
-    may_widen = () if isinstance(method, IPINN) else unstated(bounds)  # the paper's bounds pull back by a loss
-    objective, search, hypotheses = _search(objective, method, may_widen, explain_misfit, seed, progress)
+    may_widen = (
+        () if isinstance(method, IPINN) else unstated(bounds)
+    )  # the paper's bounds pull back by a loss
+    objective, search, hypotheses = _search(
+        objective, method, may_widen, explain_misfit, seed, progress
+    )
     misfit = misfit_of(objective, search.point)
     covariance = posterior_covariance(objective, search.point)
     estimates = estimates_of(objective, search.point, covariance)
@@ -145,11 +194,16 @@ def calibrate(
         nominal=twins[0],
         estimates=estimates,
         posterior=posterior,
-        fits=tuple(fit_of(comparison, twins[0], calibrated, posterior) for comparison in objective.comparisons),
+        fits=tuple(
+            fit_of(comparison, twins[0], calibrated, posterior)
+            for comparison in objective.comparisons
+        ),
         history=search.history,
         recording_ids=names,
         recording_hashes=manifest_of(used),
-        left_out=tuple((name, reason) for name, reason in measurements[0].left_out if name not in names),
+        left_out=tuple(
+            (name, reason) for name, reason in measurements[0].left_out if name not in names
+        ),
         notes=(
             *(_PLACE.format(name, twins[0].pump.channels[0]) for name in unplaced),
             *notes_of(objective, search, estimates, misfit, hypotheses),
@@ -165,7 +219,9 @@ def calibrate(
     if law is None:
         return calibration
     identified = identify_law(calibration, recordings, law, used)
-    used += [recording for recording in recordings if recording.recording_id in identified.recording_ids]
+    used += [
+        recording for recording in recordings if recording.recording_id in identified.recording_ids
+    ]
     names = tuple(recording.recording_id for recording in used)
     return replace(
         calibration,
@@ -185,9 +241,11 @@ def _search(
     seed: int,
     progress: Progress | None,
 ) -> tuple[Objective, Search, tuple[MisfitHypothesis, ...]]:
-    """The best optimum and the objective it lies in, and what mistakes would explain what it still misses.
+    """The best optimum and the objective it lies in, and what mistakes would explain what it still
+    misses.
 
-    Gauss-Newton steps start again from each suspected mistake that moves only what is searched anyway.
+    Gauss-Newton steps start again from each suspected mistake that moves only what is searched
+    anyway.
     """
     found, search = widening_search(objective, method, may_widen, seed=seed, progress=progress)
     hypotheses = suspected_mistakes(found, search.point) if explain_misfit else ()
@@ -208,12 +266,16 @@ def _search(
 
 
 def starting_twins(
-    pump: str | Pump | Twin | Sequence[Twin], recordings: Sequence[Recording], fault: Fault | None = None
+    pump: str | Pump | Twin | Sequence[Twin],
+    recordings: Sequence[Recording],
+    fault: Fault | None = None,
 ) -> list[Twin]:
-    """Twins of one pump: those given, or one for each operating point of the recordings of the fault's class.
+    """Twins of one pump: those given, or one for each operating point of the recordings of the
+    fault's class.
 
-    An `InputError` where twins differ in more than condition, or a fault is given beside them; a `DataError` where no
-    recording has the fault's class, or none of those states its operating condition.
+    An `InputError` where twins differ in more than condition, or a fault is given beside them; a
+    `DataError` where no recording has the fault's class, or none of those states its operating
+    condition.
     """
     if isinstance(pump, str):
         pump = load_pump(pump)
@@ -223,7 +285,9 @@ def starting_twins(
     if not twins or not all(isinstance(twin, Twin) for twin in twins):
         raise InputError("pump must be a pump, its name, a twin or several twins; there is none.")
     if fault is not None:
-        raise InputError("a fault is given for a pump; a twin has its own, by its method with_fault.")
+        raise InputError(
+            "a fault is given for a pump; a twin has its own, by its method with_fault."
+        )
     constant = [item.name for item in fields(Twin) if item.name != "condition"]
     for twin in twins[1:]:
         if any(getattr(twin, name) != getattr(twins[0], name) for name in constant):
@@ -233,13 +297,24 @@ def starting_twins(
     return twins
 
 
-def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> list[OperatingCondition]:
-    """Mean condition of each group of recordings at the same operating point, by speed and pressure."""
+def _operating_points(
+    recordings: Sequence[Recording], fault: Fault | None
+) -> list[OperatingCondition]:
+    """Mean condition of each group of recordings at the same operating point, by speed and
+    pressure.
+    """
     label = "normal" if fault is None else fault.label
     labeled = [recording for recording in recordings if is_same_class(recording.label, label)]
     if not labeled:
-        labels = ", ".join(sorted({str(recording.label) for recording in recordings})) or "no recording was given"
-        hint = "give fault= for recordings of a fault" if fault is None else "give a fault of their class"
+        labels = (
+            ", ".join(sorted({str(recording.label) for recording in recordings}))
+            or "no recording was given"
+        )
+        hint = (
+            "give fault= for recordings of a fault"
+            if fault is None
+            else "give a fault of their class"
+        )
         raise DataError(
             f"no recording is labeled {label!r} (labels: {labels}); label healthy ones 'normal', or {hint}."
         )
@@ -256,16 +331,27 @@ def _operating_points(recordings: Sequence[Recording], fault: Fault | None) -> l
 
 def _settings(method: Calibrator, objective: Objective, seed: int) -> dict[str, Any]:
     """Settings of a search, as JSON can hold them."""
-    settings: dict[str, Any] = asdict(method) if is_dataclass(method) and not isinstance(method, type) else {}
+    settings: dict[str, Any] = (
+        asdict(method) if is_dataclass(method) and not isinstance(method, type) else {}
+    )
     if hasattr(method, "solver"):
         settings["solver"] = repr(method.solver)
     measurement = objective.comparisons[0].measurement
-    settings |= {"band": measurement.band, "lines": measurement.lines, "phases": objective.has_phases, "seed": seed}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()}
+    settings |= {
+        "band": measurement.band,
+        "lines": measurement.lines,
+        "phases": objective.has_phases,
+        "seed": seed,
+    }
+    return {
+        name: list(value) if isinstance(value, tuple) else value for name, value in settings.items()
+    }
 
 
 FAR = 2.0
-"""A constant that ends so many deviations of its prior from what was stated is named beside a misfit."""
+"""A constant that ends so many deviations of its prior from what was stated is named beside a
+misfit.
+"""
 _UNLEARNT = "not identified; the measurement adds hardly anything to the prior."
 
 
@@ -277,14 +363,25 @@ def notes_of(
     hypotheses: Sequence[MisfitHypothesis],
 ) -> tuple[str, ...]:
     """Notes of a search and what came of it, with the mistakes that would explain its misfit."""
-    notes = [*search.notes, *(note for comparison in objective.comparisons for note in comparison.measurement.notes)]
+    notes = [
+        *search.notes,
+        *(note for comparison in objective.comparisons for note in comparison.measurement.notes),
+    ]
     doubts = [*_bounds(objective, search, estimates)]
     if misfit > MISFIT:
         lacks = ""
         if not hypotheses:
-            away = ((search.point - objective.unknowns.center) / objective.unknowns.deviation)[CONSTANTS]
-            names = [objective.unknowns.names[CONSTANTS][i] for i in np.argsort(-np.abs(away)) if abs(away[i]) > FAR]
-            far = ", ".join([words_of_constant(name) for name in names if not name.startswith("mode ")][:3])
+            away = ((search.point - objective.unknowns.center) / objective.unknowns.deviation)[
+                CONSTANTS
+            ]
+            names = [
+                objective.unknowns.names[CONSTANTS][i]
+                for i in np.argsort(-np.abs(away))
+                if abs(away[i]) > FAR
+            ]
+            far = ", ".join(
+                [words_of_constant(name) for name in names if not name.startswith("mode ")][:3]
+            )
             lacks = "; the model lacks something (housing modes, wrong constants)"
             if far:
                 lacks = f"; farthest from what was stated: {far}"
@@ -294,7 +391,9 @@ def notes_of(
         )
     doubts += [hypothesis.words for hypothesis in hypotheses]
     if doubts:
-        notes.append("; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else "."))
+        notes.append(
+            "; ".join(doubts).removesuffix("?") + ("?" if doubts[-1].endswith("?") else ".")
+        )
     unknown = [estimate.letter for estimate in estimates if estimate.verdict == "not identified"]
     if unknown:
         notes.append(f"{', '.join(unknown)}: {_UNLEARNT}")
@@ -302,7 +401,9 @@ def notes_of(
 
 
 def is_warning(note: str) -> bool:
-    """Whether a note says that something may be wrong, not only that values are unknown or bounds were widened."""
+    """Whether a note says that something may be wrong, not only that values are unknown or bounds
+    were widened.
+    """
     return not note.endswith((_UNLEARNT, WIDENED))
 
 

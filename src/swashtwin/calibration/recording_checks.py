@@ -1,7 +1,9 @@
-"""Whether recordings are fit to calibrate on, beside what `recordings.checks` refuses of any recording.
+"""Whether recordings are fit to calibrate on, beside what `recordings.checks` refuses of any
+recording.
 
-The lines of a pump stand at multiples of the piston count times the shaft frequency. They form a comb: only at the true
-speed do all its teeth meet lines and all gaps between them none. So a wrongly stated speed shows.
+The lines of a pump stand at multiples of the piston count times the shaft frequency. They form a
+comb: only at the true speed do all its teeth meet lines and all gaps between them none. So a
+wrongly stated speed shows.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,20 +17,28 @@ from swashtwin.recordings import Recording, clipped_samples
 from swashtwin.signals import OrderSpectrum, order_spectrum, power_density
 
 MOST_CLIPPED = 0.01
-"""Share of clipped samples from which a recording is refused: on the virtual rig its lines are then 3 % off in the sum
-(0.3 % of samples: 0.5 %; 3 %: 17 %)."""
+"""Share of clipped samples from which a recording is refused: on the virtual rig its lines are then
+3 % off in the sum (0.3 % of samples: 0.5 %; 3 %: 17 %).
+"""
 LEAST_CLEARNESS = 4.0
-"""Least mean square of a recording's lines over their deviations: noise alone has 2, the virtual rig 1700 and more."""
+"""Least mean square of a recording's lines over their deviations: noise alone has 2, the virtual
+rig 1700 and more.
+"""
 ODD_LEVEL, ODD_DEVIATIONS = 1.5, 3.0
-"""A recording's level is odd where it differs from the others' mean by more than this factor, and by more than so many
-of their standard deviations."""
+"""A recording's level is odd where it differs from the others' mean by more than this factor, and
+by more than so many of their standard deviations.
+"""
 _LEAST_SCATTER = 0.1
 """Standard deviation of ln(level) that repeated recordings of one pump have at least."""
 
 
 def require_one_machine(recordings: Iterable[Recording], thing: str) -> None:
-    """Refuse recordings that state several specimens, with a `DataError` that names them: the thing is of one pump."""
-    specimens = sorted({recording.specimen for recording in recordings if recording.specimen is not None})
+    """Refuse recordings that state several specimens, with a `DataError` that names them: the thing
+    is of one pump.
+    """
+    specimens = sorted(
+        {recording.specimen for recording in recordings if recording.specimen is not None}
+    )
     if len(specimens) > 1:
         raise DataError(
             f"recordings of {len(specimens)} machines ({', '.join(specimens[:4])}): {thing} belongs to one pump; "
@@ -37,7 +47,9 @@ def require_one_machine(recordings: Iterable[Recording], thing: str) -> None:
 
 
 def clipping_note(recording: Recording) -> str | None:
-    """Note on a recording with a few clipped samples, or None; a `DataError` from 1 % of a channel's samples on."""
+    """Note on a recording with a few clipped samples, or None; a `DataError` from 1 % of a
+    channel's samples on.
+    """
     for name, row in zip(recording.channels, recording.signal, strict=True):
         share = clipped_samples(row) / len(row)
         where = f"{recording.recording_id}, {name}: {share:.2%} of the samples stand in a row at the extreme"
@@ -51,8 +63,12 @@ def clipping_note(recording: Recording) -> str | None:
     return None
 
 
-def lines_of(recording: Recording, shaft_frequency: float, orders: Int[np.ndarray, " order"]) -> OrderSpectrum:
-    """Lines of a recording at `orders`; a `DataError` where it is too short, or holds nothing but noise there."""
+def lines_of(
+    recording: Recording, shaft_frequency: float, orders: Int[np.ndarray, " order"]
+) -> OrderSpectrum:
+    """Lines of a recording at `orders`; a `DataError` where it is too short, or holds nothing but
+    noise there.
+    """
     try:
         spectrum = order_spectrum(recording.signal, recording.sample_rate, shaft_frequency, orders)
     except InputError as cause:
@@ -72,15 +88,20 @@ def lines_of(recording: Recording, shaft_frequency: float, orders: Int[np.ndarra
 def level_notes(
     recordings: Sequence[Recording], amplitudes: Float[np.ndarray, "recording channel order"]
 ) -> tuple[str, ...]:
-    """Notes on recordings whose level is far from that of the others of the same pump at the same condition.
+    """Notes on recordings whose level is far from that of the others of the same pump at the same
+    condition.
 
-    A single recording does not show its pressure: pumps of one type differ in level by as much as a pressure changes
-    it. Beside at least two others of the same specimen, another pressure shows as another level, and so does another
-    gain."""
+    A single recording does not show its pressure: pumps of one type differ in level by as much as a
+    pressure changes it. Beside at least two others of the same specimen, another pressure shows as
+    another level, and so does another gain."""
     level = np.log(np.sqrt((amplitudes**2).sum(axis=(1, 2))))
     notes = []
     for i, recording in enumerate(recordings):
-        others = [j for j, other in enumerate(recordings) if j != i and other.specimen == recording.specimen]
+        others = [
+            j
+            for j, other in enumerate(recordings)
+            if j != i and other.specimen == recording.specimen
+        ]
         if len(others) < 2:
             continue
         away = float(level[i] - level[others].mean())
@@ -99,16 +120,22 @@ AGREEING = 0.0125
 REACH = 3.2
 """Other speeds are sought down to the stated one over this, and up to it times this."""
 CLEAR = 0.8
-"""Least contrast of a comb that is believed, in natural logarithms of power: a tooth is 3.5 dB higher."""
+"""Least contrast of a comb that is believed, in natural logarithms of power: a tooth is 3.5 dB
+higher.
+"""
 SHARE = 0.6
-"""The stated speed is refused where its comb has less than this share of the clearest one's contrast. On the virtual
-rig (`docs/explanation/calibration.md`) rightly stated speeds have 0.9 and more, wrong ones 0.46 and less."""
+"""The stated speed is refused where its comb has less than this share of the clearest one's
+contrast. On the virtual rig (`docs/explanation/calibration.md`) rightly stated speeds have 0.9 and
+more, wrong ones 0.46 and less.
+"""
 _AS_CLEAR = 0.8
 _TEETH = 10
 _WIDTH = 0.004
 """Half width of a tooth, relative: as much as the speed may wander."""
 _BETWEEN = np.array([0, 1 / 3, 1 / 2, 2 / 3])
-"""A tooth, and the places between it and the next at which the combs of a half or a third of the speed have teeth."""
+"""A tooth, and the places between it and the next at which the combs of a half or a third of the
+speed have teeth.
+"""
 
 
 @dataclass(frozen=True)
@@ -120,7 +147,9 @@ class ShownSpeed:
     shown: float
     """Shaft frequency whose comb is clearest [Hz]; the lowest where several are."""
     stated_contrast: float
-    """How far lines at the teeth of the stated speed's comb rise above what lies between, mean of ln power."""
+    """How far lines at the teeth of the stated speed's comb rise above what lies between, mean of
+    ln power.
+    """
     shown_contrast: float
     """The same of the clearest comb."""
 
@@ -138,10 +167,11 @@ class ShownSpeed:
 def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> ShownSpeed:
     """The speed that the recording's lines show beside the one that is stated.
 
-    The contrast of a comb is the mean over its first ten teeth of the level there (ln of the power over the median of
-    its surroundings, averaged over channels) less the highest level at a third, a half and two thirds of the way to the
-    next tooth. It is taken over the odd and over the even teeth, and the lesser of both counts: half of the teeth of
-    the combs of half and of three halves of the true speed meet lines.
+    The contrast of a comb is the mean over its first ten teeth of the level there (ln of the power
+    over the median of its surroundings, averaged over channels) less the highest level at a third,
+    a half and two thirds of the way to the next tooth. It is taken over the odd and over the even
+    teeth, and the lesser of both counts: half of the teeth of the combs of half and of three halves
+    of the true speed meet lines.
 
     Parameters
     ----------
@@ -153,13 +183,20 @@ def shown_speed(recording: Recording, shaft_frequency: float, piston_count: int)
     wide = shaft_frequency * np.exp(np.arange(-np.log(REACH), np.log(REACH), 0.001))
     frequencies = np.concatenate([near, wide])
     contrast = _contrast(step, level, piston_count * frequencies)
-    clear = frequencies[contrast >= _AS_CLEAR * contrast.max()].min()  # five times the true speed has a comb as clear
-    shown = frequencies[np.argmax(np.where(frequencies < clear * (1 + 2 * AGREEING), contrast, -np.inf))]
-    return ShownSpeed(shaft_frequency, float(shown), float(contrast[: len(near)].max()), float(contrast.max()))
+    clear = frequencies[
+        contrast >= _AS_CLEAR * contrast.max()
+    ].min()  # five times the true speed has a comb as clear
+    shown = frequencies[
+        np.argmax(np.where(frequencies < clear * (1 + 2 * AGREEING), contrast, -np.inf))
+    ]
+    return ShownSpeed(
+        shaft_frequency, float(shown), float(contrast[: len(near)].max()), float(contrast.max())
+    )
 
 
 def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_count: int) -> None:
-    """Refuse a recording whose lines show another speed than it states with a `DataError` that names both.
+    """Refuse a recording whose lines show another speed than it states with a `DataError` that
+    names both.
 
     A recording whose speed was measured along with it, or whose lines show nothing clearly, passes.
     """
@@ -175,7 +212,9 @@ def refuse_other_speed(recording: Recording, shaft_frequency: float, piston_coun
 
 
 def _levels(recording: Recording, spacing: float) -> tuple[float, Float[np.ndarray, " frequency"]]:
-    """Step of the frequencies [Hz], and ln of the power over the median around, averaged over the channels."""
+    """Step of the frequencies [Hz], and ln of the power over the median around, averaged over the
+    channels.
+    """
     rate = recording.sample_rate
     frequency, power = power_density(recording.signal, rate)
     power = power[:, frequency <= min(0.45 * rate, (_TEETH + 6) * spacing)]
@@ -202,5 +241,8 @@ def _contrast(
     first, last = np.minimum(first, len(level) - 1), np.minimum(last, len(level))
     mean = (sums[last] - sums[first]) / np.maximum(last - first, 1)
     rise = np.where(within, mean[..., 0] - mean[..., 1:].max(axis=-1), 0.0)
-    odd, even = (rise[:, start::2].sum(axis=1) / np.maximum(within[:, start::2].sum(axis=1), 1) for start in (0, 1))
+    odd, even = (
+        rise[:, start::2].sum(axis=1) / np.maximum(within[:, start::2].sum(axis=1), 1)
+        for start in (0, 1)
+    )
     return np.where(within[:, 1], np.minimum(odd, even), 0.0)

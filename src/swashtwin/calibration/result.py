@@ -36,9 +36,13 @@ class FaultLaw:
     estimates: tuple[Estimate, ...]
     """Its depth, corner and further unknowns; the last is how the noise between the lines rises."""
     evidence: Mapping[str, float]
-    """Logarithm of each law's evidence less that of the likeliest, by contact and edge (Laplace's approximation)."""
+    """Logarithm of each law's evidence less that of the likeliest, by contact and edge (Laplace's
+    approximation).
+    """
     misfit: float
-    """Root mean square of the lines' differences over what was expected; above 1 the intervals are widened by it."""
+    """Root mean square of the lines' differences over what was expected; above 1 the intervals are
+    widened by it.
+    """
     recording_ids: tuple[str, ...]
     """Recordings of the fault."""
 
@@ -53,7 +57,8 @@ class FaultLaw:
         return next(item for item in self.estimates if item.letter == "corner")
 
     def of(self, fault: Fault | None, corner_shift: float = 0.0) -> Fault | None:
-        """`fault` under this law, where it is a recess that states no corner; any other fault as it is.
+        """`fault` under this law, where it is a recess that states no corner; any other fault as it
+        is.
 
         Parameters
         ----------
@@ -74,9 +79,11 @@ class FaultLaw:
         return FaultSpace(lawful, (*space.free, replace(corner, deviation=self.corner.log_std)))
 
     def floor_of(self, fault: Fault | None) -> float:
-        """Factor on the noise with a recess of any depth, of which its logarithm is a multiple; 1 without one.
+        """Factor on the noise with a recess of any depth, of which its logarithm is a multiple; 1
+        without one.
 
-        The recess that was recorded has the depth found, or where the recordings do not tell it, the one stated.
+        The recess that was recorded has the depth found, or where the recordings do not tell it,
+        the one stated.
         """
         if not isinstance(fault, SwashPlateDefect):
             return 1.0
@@ -105,15 +112,19 @@ class Calibration:
     history: History
     """How the search went."""
     recording_ids: tuple[str, ...]
-    """Recordings it was calibrated on. They are training data: windows of `synthesize` name them, and no test set may
-    hold them."""
+    """Recordings it was calibrated on. They are training data: windows of `synthesize` name them,
+    and no test set may hold them.
+    """
     recording_hashes: Manifest
-    """Hashes of the content of each of them by id (`Recording.content_hashes`): what was calibrated on, whatever a file
-    is called."""
+    """Hashes of the content of each of them by id (`Recording.content_hashes`): what was calibrated
+    on, whatever a file is called.
+    """
     left_out: tuple[tuple[str, str], ...]
     """Id of each recording given but not used, and why."""
     misfit: float
-    """Root mean square of the lines that the calibrated twin misses, in what noise and a model error of 5 % explain."""
+    """Root mean square of the lines that the calibrated twin misses, in what noise and a model
+    error of 5 % explain.
+    """
     notes: tuple[str, ...]
     """What the user should look at, in words."""
     method: str
@@ -127,12 +138,16 @@ class Calibration:
     version: str
     """Version of swashtwin that made it."""
     origin: str = ""
-    """Where the recordings come from that are of no machine, such as the virtual rig; empty where none states it."""
+    """Where the recordings come from that are of no machine, such as the virtual rig; empty where
+    none states it.
+    """
     law: FaultLaw | None = None
     """Law of a recess that was identified beside it; None where none was searched."""
 
     def __repr__(self) -> str:
-        identified = ", ".join(estimate.letter for estimate in self.estimates if estimate.verdict == "identified")
+        identified = ", ".join(
+            estimate.letter for estimate in self.estimates if estimate.verdict == "identified"
+        )
         return (
             f"<Calibration of {self.nominal.pump.name} ({self.nominal.label}) by {self.method} on "
             f"{plural(len(self.recording_ids), 'recording')}; identified: {identified or 'nothing'}>"
@@ -140,13 +155,18 @@ class Calibration:
 
     def estimate(self, name: str) -> Estimate:
         """Estimate of the parameter with that name or letter."""
-        return next(estimate for estimate in self.estimates if name in (estimate.name, estimate.letter))
+        return next(
+            estimate for estimate in self.estimates if name in (estimate.name, estimate.letter)
+        )
 
     @property
     def is_in_doubt(self) -> bool:
-        """Whether nothing that rests on it, such as a severity, may be called identified: where the misfit is above 1,
-        or the fit strains a bound or a prior (`posterior.is_in_doubt`)."""
-        return self.misfit > LARGE or is_in_doubt(self.posterior.unknowns, self.posterior.point, self.misfit)
+        """Whether nothing that rests on it, such as a severity, may be called identified: where the
+        misfit is above 1, or the fit strains a bound or a prior (`posterior.is_in_doubt`).
+        """
+        return self.misfit > LARGE or is_in_doubt(
+            self.posterior.unknowns, self.posterior.point, self.misfit
+        )
 
     @property
     def fit_before(self) -> Agreement:
@@ -172,7 +192,10 @@ class Calibration:
 
     def save(self, path: Path | str) -> Path:
         """`path`, after the calibration was written to it as JSON."""
-        return write_text(Path(path), json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        return write_text(
+            Path(path),
+            json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        )
 
     def interfaces_toml(self) -> str:
         """The calibrated values as the ``[interfaces]`` of a pump file, each with its source."""
@@ -190,7 +213,9 @@ class Calibration:
                 f"standard deviation a factor of {width:.3g} (swashtwin {self.version})"
             )
             quoted = json.dumps(source, ensure_ascii=False)
-            lines.append(f'{entry} = {{ value = "{estimate.value:.8g} {estimate.unit}", source = {quoted} }}')
+            lines.append(
+                f'{entry} = {{ value = "{estimate.value:.8g} {estimate.unit}", source = {quoted} }}'
+            )
         return "\n".join(lines[1:]) + "\n"
 
     def save_interfaces(self, path: Path | str) -> Path:
@@ -218,12 +243,18 @@ def load_calibration(path: Path | str) -> Calibration:
             twins = {name: twin_from_dict(table.pop(name)) for name in ("twin", "nominal")}
             return from_table({**table, **twins}, Calibration)
     except (KeyError, TypeError, ValueError, RecursionError) as cause:
-        raise ArtifactError(f"{path}: not a calibration, or a damaged one: {str(cause)[:300].rstrip('.')}.") from cause
-    raise ArtifactError(f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again.")
+        raise ArtifactError(
+            f"{path}: not a calibration, or a damaged one: {str(cause)[:300].rstrip('.')}."
+        ) from cause
+    raise ArtifactError(
+        f"{path}: its format is {saved!r}; this version reads {FORMAT!r}: calibrate again."
+    )
 
 
 def twin_to_dict(twin: Twin) -> dict[str, Any]:
-    """Everything that makes the twin, the pump included, as JSON can hold it; its fault with its kind."""
+    """Everything that makes the twin, the pump included, as JSON can hold it; its fault with its
+    kind.
+    """
     table: dict[str, Any] = to_table(twin)
     if twin.fault is not None:
         table["fault"] = {"kind": type(twin.fault).__name__, **table["fault"]}

@@ -1,4 +1,6 @@
-"""Searches: what methods share, Levenberg-Marquardt on logarithms, and bounds that grow where an optimum is at one."""
+"""Searches: what methods share, Levenberg-Marquardt on logarithms, and bounds that grow where an
+optimum is at one.
+"""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -36,8 +38,9 @@ class History:
     prior_loss: Float[np.ndarray, " step"]
     """What the priors add to the loss."""
     gradient_norm: Float[np.ndarray, " step"]
-    """Norm of the gradient of the loss with respect to what the method moves: weights, or coordinates in units of their
-    priors' deviations."""
+    """Norm of the gradient of the loss with respect to what the method moves: weights, or
+    coordinates in units of their priors' deviations.
+    """
 
     @property
     def loss(self) -> Float[np.ndarray, " step"]:
@@ -73,7 +76,9 @@ class Search:
 class Calibrator(Protocol):
     """A method that searches the values with which a twin comes nearest to a measurement."""
 
-    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
+    def search(
+        self, objective: Objective, *, seed: int, progress: Progress | None = None
+    ) -> Search:
         """Result of the search. The same seed on the same machine gives the same bits."""
         ...
 
@@ -86,14 +91,16 @@ EXPECTED = 1.0
 class GaussNewton:
     """Least squares with exact derivatives, from several starts, within bounds.
 
-    Minimized is the sum of squares of (simulated - measured) / sigma over all lines, plus that of (coordinate - mean of
-    its prior) / prior standard deviation: a value that the measurement does not determine stays in the middle of its
-    bounds instead of drifting to one. Amplitudes are compared as they are, for on a decibel scale the lines near the
-    noise rule."""
+    Minimized is the sum of squares of (simulated - measured) / sigma over all lines, plus that of
+    (coordinate - mean of its prior) / prior standard deviation: a value that the measurement does
+    not determine stays in the middle of its bounds instead of drifting to one. Amplitudes are
+    compared as they are, for on a decibel scale the lines near the noise rule."""
 
     starts: int = 4
-    """At most so many: first the nominal values, then others drawn evenly over the logarithms within the bounds. The
-    first that misses the lines by no more than is `EXPECTED`, priors counted, is the last."""
+    """At most so many: first the nominal values, then others drawn evenly over the logarithms
+    within the bounds. The first that misses the lines by no more than is `EXPECTED`, priors
+    counted, is the last.
+    """
     most_iterations: int = 50
     """At most so many steps from each start."""
     solver: SteadySolver = EXACT
@@ -101,9 +108,13 @@ class GaussNewton:
 
     def __post_init__(self) -> None:
         if self.starts < 1 or self.most_iterations < 1:
-            raise InputError(f"starts ({self.starts}) and most_iterations ({self.most_iterations}) must be at least 1.")
+            raise InputError(
+                f"starts ({self.starts}) and most_iterations ({self.most_iterations}) must be at least 1."
+            )
 
-    def search(self, objective: Objective, *, seed: int, progress: Progress | None = None) -> Search:
+    def search(
+        self, objective: Objective, *, seed: int, progress: Progress | None = None
+    ) -> Search:
         """Values of the best start; see `Calibrator`."""
         unknowns, generator = objective.unknowns, stream(seed, "gauss_newton", "starts")
         runs: list[Search] = []
@@ -112,7 +123,9 @@ class GaussNewton:
                 problem = LeastSquares(objective, self.solver)
                 scipy.optimize.least_squares(
                     problem.residuals,
-                    unknowns.start if number == 0 else generator.uniform(unknowns.lower, unknowns.upper),
+                    unknowns.start
+                    if number == 0
+                    else generator.uniform(unknowns.lower, unknowns.upper),
                     problem.jacobian,
                     bounds=(unknowns.lower, unknowns.upper),
                     max_nfev=self.most_iterations,
@@ -130,7 +143,9 @@ class GaussNewton:
 
 
 class LeastSquares:
-    """Residuals and their derivatives with respect to the coordinates searched; each point is simulated once."""
+    """Residuals and their derivatives with respect to the coordinates searched; each point is
+    simulated once.
+    """
 
     def __init__(self, objective: Objective, solver: SteadySolver) -> None:
         self.objective, self.solver = objective, solver
@@ -141,20 +156,26 @@ class LeastSquares:
     def search(self) -> Search:
         """The step of least penalized loss, and all steps so far.
 
-        That loss is the root of (sum of squares of all residuals / number of lines): of the lines alone it is
-        `Objective.weighted_loss`, and the negative logarithm of the posterior density is its square times half the
-        number of lines.
+        That loss is the root of (sum of squares of all residuals / number of lines): of the lines
+        alone it is `Objective.weighted_loss`, and the negative logarithm of the posterior density
+        is its square times half the number of lines.
         """
         weighted, penalized, gradient = np.array(self._losses).T
         points, best = np.array(self._points), int(np.argmin(penalized))
-        history = History(weighted, np.zeros_like(weighted), points, best, penalized - weighted, gradient)
+        history = History(
+            weighted, np.zeros_like(weighted), points, best, penalized - weighted, gradient
+        )
         return Search(points[best], history, len(points))
 
     def residuals(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " residual"]:
-        """(simulated - measured) / sigma of each line, then (coordinate - center) / prior deviation."""
+        """(simulated - measured) / sigma of each line, then (coordinate - center) / prior
+        deviation.
+        """
         return self._simulated(point)[0]
 
-    def jacobian(self, point: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "residual unknown"]:
+    def jacobian(
+        self, point: Float[np.ndarray, " unknown"]
+    ) -> Float[np.ndarray, "residual unknown"]:
         """Derivatives of `residuals`."""
         return self._simulated(point)[1]
 
@@ -171,7 +192,9 @@ class LeastSquares:
             penalized = float(np.sqrt(np.sum(residuals**2) / len(lines)))
             gradient = (jacobian.T @ residuals) * unknowns.deviation / (len(lines) * penalized)
             self._points.append(point.copy())
-            self._losses.append((float(np.sqrt(np.mean(lines**2))), penalized, float(np.linalg.norm(gradient))))
+            self._losses.append(
+                (float(np.sqrt(np.mean(lines**2))), penalized, float(np.linalg.norm(gradient)))
+            )
         return self._last[1], self._last[2]
 
 
@@ -189,19 +212,25 @@ def widening_search(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[Objective, Search]:
-    """Search, repeated within bounds tenfold wider for each of `names` that ends at one, and the objective it ended in.
+    """Search, repeated within bounds tenfold wider for each of `names` that ends at one, and the
+    objective it ended in.
 
-    The prior of a value is as wide as its bounds, so it widens with them. Each further search starts from the optimum
-    before. It ends where no such value touches a bound, or all that do are at `GREATEST_FACTOR`.
+    The prior of a value is as wide as its bounds, so it widens with them. Each further search
+    starts from the optimum before. It ends where no such value touches a bound, or all that do are
+    at `GREATEST_FACTOR`.
     """
     search = method.search(objective, seed=seed, progress=progress)
     simulations, widened = search.simulations, set[str]()
     while letters := _to_widen(objective, search, names):
         widened |= letters
         space = objective.unknowns.space
-        factor = np.array([DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()])
+        factor = np.array(
+            [DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()]
+        )
         wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
-        objective = replace(objective, unknowns=replace(objective.unknowns, space=wider, begun=None))
+        objective = replace(
+            objective, unknowns=replace(objective.unknowns, space=wider, begun=None)
+        )
         begun = replace(objective, unknowns=replace(objective.unknowns, begun=search.point))
         search = method.search(begun, seed=seed, progress=progress)
         simulations += search.simulations
@@ -217,4 +246,6 @@ def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> s
     may_grow = space.upper / space.nominal < GREATEST_FACTOR * (1 - 1e-9)
     at_bound = touched(search.point, objective.unknowns)[VALUES]
     letters = [LETTERS[name] for name in PARAMETERS]
-    return {letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at} & set(names)
+    return {
+        letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at
+    } & set(names)

@@ -20,15 +20,18 @@ MODEL_ERROR = 0.05
 """Relative error of every simulated line that even the right values leave; our estimate, as in
 docs/explanation/physics.md."""
 FLOOR = 0.02
-"""Least standard deviation of a line [m/s^2], from both sides together; as in docs/explanation/physics.md."""
+"""Least standard deviation of a line [m/s^2], from both sides together; as in
+docs/explanation/physics.md.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """One twin beside one measurement at its condition, line by line.
 
-    The *observables* are compared: the lines' amplitudes, as in the paper, or, of a measurement with phases, the real
-    and then the imaginary parts of its lines, after the twin was turned to the shaft position at which it fits best.
+    The *observables* are compared: the lines' amplitudes, as in the paper, or, of a measurement
+    with phases, the real and then the imaginary parts of its lines, after the twin was turned to
+    the shaft position at which it fits best.
     """
 
     twin: Twin
@@ -38,8 +41,9 @@ class Comparison:
     floor: Float[np.ndarray, "channel order"] | float = FLOOR
     """Least standard deviation of a line [m/s^2]."""
     searched: tuple[str, ...] = ()
-    """Channels that the search's gains, cross-talk and residues belong to, in their order, where other recordings of it
-    have more than this measurement; empty is the measurement's own."""
+    """Channels that the search's gains, cross-talk and residues belong to, in their order, where
+    other recordings of it have more than this measurement; empty is the measurement's own.
+    """
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -52,7 +56,9 @@ class Comparison:
 
     @cached_property
     def _measured_rows(self) -> Tensor | None:
-        """Indices of the measured channels among those of the search; None where all are measured."""
+        """Indices of the measured channels among those of the search; None where all are
+        measured.
+        """
         if self.channels == self.measurement.channels:
             return None
         return torch.tensor([self.channels.index(name) for name in self.measurement.channels])
@@ -91,13 +97,18 @@ class Comparison:
     def sigma(self) -> Float[Tensor, "channel observable"]:
         """Standard deviation of measured minus simulated observable [m/s^2].
 
-        From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and `floor`, by default
-        0.02 m/s^2. A line of little amplitude then counts little, which it would not on a decibel scale.
+        From the measurement's scatter, 5 % of the amplitude for what rigid bodies cannot model, and
+        `floor`, by default 0.02 m/s^2. A line of little amplitude then counts little, which it
+        would not on a decibel scale.
         """
         measurement = self.measurement
         amplitude, deviation, parts = measurement.amplitude, measurement.deviation, 1
         if measurement.phasor is not None and measurement.phasor_deviation is not None:
-            amplitude, deviation, parts = np.abs(measurement.phasor), measurement.phasor_deviation, 2
+            amplitude, deviation, parts = (
+                np.abs(measurement.phasor),
+                measurement.phasor_deviation,
+                2,
+            )
         variance = deviation**2 + (MODEL_ERROR * amplitude) ** 2 + self.floor**2
         return torch.as_tensor(np.sqrt(variance)).repeat(1, parts)
 
@@ -113,7 +124,9 @@ class Comparison:
         self, unknowns: Unknowns, point: Points, solver: SteadySolver | None = None
     ) -> Complex[Tensor, "*batch channel order"]:
         """Simulated lines [m/s^2] at `point`, differentiable, at the twin's own shaft position."""
-        lines = self.twin.acceleration(point[..., VALUES].exp(), scales=unknowns.scales_of(point), solver=solver)
+        lines = self.twin.acceleration(
+            point[..., VALUES].exp(), scales=unknowns.scales_of(point), solver=solver
+        )
         lines = lines.index_select(-2, self._rows).index_select(-1, self._columns)
         if self._indices is not None:
             silent = lines.new_zeros(*lines.shape[:-1], len(self.measurement.orders))
@@ -134,17 +147,27 @@ class Comparison:
         if self.measurement.phasor is None:
             return lines.abs()
         weight = self.sigma[:, : len(self._orders)] ** -2
-        return _parts(turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders))
+        return _parts(
+            turn_lines(lines, torch.as_tensor(self.measurement.phasor), weight, self._orders)
+        )
 
     def amplitude_of(self, twin: Twin) -> Float[np.ndarray, "channel order"]:
-        """Amplitudes [m/s^2] of `twin` with its own values where this comparison has lines; 0 where it is silent."""
+        """Amplitudes [m/s^2] of `twin` with its own values where this comparison has lines; 0 where
+        it is silent.
+        """
         limited = replace(twin, bandwidth=self.twin.bandwidth)
         with torch.no_grad():
             lines = limited.acceleration().index_select(-2, self._rows)
-            lines = lines if self._measured_rows is None else lines.index_select(-2, self._measured_rows)
+            lines = (
+                lines
+                if self._measured_rows is None
+                else lines.index_select(-2, self._measured_rows)
+            )
         orders = self.measurement.orders
         amplitude = np.zeros((len(lines), len(orders)))
-        amplitude[:, np.isin(orders, limited.orders)] = lines[:, np.isin(limited.orders, orders)].abs().numpy()
+        amplitude[:, np.isin(orders, limited.orders)] = (
+            lines[:, np.isin(limited.orders, orders)].abs().numpy()
+        )
         return amplitude
 
 
@@ -152,8 +175,9 @@ class Comparison:
 class Objective:
     """Distance between a twin and what was measured of it at one or several conditions.
 
-    All comparisons share what is searched, one *point* of `unknowns`: so a pump measured at three pressures is
-    calibrated once. Amplitudes of all comparisons, channels and orders stand in one row of *observables*.
+    All comparisons share what is searched, one *point* of `unknowns`: so a pump measured at three
+    pressures is calibrated once. Amplitudes of all comparisons, channels and orders stand in one
+    row of *observables*.
     """
 
     comparisons: tuple[Comparison, ...]
@@ -179,8 +203,13 @@ class Objective:
     @property
     def frequency(self) -> Float[np.ndarray, " observable"]:
         """Frequency of each observable [Hz]."""
-        lines = [(item.measurement.orders * item.twin.condition.shaft_frequency, item) for item in self.comparisons]
-        return np.concatenate([np.tile(row, item.measured.numel() // len(row)) for row, item in lines])
+        lines = [
+            (item.measurement.orders * item.twin.condition.shaft_frequency, item)
+            for item in self.comparisons
+        ]
+        return np.concatenate(
+            [np.tile(row, item.measured.numel() // len(row)) for row, item in lines]
+        )
 
     @cached_property
     def measured(self) -> Float[Tensor, " observable"]:
@@ -189,7 +218,9 @@ class Objective:
 
     @cached_property
     def sigma(self) -> Float[Tensor, " observable"]:
-        """Standard deviation of measured minus simulated observable [m/s^2]; see `Comparison.sigma`."""
+        """Standard deviation of measured minus simulated observable [m/s^2]; see
+        `Comparison.sigma`.
+        """
         return torch.cat([comparison.sigma.reshape(-1) for comparison in self.comparisons])
 
     @cached_property
@@ -197,23 +228,35 @@ class Objective:
         """The point of the nominal twin."""
         return torch.as_tensor(self.unknowns.start)
 
-    def observables(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch observable"]:
+    def observables(
+        self, point: Points, solver: SteadySolver | None = None
+    ) -> Float[Tensor, "*batch observable"]:
         """Simulated observables [m/s^2], differentiable."""
-        parts = [comparison.observables(self.unknowns, point, solver) for comparison in self.comparisons]
+        parts = [
+            comparison.observables(self.unknowns, point, solver) for comparison in self.comparisons
+        ]
         return torch.cat([part.flatten(-2) for part in parts], dim=-1)
 
-    def spectrum_loss(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch"]:
-        """RMSE between simulated and measured observables over the RMS of the measured ones (the paper's L_freq).
+    def spectrum_loss(
+        self, point: Points, solver: SteadySolver | None = None
+    ) -> Float[Tensor, "*batch"]:
+        """RMSE between simulated and measured observables over the RMS of the measured ones (the
+        paper's L_freq).
 
-        With several conditions, the root of the mean of their squares, so that none counts more for being louder.
+        With several conditions, the root of the mean of their squares, so that none counts more for
+        being louder.
         """
         squares = []
         for comparison in self.comparisons:
             difference = comparison.observables(self.unknowns, point, solver) - comparison.measured
-            squares.append(difference.square().mean(dim=(-2, -1)) / comparison.measured.square().mean())
+            squares.append(
+                difference.square().mean(dim=(-2, -1)) / comparison.measured.square().mean()
+            )
         return _root(torch.stack(squares).mean(dim=0))
 
-    def weighted_loss(self, point: Points, solver: SteadySolver | None = None) -> Float[Tensor, "*batch"]:
+    def weighted_loss(
+        self, point: Points, solver: SteadySolver | None = None
+    ) -> Float[Tensor, "*batch"]:
         """RMS of the differences over `sigma`: 1 where they are as large as expected."""
         difference = (self.observables(point, solver) - self.measured) / self.sigma
         return _root(difference.square().mean(dim=-1))
@@ -221,12 +264,15 @@ class Objective:
     def sensitivity(
         self, point: Float[Tensor, " unknown"], solver: SteadySolver | None = None
     ) -> tuple[Float[Tensor, " observable"], Float[Tensor, "observable unknown"]]:
-        """Observables [m/s^2] at `point`, and their exact derivatives with respect to its coordinates."""
+        """Observables [m/s^2] at `point`, and their exact derivatives with respect to its
+        coordinates.
+        """
         directions = torch.eye(len(point), dtype=point.dtype)
         points = point.detach().repeat(len(point), 1).requires_grad_()
         observables = self.observables(points, solver)
-        # Backward is linear in the weights it is given: its derivative along a direction, with respect to them, is the
-        # forward derivative along that direction. One batch holds all directions.
+        # Backward is linear in the weights it is given: its derivative along a direction, with
+        # respect to them, is the forward derivative along that direction. One batch holds all
+        # directions.
         weights = torch.zeros_like(observables, requires_grad=True)
         (backward,) = torch.autograd.grad(observables, points, weights, create_graph=True)
         (slope,) = torch.autograd.grad((backward * directions).sum(), weights)
@@ -258,25 +304,36 @@ def objective_of(
     Parameters
     ----------
     twins : the pump's twin, or several that differ in condition only.
-    measurements : one for each twin; only lines that the twin has are compared. Their channels may differ.
+    measurements : one for each twin; only lines that the twin has are compared. Their channels may
+        differ.
     bounds : see `search_space`.
     nuisances : what is searched beside the six values.
     """
     twins = [twins] if isinstance(twins, Twin) else list(twins)
     measurements = [measurements] if isinstance(measurements, Measurement) else list(measurements)
-    channels = tuple(dict.fromkeys(name for measurement in measurements for name in measurement.channels))
+    channels = tuple(
+        dict.fromkeys(name for measurement in measurements for name in measurement.channels)
+    )
     pairs = zip(twins, measurements, strict=True)
     comparisons = tuple(comparison_of(*pair, channels) for pair in pairs)
     scales = np.log(twins[0].scales.values())
-    return Objective(comparisons, Unknowns(search_space(twins[0], bounds), nuisances, channels, scales))
+    return Objective(
+        comparisons, Unknowns(search_space(twins[0], bounds), nuisances, channels, scales)
+    )
 
 
-def comparison_of(twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()) -> Comparison:
-    """Comparison within the band that was measured, of the lines that the twin has, or of all of a ``"spectrum"``."""
+def comparison_of(
+    twin: Twin, measurement: Measurement, channels: tuple[str, ...] = ()
+) -> Comparison:
+    """Comparison within the band that was measured, of the lines that the twin has, or of all of a
+    ``"spectrum"``.
+    """
     shaft = twin.condition.shaft_frequency
     limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * shaft, path=None)
     common = np.isin(measurement.orders, limited.orders) | (measurement.lines == "spectrum")
     names = ("amplitude", "deviation", "phasor", "phasor_deviation")
-    rows = {name: row[:, common] for name in names if (row := getattr(measurement, name)) is not None}
+    rows = {
+        name: row[:, common] for name in names if (row := getattr(measurement, name)) is not None
+    }
     compared = replace(measurement, orders=measurement.orders[common], **rows)
     return Comparison(twin=limited, measurement=compared, searched=channels)

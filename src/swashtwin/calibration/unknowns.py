@@ -1,6 +1,7 @@
 """What a calibration searches: the six interface values, and uncertain constants.
 
-All are one row of *coordinates*: logarithms of what is positive, residues of housing modes as they are. Each has a
+All are one row of *coordinates*: logarithms of what is positive, residues of housing modes as they
+are. Each has a
 prior: for the six values the width of their bounds, for the others what is known of such machines.
 """
 
@@ -23,15 +24,17 @@ from swashtwin.pump import LETTERS, PARAMETERS
 DEFAULT_FACTOR = 10.0
 """The search reaches from a tenth of each nominal value to ten times it."""
 BOUND_MARGIN = 0.01
-"""A coordinate within this share of the bounds' width from a bound lies on it: methods that stay strictly inside end a
-little before."""
+"""A coordinate within this share of the bounds' width from a bound lies on it: methods that stay
+strictly inside end a little before.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchSpace:
     """Bounds of the six interface values.
 
-    All bounds are positive, and positive values make K and C positive definite: every point within is a stable pump.
+    All bounds are positive, and positive values make K and C positive definite: every point within
+    is a stable pump.
     """
 
     nominal: Float[np.ndarray, " 6"]
@@ -43,7 +46,9 @@ class SearchSpace:
 
     @property
     def prior_std(self) -> Float[np.ndarray, " 6"]:
-        """Standard deviation of ln value where only the bounds are known: that of a uniform density of ln value."""
+        """Standard deviation of ln value where only the bounds are known: that of a uniform density
+        of ln value.
+        """
         return np.log(self.upper / self.lower) / math.sqrt(12)
 
     @property
@@ -52,25 +57,33 @@ class SearchSpace:
         return np.log(self.upper * self.lower) / 2
 
     def boundary_loss(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch"]:
-        """Mean over the parameters of how far each lies beyond its bounds, relative to the bound."""
+        """Mean over the parameters of how far each lies beyond its bounds, relative to the
+        bound.
+        """
         lower, upper = torch.as_tensor(self.lower), torch.as_tensor(self.upper)
         return (torch.relu(values / upper - 1) + torch.relu(1 - values / lower)).mean(dim=-1)
 
 
-def search_space(twin: Twin, bounds: Mapping[str, tuple[float, float]] | float | None = None) -> SearchSpace:
+def search_space(
+    twin: Twin, bounds: Mapping[str, tuple[float, float]] | float | None = None
+) -> SearchSpace:
     """Bounds around the twin's interface values.
 
     Parameters
     ----------
-    bounds : a factor for all, or (least, greatest) by parameter name or letter for some, a factor of 10 for the others.
-        An `InputError` where one is unknown, or its bounds do not hold the nominal value.
+    bounds : a factor for all, or (least, greatest) by parameter name or letter for some, a factor
+        of 10 for the others. An `InputError` where one is unknown, or its bounds do not hold the
+        nominal value.
     """
     nominal = twin.values.numpy()
     factor = float(bounds) if isinstance(bounds, int | float) else DEFAULT_FACTOR
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"bounds ({factor:g}) must be a factor above 1, such as 10.")
     lower, upper = nominal / factor, nominal * factor
-    names = {**{name: i for i, name in enumerate(PARAMETERS)}, **{LETTERS[n]: i for i, n in enumerate(PARAMETERS)}}
+    names = {
+        **{name: i for i, name in enumerate(PARAMETERS)},
+        **{LETTERS[n]: i for i, n in enumerate(PARAMETERS)},
+    }
     for name, (least, greatest) in bounds.items() if isinstance(bounds, Mapping) else ():
         if name not in names:
             raise InputError(f"bounds name {name!r}, which is none of {', '.join(names)}.")
@@ -90,7 +103,9 @@ CONSTANTS = slice(len(PARAMETERS), None)
 """Where all that is searched beside them stands."""
 SCALES = tuple(item.name for item in fields(Scales))
 PATH_BAND = (900.0, 2200.0)
-"""Frequencies [Hz] over which the modes of a housing are spread before anything is measured; rigid below."""
+"""Frequencies [Hz] over which the modes of a housing are spread before anything is measured; rigid
+below.
+"""
 PATH_DAMPING = 0.03
 """Damping ratio of a housing's mode before anything is measured."""
 REACH = 4.0
@@ -99,9 +114,11 @@ REACH = 4.0
 
 @dataclass(frozen=True)
 class Nuisances:
-    """Constants searched beside the six values, by the standard deviation of their priors; zero holds one.
+    """Constants searched beside the six values, by the standard deviation of their priors; zero
+    holds one.
 
-    Those of ``usual`` are of docs/explanation/physics.md, section 6; the others are estimates of ours.
+    Those of ``usual`` are of docs/explanation/physics.md, section 6; the others are estimates of
+    ours.
     """
 
     mount: float = 0.0
@@ -129,7 +146,9 @@ class Nuisances:
         for item in fields(self):
             value = getattr(self, item.name)
             if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"Nuisances.{item.name} ({value:g}) must be zero or a positive number.")
+                raise InputError(
+                    f"Nuisances.{item.name} ({value:g}) must be zero or a positive number."
+                )
         if self.modes > 6:
             raise InputError(
                 f"Nuisances.modes ({self.modes}) must not exceed 6: the lines do not determine more modes."
@@ -137,7 +156,9 @@ class Nuisances:
 
     @classmethod
     def usual(cls, **changes: Any) -> "Nuisances":
-        """Mounting, bearings, excitation and sensors, with the priors of docs/explanation/physics.md."""
+        """Mounting, bearings, excitation and sensors, with the priors of
+        docs/explanation/physics.md.
+        """
         return cls(**{"mount": 0.3, "bearing": 0.3, "excitation": 0.5, "sensor": 0.05, **changes})
 
     def of_scale(self, name: str) -> float:
@@ -153,13 +174,19 @@ class Nuisances:
 
     @classmethod
     def by_axis(cls, **changes: Any) -> "Nuisances":
-        """Those of `housing`, each direction of the mounting, each bearing, and cross-talk between the channels."""
-        return cls.housing(**{"mount_axes": 0.15, "each_bearing": 0.15, "cross_talk": 0.1, **changes})
+        """Those of `housing`, each direction of the mounting, each bearing, and cross-talk between
+        the channels.
+        """
+        return cls.housing(
+            **{"mount_axes": 0.15, "each_bearing": 0.15, "cross_talk": 0.1, **changes}
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Coordinates of a search, the six logarithms of the values first; the others follow from the nuisances."""
+    """Coordinates of a search, the six logarithms of the values first; the others follow from the
+    nuisances.
+    """
 
     space: SearchSpace
     """Bounds of the six values."""
@@ -176,18 +203,30 @@ class Unknowns:
     def _constants(self) -> list[tuple[str, float, float]]:
         """Name, mean and standard deviation of the prior of each constant."""
         nuisances, channels, (first, last) = self.nuisances, self.channels, np.log(PATH_BAND)
-        spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(1, nuisances.modes)
-        numbers, scales = range(1, nuisances.modes + 1), dict(zip(SCALES, self.twin_scales.tolist(), strict=True))
+        spread = first + (last - first) * (np.arange(nuisances.modes) + 0.5) / max(
+            1, nuisances.modes
+        )
+        numbers, scales = (
+            range(1, nuisances.modes + 1),
+            dict(zip(SCALES, self.twin_scales.tolist(), strict=True)),
+        )
         rows = [(name, scales[name], nuisances.of_scale(name)) for name in self.scales]
         rows += [(f"gain {name}", 0.0, nuisances.gains) for name in channels if nuisances.gains > 0]
-        rows += [(f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk) for a, b in self.cross_talk]
+        rows += [
+            (f"{channels[b]} in {channels[a]}", 0.0, nuisances.cross_talk)
+            for a, b in self.cross_talk
+        ]
         rows += [(f"mode {m} frequency", float(spread[m - 1]), 0.25) for m in numbers]
         rows += [(f"mode {m} damping", math.log(PATH_DAMPING), 0.5) for m in numbers]
-        return rows + [(f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers]
+        return rows + [
+            (f"mode {m} in {name}", 0.0, nuisances.residue) for name in channels for m in numbers
+        ]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the others."""
+        """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the
+        others.
+        """
         return (*LETTERS.values(), *(name for name, _, _ in self._constants))
 
     @cached_property
@@ -205,17 +244,23 @@ class Unknowns:
     @cached_property
     def deviation(self) -> Float[np.ndarray, " unknown"]:
         """Standard deviation of each prior."""
-        return np.concatenate([self.space.prior_std, [deviation for _, _, deviation in self._constants]])
+        return np.concatenate(
+            [self.space.prior_std, [deviation for _, _, deviation in self._constants]]
+        )
 
     @cached_property
     def lower(self) -> Float[np.ndarray, " unknown"]:
         """Least coordinates."""
-        return np.concatenate([np.log(self.space.lower), (self.center - REACH * self.deviation)[CONSTANTS]])
+        return np.concatenate(
+            [np.log(self.space.lower), (self.center - REACH * self.deviation)[CONSTANTS]]
+        )
 
     @cached_property
     def upper(self) -> Float[np.ndarray, " unknown"]:
         """Greatest coordinates."""
-        return np.concatenate([np.log(self.space.upper), (self.center + REACH * self.deviation)[CONSTANTS]])
+        return np.concatenate(
+            [np.log(self.space.upper), (self.center + REACH * self.deviation)[CONSTANTS]]
+        )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -231,12 +276,18 @@ class Unknowns:
 
     @cached_property
     def cross_talk(self) -> list[tuple[int, int]]:
-        """Pairs (channel that reads, channel that it reads of) whose shares are searched; they follow the gains.
+        """Pairs (channel that reads, channel that it reads of) whose shares are searched; they
+        follow the gains.
 
         Those of fewer channels come first.
         """
         count = len(self.channels) if self.nuisances.cross_talk > 0 else 0
-        return [pair for last in range(count) for other in range(last) for pair in ((last, other), (other, last))]
+        return [
+            pair
+            for last in range(count)
+            for other in range(last)
+            for pair in ((last, other), (other, last))
+        ]
 
     @cached_property
     def first_of_path(self) -> int:
@@ -246,32 +297,47 @@ class Unknowns:
     @cached_property
     def first_of_modes(self) -> int:
         """Where the modes of the housing begin: frequencies, damping ratios, residues."""
-        return self.first_of_path + len(self.channels) * (self.nuisances.gains > 0) + len(self.cross_talk)
+        return (
+            self.first_of_path
+            + len(self.channels) * (self.nuisances.gains > 0)
+            + len(self.cross_talk)
+        )
 
     def changed(self, channels: tuple[str, ...] | None = None, **nuisances: Any) -> "Unknowns":
         """The same values with other channels, or other constants searched beside them."""
         return replace(
-            self, channels=channels or self.channels, nuisances=replace(self.nuisances, **nuisances), begun=None
+            self,
+            channels=channels or self.channels,
+            nuisances=replace(self.nuisances, **nuisances),
+            begun=None,
         )
 
     def scales_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch 11"]:
         """Factors in the order of `Scales` at `point`."""
         columns = []
         for name, twin_value in zip(SCALES, self.twin_scales, strict=True):
-            fixed = torch.full(point.shape[:-1], float(twin_value), dtype=point.dtype, device=point.device)
+            fixed = torch.full(
+                point.shape[:-1], float(twin_value), dtype=point.dtype, device=point.device
+            )
             columns.append(point[..., self.index_of_scale(name)] if name in self.scales else fixed)
         return torch.stack(columns, dim=-1).exp()
 
     def response_of(
         self, point: Float[Tensor, "*batch unknown"], frequency: Float[Tensor, " line"]
     ) -> Complex[Tensor, "*batch channel line"] | None:
-        """Response between the shell and each channel at `frequency` [Hz]; None where it is not searched."""
+        """Response between the shell and each channel at `frequency` [Hz]; None where it is not
+        searched.
+        """
         if not self.nuisances.gains and not self.nuisances.modes:
             return None
         return path_response(frequency, *self._path_of(point))
 
-    def mixing_of(self, point: Float[Tensor, "*batch unknown"]) -> Float[Tensor, "*batch channel channel"] | None:
-        """What each channel (row) reads of what an ideal one would (column); None where cross-talk is not searched."""
+    def mixing_of(
+        self, point: Float[Tensor, "*batch unknown"]
+    ) -> Float[Tensor, "*batch channel channel"] | None:
+        """What each channel (row) reads of what an ideal one would (column); None where cross-talk
+        is not searched.
+        """
         if not (pairs := self.cross_talk):
             return None
         count, last = len(self.channels), self.first_of_modes
@@ -294,7 +360,9 @@ class Unknowns:
         """The same as a twin takes them."""
         return Scales(*self.scales_of(torch.as_tensor(point)).tolist())
 
-    def path_at(self, point: Float[np.ndarray, " unknown"], sensors: Sequence[str]) -> SensorPath | None:
+    def path_at(
+        self, point: Float[np.ndarray, " unknown"], sensors: Sequence[str]
+    ) -> SensorPath | None:
         """The path as a twin takes it; None where nothing of it is searched.
 
         Parameters
@@ -312,16 +380,23 @@ class Unknowns:
             gain=tuple(1.0 if row is None else gain[row] for row in rows),
             frequency=tuple(modes),
             damping_ratio=tuple(damping),
-            residue=tuple((0.0,) * len(modes) if row is None else tuple(residue[row]) for row in rows),
+            residue=tuple(
+                (0.0,) * len(modes) if row is None else tuple(residue[row]) for row in rows
+            ),
             cross_talk=tuple(
-                tuple(0.0 if row is None or column is None else shares[row][column] for column in rows) for row in rows
+                tuple(
+                    0.0 if row is None or column is None else shares[row][column] for column in rows
+                )
+                for row in rows
             )
             if shares
             else (),
         )
 
 
-def touched(point: Float[np.ndarray, " unknown"], unknowns: Unknowns) -> Bool[np.ndarray, " unknown"]:
+def touched(
+    point: Float[np.ndarray, " unknown"], unknowns: Unknowns
+) -> Bool[np.ndarray, " unknown"]:
     """Whether each coordinate of `point` lies on one of its bounds."""
     near: np.ndarray = np.minimum(point - unknowns.lower, unknowns.upper - point)
     is_near: np.ndarray = near < BOUND_MARGIN * (unknowns.upper - unknowns.lower)
@@ -332,4 +407,6 @@ def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[
     """Letters of the values whose bounds nobody stated; see `search_space`."""
     if isinstance(bounds, int | float):
         return ()
-    return tuple(letter for name, letter in LETTERS.items() if not {name, letter} & set(bounds or ()))
+    return tuple(
+        letter for name, letter in LETTERS.items() if not {name, letter} & set(bounds or ())
+    )

@@ -8,7 +8,17 @@ from typing import Annotated, Any
 
 import typer
 
-from swashtwin.cli import calibrating, diagnosing, models, recordings, signal, simulating, training, twin, watching
+from swashtwin.cli import (
+    calibrating,
+    diagnosing,
+    models,
+    recordings,
+    signal,
+    simulating,
+    training,
+    twin,
+    watching,
+)
 from swashtwin.cli.console import GuardedGroup, safe_streams
 from swashtwin.foundation import InputError, keep_freed_memory
 
@@ -68,7 +78,9 @@ app = typer.Typer(
 )
 
 
-def _filled(group: typer.Typer, commands: Mapping[str, Callable[..., None]], **more: Any) -> typer.Typer:
+def _filled(
+    group: typer.Typer, commands: Mapping[str, Callable[..., None]], **more: Any
+) -> typer.Typer:
     for name, function in commands.items():
         group.command(name, **more)(function)
     return group
@@ -82,24 +94,32 @@ for _name, (_words, _commands) in GROUPS.items():
     _members = _filled(typer.Typer(no_args_is_help=True, help=_words), _commands)
     if _name == "twin":
         _words = "Show and write the parameter files of pumps."
-        _members.add_typer(_filled(typer.Typer(no_args_is_help=True, help=_words), PUMPS), name="pump")
+        _members.add_typer(
+            _filled(typer.Typer(no_args_is_help=True, help=_words), PUMPS), name="pump"
+        )
     app.add_typer(_members, name=_name, rich_help_panel="More commands")
 
 
 def add_installed_commands() -> None:
-    """Add the commands of other distributions: of each entry point of the group ``swashtwin.commands``, a function that
-    takes the application. Those of ``swashtwin-bench`` tell how to get them where it is not installed."""
+    """Add the commands of other distributions: of each entry point of the group
+    ``swashtwin.commands``, a function that takes the application. Those of ``swashtwin-bench`` tell
+    how to get them where it is not installed.
+    """
     installed = entry_points(group="swashtwin.commands")
     for entry in installed:
         entry.load()(app)
     if "bench" not in installed.names:
         anything = {"allow_extra_args": True, "ignore_unknown_options": True}
         for parent, name in ((app, "demo"), (app, "bench"), (_watch, "demo")):
-            parent.command(name, hidden=True, add_help_option=False, context_settings=anything)(_require_bench)
+            parent.command(name, hidden=True, add_help_option=False, context_settings=anything)(
+                _require_bench
+            )
 
 
 def _require_bench() -> None:
-    raise InputError("this command belongs to swashtwin-bench, which is not installed: pip install swashtwin-bench.")
+    raise InputError(
+        "this command belongs to swashtwin-bench, which is not installed: pip install swashtwin-bench."
+    )
 
 
 add_installed_commands()
@@ -116,22 +136,29 @@ def _print_version(is_wanted: bool) -> bool:
 
 @app.callback()
 def _options(
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an unexpected error.")
+    ] = False,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with it."""
+    """Learn a digital twin of an axial piston pump from its vibration, and diagnose the pump with
+    it.
+    """
 
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    # Before torch loads: its kernels are small here, and threads that spin between them slow everything down. To use
-    # more threads, set OMP_NUM_THREADS.
+    # Before torch loads: its kernels are small here, and threads that spin between them slow
+    # everything down. To use more threads, set OMP_NUM_THREADS.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # Importing torch makes about a million objects that stay. Looking through them for cycles, while they are imported
-    # and again when the process ends, took a quarter of a diagnosis.
+    # Importing torch makes about a million objects that stay. Looking through them for cycles,
+    # while they are imported and again when the process ends, took a quarter of a diagnosis.
     gc.set_threshold(100_000, 50, 100)
     keep_freed_memory()  # a sixth of the time of signal features
     safe_streams()

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swashtwin.cli.console import note, progress, say, table, tell
-from swashtwin.cli.files import Force, Report, is_collection, load_sources, require_output, require_page, write_page
+from swashtwin.cli.files import (
+    Force,
+    Report,
+    is_collection,
+    load_sources,
+    require_output,
+    require_page,
+    write_page,
+)
 from swashtwin.cli.options import (
     FaultText,
     Json,
@@ -54,11 +62,16 @@ def calibrate(
     ] = None,
     pressure: Annotated[
         list[str] | None,
-        typer.Option(help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'),
+        typer.Option(
+            help='Use recordings at this absolute discharge pressure only, such as "15 MPa"; repeatable.'
+        ),
     ] = None,
     specimen: Specimen = None,
     method: Annotated[
-        Method | None, typer.Option(help="How the values are searched; gauss-newton by default, the paper's is ipinn.")
+        Method | None,
+        typer.Option(
+            help="How the values are searched; gauss-newton by default, the paper's is ipinn."
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
@@ -78,9 +91,12 @@ def calibrate(
         ),
     ] = None,
     preset: PresetName = Preset.recommended,
-    band: Annotated[str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')] = None,
+    band: Annotated[
+        str | None, typer.Option(help='Frequencies whose lines are compared: "0-1 kHz".')
+    ] = None,
     out: Annotated[
-        Path, typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml.")
+        Path,
+        typer.Option(help="File to write, .json; the values go beside it as NAME-interfaces.toml."),
     ] = Path("calibration.json"),
     report: Report = None,
     seed: Seed = 0,
@@ -89,28 +105,37 @@ def calibrate(
 ) -> None:
     """Find a twin's six interface values from recordings, and how uncertain they are.
 
-    Speed and pressure are those that the recordings state; several operating points are fitted together, with one set
-    of values. Calibrating is training: the recordings used must not test a classifier later (swashtwin data split).
+    Speed and pressure are those that the recordings state; several operating points are fitted
+    together, with one set of values. Calibrating is training: the recordings used must not test a
+    classifier later (swashtwin data split).
     """
     import swashtwin.calibration as calibration
     from swashtwin import presets
     from swashtwin.pump import load_pump
 
     values_file, read = out.with_name(f"{out.stem}-interfaces.toml"), [source, Path(pump)]
-    require_output(out, suffixes=[".json"], inputs=read, own=['"format": "swashtwin calibration'], force=force)
+    require_output(
+        out, suffixes=[".json"], inputs=read, own=['"format": "swashtwin calibration'], force=force
+    )
     require_output(values_file, inputs=read, own=["calibrated with"], force=force)
     require_page(report, inputs=read, force=force)
     recipe = dict((presets.paper if preset is Preset.paper else presets.recommended).calibration)
     kinds = {Method.gauss_newton: calibration.GaussNewton, Method.ipinn: calibration.IPINN}
-    kind = type(recipe.pop("method", calibration.GaussNewton())) if method is None else kinds[method]
+    kind = (
+        type(recipe.pop("method", calibration.GaussNewton())) if method is None else kinds[method]
+    )
     name = next(name for name in kinds if kinds[name] is kind)
     arguments, own = _settings(settings, defaults_of(kind()), f"--method {name.value}")
     recipe |= arguments if band is None else {**arguments, "band": band_from(band)}
     drawing, defect = load_pump(pump), fault_from(fault)
     label = "normal" if defect is None else defect.label
     if law is not None and not is_collection(source, reading):
-        raise typer.BadParameter("takes an index of healthy recordings and of the fault's.", param_hint="--law")
-    there = _recordings(source, reading, speed, pressure or [], label, specimen, label if law is None else None)
+        raise typer.BadParameter(
+            "takes an index of healthy recordings and of the fault's.", param_hint="--law"
+        )
+    there = _recordings(
+        source, reading, speed, pressure or [], label, specimen, label if law is None else None
+    )
     start, recordings = _start(drawing, defect, there, speed, pressure or [])
     with progress("calibrating") as bar:
         result = calibration.calibrate(
@@ -125,13 +150,28 @@ def calibrate(
         )
     page = None
     if report is not None:
-        used = [recording for recording in recordings if recording.recording_id in result.recording_ids]
+        used = [
+            recording for recording in recordings if recording.recording_id in result.recording_ids
+        ]
         page = write_page(report, result, recordings=used, about={"Calibration": out})
     result.save(out)
     values = result.save_interfaces(values_file)
-    shown = ("method", "settings", "estimates", "fit_before", "fit_after", "recording_ids", "recording_hashes", "law")
+    shown = (
+        "method",
+        "settings",
+        "estimates",
+        "fit_before",
+        "fit_after",
+        "recording_ids",
+        "recording_hashes",
+        "law",
+    )
     facts = result.to_dict()
-    answer = {"calibration": out, "interfaces": values, **{name: facts[name] for name in (*shown, "left_out", "notes")}}
+    answer = {
+        "calibration": out,
+        "interfaces": values,
+        **{name: facts[name] for name in (*shown, "left_out", "notes")},
+    }
     answer |= {"simulations": result.simulations, "wall_s": result.wall_s, "report": page}
     tell(answer, as_json, lambda: _show(result, out, page))
 
@@ -145,28 +185,39 @@ def _recordings(
     specimen: str | None,
     wanted: str | None,
 ) -> "Recordings":
-    """Recordings of an index, of one class where one is `wanted`, or that of a file; what it does not state of class
-    and operating point, options do."""
+    """Recordings of an index, of one class where one is `wanted`, or that of a file; what it does
+    not state of class and operating point, options do.
+    """
     from swashtwin.recordings import Recordings, load_recordings
 
     if is_collection(source, reading):
         return load_recordings(source, label=wanted, specimen=specimen)
     if speed is not None and pressures:
         if len(pressures) > 1:
-            raise typer.BadParameter(f"{source} is one recording, at one pressure.", param_hint="--pressure")
+            raise typer.BadParameter(
+                f"{source} is one recording, at one pressure.", param_hint="--pressure"
+            )
         reading = {**reading, "speed": speed, "pressure": pressures[0]}
     (recording,) = load_sources([source], **reading)
     if recording.label is None:
-        note(f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class.")
+        note(
+            f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class."
+        )
         recording = recording.relabeled(label)
     return Recordings([recording])
 
 
 def _start(
-    pump: "Pump", fault: "Fault | None", recordings: "Recordings", speed: str | None, pressures: Sequence[str]
+    pump: "Pump",
+    fault: "Fault | None",
+    recordings: "Recordings",
+    speed: str | None,
+    pressures: Sequence[str],
 ) -> "tuple[Pump | Sequence[Twin], Sequence[Recording]]":
-    """Where the search starts, and the recordings: twins at the points that are named wholly, so that no recording has
-    to state one, or the pump, with the recordings at a speed or pressures that are named alone."""
+    """Where the search starts, and the recordings: twins at the points that are named wholly, so
+    that no recording has to state one, or the pump, with the recordings at a speed or pressures
+    that are named alone.
+    """
     from swashtwin.physics import Twin
     from swashtwin.pump import read_condition
 
@@ -178,7 +229,9 @@ def _start(
         chosen = recordings = recordings.where(speed=parse(speed, "rad/s", name="--speed"))
     if pressures:
         limits = [parse(text, "Pa", name="--pressure") for text in pressures]
-        by_id = {item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)}
+        by_id = {
+            item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)
+        }
         chosen = list(by_id.values())
     return pump, chosen
 
@@ -197,7 +250,11 @@ def _settings(
         },
         "solver": {"harmonic-balance": None, "rk4": RK4()},
     }  # fmt: skip
-    usual = {"bounds": 10.0, "phases": True, **{name: next(iter(options)) for name, options in words.items()}}
+    usual = {
+        "bounds": 10.0,
+        "phases": True,
+        **{name: next(iter(options)) for name, options in words.items()},
+    }
     chosen = read_settings(texts, {**usual, **defaults}, owner)
     for name in words.keys() & chosen.keys():
         if chosen[name] not in words[name]:
@@ -215,7 +272,13 @@ def _interval(estimate: "Estimate") -> str:
     open_below, open_above = estimate.open_sides
     if open_below and open_above:
         return "no limits"
-    return f"at most {high}" if open_below else f"at least {low}" if open_above else f"{low} ... {high}"
+    return (
+        f"at most {high}"
+        if open_below
+        else f"at least {low}"
+        if open_above
+        else f"{low} ... {high}"
+    )
 
 
 def _show(result: "Calibration", out: Path, page: Path | None) -> None:
@@ -229,7 +292,11 @@ def _show(result: "Calibration", out: Path, page: Path | None) -> None:
     table(f"{result.method} on {plural(len(result.recording_ids), 'recording')}", header, rows)
     if result.law is not None:
         laws = sorted(result.law.evidence.items(), key=lambda item: -item[1])
-        table("Laws of the recess", ("contact, entry", "ln evidence"), [(name, f"{value:.1f}") for name, value in laws])
+        table(
+            "Laws of the recess",
+            ("contact, entry", "ln evidence"),
+            [(name, f"{value:.1f}") for name, value in laws],
+        )
     before, after = asdict(result.fit_before), asdict(result.fit_after)
     fits = [(name, before[name], after[name]) for name in before]
     table("Against the measurement", ("figure", "nominal", "calibrated"), fits)

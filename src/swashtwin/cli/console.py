@@ -1,7 +1,8 @@
-"""What a command writes, and how it ends: one JSON object or tables, progress, its exit code and one line of why.
+"""What a command writes, and how it ends: one JSON object or tables, progress, its exit code and
+one line of why.
 
-Text may come from a stranger's file. `safe_streams` and `escape_controls` see to it that it never steers the terminal,
-and that a console of any encoding shows it.
+Text may come from a stranger's file. `safe_streams` and `escape_controls` see to it that it never
+steers the terminal, and that a console of any encoding shows it.
 """
 
 import errno
@@ -33,7 +34,9 @@ _PAUSE = 20.0  # seconds between two lines of progress where there is no termina
 
 
 def safe_streams() -> None:
-    """Let the console show whatever it cannot encode as codes, and warnings and logs of libraries without controls."""
+    """Let the console show whatever it cannot encode as codes, and warnings and logs of libraries
+    without controls.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -68,18 +71,26 @@ def note(text: str) -> None:
 
 
 def note_merged(notes: Iterable[tuple[str, str]], kind: str = "note") -> None:
-    """Print notes on recordings, or why they were left out, to standard error, one line for equal notes of several."""
+    """Print notes on recordings, or why they were left out, to standard error, one line for equal
+    notes of several.
+    """
     names_by_text: dict[str, list[str]] = {}
     for name, text in notes:
         names_by_text.setdefault(text, []).append(name)
     for text, names in names_by_text.items():
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        where = names[0] if len(names) == 1 else f"in {len(names)} recordings ({', '.join(names[:3])}{more})"
+        where = (
+            names[0]
+            if len(names) == 1
+            else f"in {len(names)} recordings ({', '.join(names[:3])}{more})"
+        )
         note(f"{kind}: {where}: {text}")
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Print a table to standard output, numbers to the right; a narrow terminal folds long text, and no number."""
+    """Print a table to standard output, numbers to the right; a narrow terminal folds long text,
+    and no number.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -88,10 +99,14 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     drawn = Table(box=SIMPLE_HEAD)
     for column, name in enumerate(header):
         values = [row[column] for row in rows]
-        is_number = any(map(_is_number, values)) and all(value is None or _is_number(value) for value in values)
+        is_number = any(map(_is_number, values)) and all(
+            value is None or _is_number(value) for value in values
+        )
         least = min(max(len(_word(cell)) for cell in [name, *values]), _LEAST)
         justify: Literal["left", "right"] = "right" if is_number else "left"
-        drawn.add_column(Text(_word(name)), justify=justify, no_wrap=is_number, overflow="fold", min_width=least)
+        drawn.add_column(
+            Text(_word(name)), justify=justify, no_wrap=is_number, overflow="fold", min_width=least
+        )
     for row in rows:
         drawn.add_row(*(Text(_word(cell)) for cell in row))
     console = Console(width=None if sys.stdout.isatty() else _UNLIMITED)
@@ -101,7 +116,9 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -
     console.print(drawn)
 
 
-def show_rows(title: str, header: Sequence[str], rows: Sequence[Sequence[object]], rest: str = "--json has") -> None:
+def show_rows(
+    title: str, header: Sequence[str], rows: Sequence[Sequence[object]], rest: str = "--json has"
+) -> None:
     """Print the first rows of a table, and where the rest is."""
     table(title, header, rows[:MOST_ROWS])
     if len(rows) > MOST_ROWS:
@@ -119,7 +136,8 @@ def _is_number(value: object) -> bool:
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[..., None]]:
-    """Bar on standard error while the block runs; call what it yields with (count, total, optional words).
+    """Bar on standard error while the block runs; call what it yields with (count, total, optional
+    words).
 
     Without a terminal it is a line every 20 s.
     """
@@ -138,7 +156,12 @@ def progress(title: str) -> Iterator[Callable[..., None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(escape_controls(title), total=None)
 
@@ -166,17 +189,22 @@ def _word(value: object) -> str:
 
 
 BUG, BAD_DATA, NO_VERDICT, NOT_ENOUGH, INTERRUPTED = 1, 3, 4, 5, 130
-"""Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording has no verdict. 5:
-the recordings are sound, but too few."""
+"""Exit codes; 0 is success and 2 a wrong command line. 4: the command ended well, but a recording
+has no verdict. 5: the recordings are sound, but too few.
+"""
 
-_CLICK_ERROR: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+_CLICK_ERROR: Any = next(
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
+)
 
 
 class GuardedGroup(TyperGroup):
     """Commands whose errors become one line on standard error and an exit code."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
-        """Context of a command line; what is wrong with its words is said without control characters."""
+        """Context of a command line; what is wrong with its words is said without control
+        characters.
+        """
         with _printable_error():
             return super().make_context(*arguments, **options)
 
@@ -192,7 +220,9 @@ class GuardedGroup(TyperGroup):
             option = f" (--{cause.field.replace('_', '-')})" if cause.field else ""
             raise self._exit(f"error: {_line(cause)}{option}", BAD_DATA) from cause
         except MemoryError as cause:
-            raise self._exit("error: not enough memory; ask for less at a time.", BAD_DATA) from cause
+            raise self._exit(
+                "error: not enough memory; ask for less at a time.", BAD_DATA
+            ) from cause
         except OSError as cause:
             if cause.errno == errno.EPIPE:
                 raise
@@ -203,7 +233,9 @@ class GuardedGroup(TyperGroup):
             if isinstance(cause, (_CLICK_ERROR, typer.Exit, typer.Abort)):
                 raise
             if type(cause).__name__ == "SafetensorError":  # what safetensors raises on a full disk
-                raise self._exit(f"error: {_line(cause)}; nothing is half-written.", BAD_DATA) from cause
+                raise self._exit(
+                    f"error: {_line(cause)}; nothing is half-written.", BAD_DATA
+                ) from cause
             if ctx.params.get("debug"):
                 typer.echo(escape_controls(traceback.format_exc(), keep="\n"), err=True)
             line = f"unexpected {type(cause).__name__}: {_line(cause)} This is a bug: please report it with the "

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swashtwin.cli.console import NO_VERDICT, class_words, note, note_merged, require_files, say, table, tell, with_bar
+from swashtwin.cli.console import (
+    NO_VERDICT,
+    class_words,
+    note,
+    note_merged,
+    require_files,
+    say,
+    table,
+    tell,
+    with_bar,
+)
 from swashtwin.cli.files import Force, Report, load_sources, require_page, write_page
 from swashtwin.cli.options import Json, ModelFile, Reading, Sources, as_index, reads_files
 from swashtwin.cli.training import confidence_advice
@@ -29,7 +39,9 @@ def diagnose(
     reading: Reading,
     error_rate: Annotated[
         float | None,
-        typer.Option(help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."),
+        typer.Option(
+            help="Of the prediction sets and of calling unknown, or of false alarms; the model's by default."
+        ),
     ] = None,
     healthy: Annotated[
         Path | None,
@@ -39,14 +51,18 @@ def diagnose(
             callback=as_index,
         ),
     ] = None,
-    pistons: Annotated[int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")] = None,
+    pistons: Annotated[
+        int | None, typer.Option(min=1, help="Number of pistons, to name their lines.")
+    ] = None,
     report: Report = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Name the class of each recording, or whether it deviates, and what to know before trusting it.
+    """Name the class of each recording, or whether it deviates, and what to know before trusting
+    it.
 
-    The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not finite.
+    The exit code is 4 if a recording has no verdict, because it cannot be used or a number is not
+    finite.
     """
     from swashtwin.diagnosis import FaultClassifier, load_model
 
@@ -56,31 +72,63 @@ def diagnose(
     if healthy is not None:
         trained, recordings = _compared(trained, healthy, recordings)
     rate: dict[str, Any] = {} if error_rate is None else {"error_rate": error_rate}
-    verdicts = [trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")]
+    verdicts = [
+        trained.diagnose(recording, **rate) for recording in with_bar(recordings, "diagnosing")
+    ]
     if pistons is not None:
-        verdicts = [replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts]
+        verdicts = [
+            replace(verdict, facts=replace(verdict.facts, pistons=pistons)) for verdict in verdicts
+        ]
     evidence = {}
     if report is not None and isinstance(trained, FaultClassifier):
         evidence = _evidence_of(trained.fitted_, recordings, verdicts)
-    items = [item for verdict in verdicts for item in (verdict, evidence.get(verdict.recording_id)) if item is not None]
+    items = [
+        item
+        for verdict in verdicts
+        for item in (verdict, evidence.get(verdict.recording_id))
+        if item is not None
+    ]
     page = write_page(report, *items, about={"Model": model})
 
     def show() -> None:
-        table(plural(len(verdicts), "recording"), _HEADERS[verdicts[0].kind], [_row(verdict) for verdict in verdicts])
+        table(
+            plural(len(verdicts), "recording"),
+            _HEADERS[verdicts[0].kind],
+            [_row(verdict) for verdict in verdicts],
+        )
         if isinstance(trained, FaultClassifier) and trained.fitted_.confidence is None:
-            note(f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}.")
-        said = {verdict: verdict.sentence() for verdict in verdicts if verdict.label is None or verdict.unknown}
+            note(
+                f"note: the model's confidence is not calibrated; {confidence_advice(trained.fitted_)}."
+            )
+        said = {
+            verdict: verdict.sentence()
+            for verdict in verdicts
+            if verdict.label is None or verdict.unknown
+        }
         note_merged(
-            [(item.recording_id, text.replace(f": {item.recording_id} ", ": it ", 1)) for item, text in said.items()]
+            [
+                (item.recording_id, text.replace(f": {item.recording_id} ", ": it ", 1))
+                for item, text in said.items()
+            ]
         )
         pairs = ((verdict, text) for verdict in verdicts for text in verdict.notes)
-        note_merged([(verdict.recording_id, text) for verdict, text in pairs if text not in said.get(verdict, "")])
+        note_merged(
+            [
+                (verdict.recording_id, text)
+                for verdict, text in pairs
+                if text not in said.get(verdict, "")
+            ]
+        )
         if evidence and len(verdicts) > EXPLAINED:
             note(f"note: evidence is shown for the first {EXPLAINED} recordings only.")
         if page is not None:
             say(str(page))
 
-    result = {"model": model, "diagnoses": [verdict.to_dict() for verdict in verdicts], "report": page}
+    result = {
+        "model": model,
+        "diagnoses": [verdict.to_dict() for verdict in verdicts],
+        "report": page,
+    }
     tell({**result, "evidence": [item.to_dict() for item in evidence.values()]}, as_json, show)
     if any(verdict.label is None for verdict in verdicts):
         raise typer.Exit(NO_VERDICT)
@@ -89,15 +137,18 @@ def diagnose(
 def _compared(
     trained: object, healthy: Path, recordings: "Sequence[Recording]"
 ) -> "tuple[FaultClassifier, list[Recording]]":
-    """(the classifier that compares with healthy recordings, recordings to diagnose): where the healthy ones are of one
-    machine, so are those that state none."""
+    """(the classifier that compares with healthy recordings, recordings to diagnose): where the
+    healthy ones are of one machine, so are those that state none.
+    """
     from swashtwin.diagnosis import FaultClassifier
     from swashtwin.foundation import InputError
     from swashtwin.pump import is_healthy
 
     if not isinstance(trained, FaultClassifier):
         raise typer.BadParameter("belongs to a classifier; leave it out.", param_hint="--healthy")
-    reference = [item for item in load_sources([healthy]) if item.label is None or is_healthy(item.label)]
+    reference = [
+        item for item in load_sources([healthy]) if item.label is None or is_healthy(item.label)
+    ]
     if not reference:
         raise InputError(f"{healthy} has no healthy recording; name a folder or an index that has.")
     names, compared = {item.specimen or "" for item in reference}, list(recordings)
@@ -112,7 +163,9 @@ def _compared(
 
 
 def _evidence_of(
-    classifier: "FittedClassifier", recordings: Sequence["Recording"], verdicts: Sequence["Diagnosis"]
+    classifier: "FittedClassifier",
+    recordings: Sequence["Recording"],
+    verdicts: Sequence["Diagnosis"],
 ) -> dict[str, "Evidence"]:
     """What the first verdicts rest on, by recording; none of a network that has no gradients."""
     from swashtwin.diagnosis import explain
@@ -123,30 +176,48 @@ def _evidence_of(
             f"note: the page says no lines that speak for a verdict, since {classifier.network.name} has no gradients."
         )
         return {}
-    pairs = [pair for pair in zip(recordings[:EXPLAINED], verdicts, strict=False) if pair[1].label is not None]
+    pairs = [
+        pair
+        for pair in zip(recordings[:EXPLAINED], verdicts, strict=False)
+        if pair[1].label is not None
+    ]
     evidence = {}
     for recording, verdict in with_bar(pairs, "collecting evidence"):
         try:
             evidence[verdict.recording_id] = explain(classifier, recording, verdict)
         except DataError as cause:  # such as a file that is gone meanwhile; the verdicts stay
-            note(f"note: the page says no lines that speak for the verdict on {verdict.recording_id}: {cause}")
+            note(
+                f"note: the page says no lines that speak for the verdict on {verdict.recording_id}: {cause}"
+            )
     return evidence
 
 
 _HEADERS = {
-    "classifier": ("recording", "verdict", "probability", "share of windows that agree", "could be"),
+    "classifier": (
+        "recording",
+        "verdict",
+        "probability",
+        "share of windows that agree",
+        "could be",
+    ),
     "detector": ("recording", "verdict", "p-value", "what moved"),
     "prior": ("recording", "verdict", "probability"),
 }
 
 
 def _row(verdict: "Diagnosis") -> tuple[object, ...]:
-    """A diagnosis in the columns of its kind; no class, share or alternative stands beside an unknown one."""
+    """A diagnosis in the columns of its kind; no class, share or alternative stands beside an
+    unknown one.
+    """
     if verdict.kind == "detector":
         answer = {True: "ALARM", False: "no alarm", None: "no verdict"}[verdict.alarm]
         return verdict.recording_id, answer, verdict.p_value, verdict.moved if verdict.alarm else ""
     if verdict.label is None or verdict.unknown:
-        return verdict.recording_id, verdict.verdict, *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2]
+        return (
+            verdict.recording_id,
+            verdict.verdict,
+            *(None, "", "")[: len(_HEADERS[verdict.kind]) - 2],
+        )
     row = (verdict.recording_id, class_words(verdict.label), verdict.probabilities[verdict.label])
     if verdict.kind == "prior":
         return row
@@ -154,8 +225,12 @@ def _row(verdict: "Diagnosis") -> tuple[object, ...]:
 
 
 def report(
-    sources: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Calibrations and models.")],
-    out: Annotated[Path, typer.Option(help="Folder for report.html with its data, or one .html file.")],
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Calibrations and models.")
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Folder for report.html with its data, or one .html file.")
+    ],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -169,10 +244,13 @@ def report(
 
     require_files(sources)
     if folders := [path for path in sources if path.is_dir()]:
-        raise InputError(f"{folders[0]} is a folder; report takes files of calibrations and models.")
+        raise InputError(
+            f"{folders[0]} is a folder; report takes files of calibrations and models."
+        )
     require_page(out, inputs=sources, force=force)
     items: list[Any] = [
-        load_model(path) if path.suffix == ".safetensors" else load_calibration(path) for path in sources
+        load_model(path) if path.suffix == ".safetensors" else load_calibration(path)
+        for path in sources
     ]
     page = write_page(out, *items, about={"File": ", ".join(path.name for path in sources)})
     tell({"report": page, "sources": sources}, as_json, lambda: say(f"Report: {page}"))

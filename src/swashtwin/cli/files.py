@@ -1,4 +1,6 @@
-"""The recordings that a command's arguments name, and the files that it writes, refused early where they may not be."""
+"""The recordings that a command's arguments name, and the files that it writes, refused early where
+they may not be.
+"""
 
 import os
 import re
@@ -28,9 +30,14 @@ def as_folder(path: Path | None) -> Path | None:
 
 Force = Annotated[
     bool,
-    typer.Option("--force", help="Write even over a file that another command or a hand made; never over an input."),
+    typer.Option(
+        "--force",
+        help="Write even over a file that another command or a hand made; never over an input.",
+    ),
 ]
-Report = Annotated[Path | None, typer.Option(help="Folder for report.html with its data, or one .html file.")]
+Report = Annotated[
+    Path | None, typer.Option(help="Folder for report.html with its data, or one .html file.")
+]
 _PAGE = "<footer>Written by swashtwin"
 FIGURE = "<!-- figure of swashtwin -->"
 """What an SVG file of swashtwin holds."""
@@ -43,14 +50,17 @@ def require_output(
     own: Sequence[str] = (),
     force: bool = False,
 ) -> None:
-    """Refuse files that cannot be written, that the same command reads, or that others made, before the work for them.
+    """Refuse files that cannot be written, that the same command reads, or that others made, before
+    the work for them.
 
     Parameters
     ----------
     paths : files to be written; None is none.
     suffixes : those that the files may have; all by default.
-    inputs : files, indexes and folders that the command reads. Not even `force` replaces them, nor what they name.
-    own : texts, of which a file that the same command wrote before holds one; such a file may be replaced.
+    inputs : files, indexes and folders that the command reads. Not even `force` replaces them, nor
+        what they name.
+    own : texts, of which a file that the same command wrote before holds one; such a file may be
+        replaced.
     force : replace any other file as well.
 
     Raises
@@ -63,17 +73,25 @@ def require_output(
         if path is None:
             continue
         if path.is_dir():
-            raise InputError(f"{path} is a folder; name a file, such as {path / ('result' + (*suffixes, '')[0])}.")
+            raise InputError(
+                f"{path} is a folder; name a file, such as {path / ('result' + (*suffixes, '')[0])}."
+            )
         if suffixes and path.suffix.lower() not in suffixes:
             raise InputError(f"{path} must end in {' or '.join(suffixes)}.")
         _require_place(path.absolute().parent, "a file in a folder")
-        if any(path.resolve() == file.resolve() for file in (_files(read) if path.exists() else read)):
-            raise InputError(f"{path} is read by this command and would be lost; name another file.")
+        if any(
+            path.resolve() == file.resolve() for file in (_files(read) if path.exists() else read)
+        ):
+            raise InputError(
+                f"{path} is read by this command and would be lost; name another file."
+            )
         if path.exists() and not (force or _holds(path, own)):
             raise InputError(f"{path} exists; replace it with --force, or name another file.")
 
 
-def require_page(target: Path | None, *, inputs: Iterable[Path | None] = (), force: bool = False) -> None:
+def require_page(
+    target: Path | None, *, inputs: Iterable[Path | None] = (), force: bool = False
+) -> None:
     """Refuse a page, the file or folder of ``--report``, as `require_output` refuses files."""
     if target is None or target.suffix == ".html":
         require_output(target, inputs=inputs, own=[_PAGE], force=force)
@@ -116,7 +134,9 @@ def _files(paths: Iterable[Path]) -> Iterator[Path]:
         if path.is_dir() or path.suffix == ".toml":
             try:
                 yield from source_files(path)
-            except SwashTwinError:  # another kind of folder or file, or one that the command itself refuses
+            except (
+                SwashTwinError
+            ):  # another kind of folder or file, or one that the command itself refuses
                 continue
 
 
@@ -126,7 +146,8 @@ def write_page(
     recordings: "Sequence[Recording]" = (),
     about: Mapping[str, object] = MappingProxyType({}),
 ) -> Path | None:
-    """Path of the page: `target` itself where it is an HTML file, which needs no other; None without a target.
+    """Path of the page: `target` itself where it is an HTML file, which needs no other; None
+    without a target.
 
     Parameters
     ----------
@@ -159,8 +180,12 @@ def by_options(text: str) -> str:
     text = re.sub(rf"\b({'|'.join(LAYOUT)}) = (\d+|\"[^\"]*\")", _read_option, text)
     keys = rf"\b({'|'.join(READING)}) = (?=[\"'\[\d])"
     text = re.sub(keys, lambda match: f"--{match[1].replace('_', '-')} ", text)
-    text = text.replace("the index says", "the option says").replace("correct the index", "correct the option")
-    return text.replace("remove unit,", "leave out --unit,").replace("--channels [...]", "--channels NAME")
+    text = text.replace("the index says", "the option says").replace(
+        "correct the index", "correct the option"
+    )
+    return text.replace("remove unit,", "leave out --unit,").replace(
+        "--channels [...]", "--channels NAME"
+    )
 
 
 def _read_option(match: re.Match[str]) -> str:
@@ -170,14 +195,18 @@ def _read_option(match: re.Match[str]) -> str:
     return f"--read {pair}" if value.isalnum() else f'--read "{pair}"'
 
 
-def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any) -> "list[Recording]":
-    """Recordings of indexes, folders with an index, stores, and single files with `facts`, read when they are used.
+def load_sources(
+    paths: list[Path], unreadable: "list[Finding] | None" = None, /, **facts: Any
+) -> "list[Recording]":
+    """Recordings of indexes, folders with an index, stores, and single files with `facts`, read
+    when they are used.
 
     Those of several paths that share an id get their folders' names before it.
 
     Parameters
     ----------
-    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
+    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error
+        for the first.
     """
     from swashtwin.recordings import load_recordings
 
@@ -195,7 +224,11 @@ def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /
         recordings += loaded
         folders += [(path if path.is_dir() else path.parent).absolute().parts[1:]] * len(loaded)
     for name, count in Counter(recording.recording_id for recording in recordings).items():
-        alike = [i for i, recording in enumerate(recordings) if recording.recording_id == name] if count > 1 else []
+        alike = (
+            [i for i, recording in enumerate(recordings) if recording.recording_id == name]
+            if count > 1
+            else []
+        )
         for depth in range(1, max((len(folders[i]) for i in alike), default=0) + 1):
             longer = {i: "/".join((*folders[i][-depth:], name)) for i in alike}
             if len(set(longer.values())) == count:
@@ -206,7 +239,9 @@ def load_sources(paths: list[Path], unreadable: "list[Finding] | None" = None, /
 
 
 def is_collection(path: Path, facts: dict[str, Any]) -> bool:
-    """Whether a source states the facts of its recordings itself; no option may then state them again."""
+    """Whether a source states the facts of its recordings itself; no option may then state them
+    again.
+    """
     from swashtwin.recordings import is_store
 
     if not (path.is_dir() or path.suffix == ".toml" or is_store(path)):
@@ -215,5 +250,7 @@ def is_collection(path: Path, facts: dict[str, Any]) -> bool:
         key = next(iter(facts))
         option = "--read" if key in LAYOUT else f"--{key.replace('_', '-')}"
         remedy = "convert its files anew" if is_store(path) else "edit its index"
-        raise typer.BadParameter(f"is for single files, and {path} says it itself; {remedy}.", param_hint=option)
+        raise typer.BadParameter(
+            f"is for single files, and {path} says it itself; {remedy}.", param_hint=option
+        )
     return True

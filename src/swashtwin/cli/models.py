@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swashtwin.cli.console import class_words, note, progress, say, table, tell
-from swashtwin.cli.files import Force, Report, artifact_marks, require_output, require_page, write_page
+from swashtwin.cli.files import (
+    Force,
+    Report,
+    artifact_marks,
+    require_output,
+    require_page,
+    write_page,
+)
 from swashtwin.cli.options import Index, Json, ModelFile, PumpName, Seed
 from swashtwin.foundation import InputError, plural
 
@@ -60,8 +67,16 @@ def evaluate(
             say(str(page))
 
     names = [recording.recording_id for recording in chosen]
-    sure = {"confidence": confidence and confidence.to_dict()} if isinstance(trained, FaultClassifier) else {}
-    tell({"model": model, "recordings": names, **scores.to_dict(), **sure, "report": page}, as_json, show)
+    sure = (
+        {"confidence": confidence and confidence.to_dict()}
+        if isinstance(trained, FaultClassifier)
+        else {}
+    )
+    tell(
+        {"model": model, "recordings": names, **scores.to_dict(), **sure, "report": page},
+        as_json,
+        show,
+    )
 
 
 def _show_alarms(scores: "AlarmScores") -> None:
@@ -70,7 +85,16 @@ def _show_alarms(scores: "AlarmScores") -> None:
          f"{item.interval[0]:.2f} to {item.interval[1]:.2f}", item.auroc, item.n_named)
         for item in scores.classes
     ]  # fmt: skip
-    header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC against healthy", "named")
+    header = (
+        "class",
+        "recordings",
+        "no verdict",
+        "alarms",
+        "share",
+        "95 % interval",
+        "AUROC against healthy",
+        "named",
+    )
     rate = "" if scores.error_rate is None else f" at a false-alarm rate of {scores.error_rate:g}"
     columns = len(header) if scores.error_rate is None else len(header) - 1
     table(f"Alarms{rate}", header[:columns], [row[:columns] for row in rows])
@@ -93,9 +117,13 @@ def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> Non
     low, high = scores.accuracy_interval
     say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")
     classes = [class_words(name) for name in scores.classes]
-    counts = [(name, *(int(n) for n in row)) for name, row in zip(classes, scores.confusion, strict=True)]
+    counts = [
+        (name, *(int(n) for n in row)) for name, row in zip(classes, scores.confusion, strict=True)
+    ]
     without = ("no verdict",) if scores.confusion.shape[1] > len(classes) else ()
-    table("Windows of each class (row) by predicted class (column)", ("", *classes, *without), counts)
+    table(
+        "Windows of each class (row) by predicted class (column)", ("", *classes, *without), counts
+    )
     if confidence is None:
         return
     figures = confidence.to_dict().items()
@@ -133,9 +161,13 @@ def export(
         usual = ", NaN if unknown" if classifier.network.settings.get("turns") else ""
         speed = f", speed (any) in rad/s{usual}" if classifier.network.uses_speed else ""
         rate = f"{layout.sample_rate:g} Hz"
-        say(f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class")
+        say(
+            f"{out}: windows {shape} in {layout.unit} at {rate}{speed}, to one probability per class"
+        )
         if classifier.recordings is not None:
-            note("note: it holds the part on short windows alone; diagnose listens to whole recordings beside it.")
+            note(
+                "note: it holds the part on short windows alone; diagnose listens to whole recordings beside it."
+            )
 
     tell(result, as_json, show)
 
@@ -149,12 +181,16 @@ _PRIOR = artifact_marks("prior classifier")
 def prior(
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("prior.safetensors"),
     pump: PumpName = "25scy14-1b",
-    count: Annotated[int, typer.Option(min=10, help="Virtual pumps; 2,000 take about 4 minutes of a core.")] = 2_000,
+    count: Annotated[
+        int, typer.Option(min=10, help="Virtual pumps; 2,000 take about 4 minutes of a core.")
+    ] = 2_000,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate virtual pumps of a design with every fault, and train on them what model adapt adapts to a machine."""
+    """Simulate virtual pumps of a design with every fault, and train on them what model adapt
+    adapts to a machine.
+    """
     from swashtwin.diagnosis import make_prior
     from swashtwin.pump import load_pump
     from swashtwin.synthesis import PumpPrior, operating_range, simulate_changes
@@ -163,7 +199,9 @@ def prior(
     drawing = PumpPrior(pump=load_pump(pump))
     speed, pressure = operating_range(drawing.pump, drawing)
     with progress("simulating virtual pumps") as bar:
-        changes = simulate_changes(drawing, count, seed=seed, jobs=-1 if count > _FEW else 1, progress=bar)
+        changes = simulate_changes(
+            drawing, count, seed=seed, jobs=-1 if count > _FEW else 1, progress=bar
+        )
     n_pumps = len(changes.drawn)
     model = make_prior(
         changes.change,
@@ -180,30 +218,49 @@ def prior(
     def show() -> None:
         say(f"{out}: {model!r}")
         if n_pumps < count:
-            note(f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge.")
+            note(
+                f"note: {plural(count - n_pumps, 'pump')} had chamber pressures that do not converge."
+            )
         say(f"Next: swashtwin model adapt {out} HEALTHY")
 
-    result = {"model": out, "pump": model.pump, "pumps": n_pumps, "classes": model.classes, "seed": seed}
+    result = {
+        "model": out,
+        "pump": model.pump,
+        "pumps": n_pumps,
+        "classes": model.classes,
+        "seed": seed,
+    }
     tell(result, as_json, show)
 
 
 def adapt(
-    design: Annotated[str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")],
+    design: Annotated[
+        str, typer.Argument(metavar="PRIOR", help="25scy14-1b, or a prior's file (twin prior).")
+    ],
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("pump.safetensors"),
     pistons: Annotated[
-        int | None, typer.Option(min=5, help="Pistons of the machine where it is of another design than the prior's.")
+        int | None,
+        typer.Option(
+            min=5, help="Pistons of the machine where it is of another design than the prior's."
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index teach it further."""
+    """Adapt a pump prior to a machine, from healthy recordings alone; measured faults in the index
+    teach it further.
+    """
     from swashtwin.diagnosis import PriorClassifier
     from swashtwin.recordings import declared_faults, load_recordings
 
-    require_output(out, suffixes=[".safetensors"], inputs=[Path(design), source], own=_PRIOR, force=force)
+    require_output(
+        out, suffixes=[".safetensors"], inputs=[Path(design), source], own=_PRIOR, force=force
+    )
     if Path(design).is_dir() or Path(design).suffix == ".toml":
-        raise InputError(f"{design} holds recordings; the prior stands first: swashtwin model adapt PRIOR {design}")
+        raise InputError(
+            f"{design} holds recordings; the prior stands first: swashtwin model adapt PRIOR {design}"
+        )
     shipped, recordings = PriorClassifier.load(design), load_recordings(source)
     unlabeled = sum(recording.label is None for recording in recordings)
     with progress("measuring levels"):
@@ -221,7 +278,9 @@ def adapt(
                 f"note: {plural(unlabeled, 'recording')} without a class counted as healthy; label or leave out faults."
             )
         if pistons is None:
-            note(f"note: its faults were simulated for {model.pump}; of a pump of another design name the --pistons.")
+            note(
+                f"note: its faults were simulated for {model.pump}; of a pump of another design name the --pistons."
+            )
         say(f"Next: swashtwin diagnose {out} FILE")
 
     tell(result, as_json, show)

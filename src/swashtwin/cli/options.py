@@ -20,7 +20,9 @@ T = TypeVar("T")
 def as_index(path: Path | None) -> Path | None:
     """The same path, refused where it is a file that can be no index."""
     if path is not None and path.is_file() and path.suffix not in (".toml", ".h5", ".hdf5"):
-        raise typer.BadParameter(f"{path} is no index of labeled recordings; swashtwin index FOLDER writes one.")
+        raise typer.BadParameter(
+            f"{path} is no index of labeled recordings; swashtwin index FOLDER writes one."
+        )
     return path
 
 
@@ -29,32 +31,51 @@ Seed = Annotated[int, typer.Option(help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Number of parallel processes.")]
 _INDEX = "Index file, the folder that holds recordings.toml, or a store."
 Index = Annotated[Path, typer.Argument(metavar="INDEX", help=_INDEX, callback=as_index)]
-Source = Annotated[Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.")]
+Source = Annotated[
+    Path, typer.Argument(metavar="FILE|INDEX", help="A file, an index, or a folder with one.")
+]
 Sources = Annotated[
     list[Path],
     typer.Argument(metavar="FILE|INDEX...", help="Files, indexes, or folders with one."),
 ]
 GroupName = Annotated[
-    str, typer.Option("--group", help="What is never split: recording, specimen, condition, or an attribute.")
+    str,
+    typer.Option(
+        "--group", help="What is never split: recording, specimen, condition, or an attribute."
+    ),
 ]
 _USUAL = "Samples per window; by default 8192 or as many as recordings allow."
 UsualWindow = Annotated[int | None, typer.Option("--window", help=_USUAL)]
 Window = Annotated[int, typer.Option(help="Samples per window; 2048 are 80 ms at 25.6 kHz.")]
 Specimen = Annotated[str | None, typer.Option(help="Use the recordings of this machine only.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.")]
-CalibrationFile = Annotated[Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")]
-PumpName = Annotated[str, typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show).")]
+ModelFile = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="Model file that train or model adapt wrote.")
+]
+CalibrationFile = Annotated[
+    Path, typer.Argument(metavar="CALIBRATION", help="Calibration file that calibrate wrote.")
+]
+PumpName = Annotated[
+    str,
+    typer.Option("--pump", help="Name of a pump, or its .toml file (swashtwin twin pump show)."),
+]
 Speed = Annotated[str, typer.Option(help='Shaft speed, such as "860 rpm".')]
 Pressure = Annotated[str, typer.Option(help='Absolute discharge pressure, such as "15 MPa".')]
-_FAULT = 'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
+_FAULT = (
+    'Fault with the dimensions that are not the usual ones: "swash_plate:depth=0.3mm,length=30mm".'
+)
 _KIND = "KIND[:NAME=QUANTITY,...]"
-FaultText = Annotated[str, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} normal is a healthy pump.")]
+FaultText = Annotated[
+    str, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} normal is a healthy pump.")
+]
 OptionalFault = Annotated[
-    str | None, typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} By default the calibration's.")
+    str | None,
+    typer.Option("--fault", metavar=_KIND, help=f"{_FAULT} By default the calibration's."),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Any other setting, such as epochs=60; repeatable."),
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="Any other setting, such as epochs=60; repeatable."
+    ),
 ]
 
 
@@ -82,12 +103,17 @@ def _sample_unit(text: str | None) -> str | None:
 
 
 def _reading(help_text: str, kind: Any = str, **more: Any) -> Any:
-    return Annotated[kind | None, typer.Option(help=help_text, rich_help_panel="What a file does not say", **more)]
+    return Annotated[
+        kind | None,
+        typer.Option(help=help_text, rich_help_panel="What a file does not say", **more),
+    ]
 
 
 READING = {
     "sample_rate": _reading('Sample rate: "25.6 kHz".'),
-    "unit": _reading('Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_sample_unit),
+    "unit": _reading(
+        'Unit of the numbers in the file: "g", "m/s^2", "V", "1".', callback=_sample_unit
+    ),
     "sensitivity": _reading(
         'What they stand for: "99.7 mV/g", "0.488 mg/count", "50 m/s^2" (full scale of WAV), NAME=...; repeatable.',
         list[str],
@@ -112,7 +138,8 @@ Reading = dict[str, Any]
 
 
 def reads_files(command: Callable[..., None]) -> Callable[..., None]:
-    """A command with the options that say how to read a file, which it gets together as ``reading``.
+    """A command with the options that say how to read a file, which it gets together as
+    ``reading``.
 
     An option of its own by the same name stays the command's.
     """
@@ -129,7 +156,10 @@ def reads_files(command: Callable[..., None]) -> Callable[..., None]:
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
         if name == "reading":
-            parameters += [inspect.Parameter(key, keyword, default=None, annotation=READING[key]) for key in added]
+            parameters += [
+                inspect.Parameter(key, keyword, default=None, annotation=READING[key])
+                for key in added
+            ]
         else:
             parameters.append(parameter.replace(kind=keyword))
     with_reading.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
@@ -145,9 +175,13 @@ def _layout(texts: Sequence[str]) -> dict[str, Any]:
             reason = f"{text!r} must be KEY=VALUE; the keys are {', '.join(LAYOUT)}."
             raise typer.BadParameter(reason, param_hint="--read")
         if key == "header_lines" and not value.isdecimal():
-            raise typer.BadParameter(f"{text!r} must be a whole number of lines.", param_hint="--read")
+            raise typer.BadParameter(
+                f"{text!r} must be a whole number of lines.", param_hint="--read"
+            )
         is_number = key in ("header_lines", "time_column") and value.isdecimal()
-        layout[key] = int(value) if is_number else "\t" if (key, value) == ("separator", "tab") else value
+        layout[key] = (
+            int(value) if is_number else "\t" if (key, value) == ("separator", "tab") else value
+        )
     return layout
 
 
@@ -170,7 +204,9 @@ def read_list(text: str | None, kind: Callable[[str], T], option: str) -> list[T
         return [kind(part.strip()) for part in text.split(",")]
     except ValueError:
         number = "whole numbers" if kind is int else "numbers"
-        raise typer.BadParameter(f"{text!r} must be {number} with commas between them.", param_hint=option) from None
+        raise typer.BadParameter(
+            f"{text!r} must be {number} with commas between them.", param_hint=option
+        ) from None
 
 
 def read_words(text: str | None) -> list[str]:
@@ -184,14 +220,17 @@ def present(**values: Any) -> dict[str, Any]:
 
 
 def fault_dimensions(text: str) -> tuple[str, dict[str, str]]:
-    """Kind of a fault text, and its dimensions: ``("piston", {"clearance": "60um"})`` of ``piston:clearance=60um``."""
+    """Kind of a fault text, and its dimensions: ``("piston", {"clearance": "60um"})`` of
+    ``piston:clearance=60um``.
+    """
     kind, _, dimensions = text.partition(":")
     return kind.strip(), read_pairs(dimensions.split(",") if dimensions else None, "--fault")
 
 
 def fault_from(text: str) -> "Fault | None":
-    """Fault that the text of ``--fault`` describes; None is a healthy pump. A recess whose law of contact is not named
-    gets the one that suits its depth."""
+    """Fault that the text of ``--fault`` describes; None is a healthy pump. A recess whose law of
+    contact is not named gets the one that suits its depth.
+    """
     from swashtwin.pump import SwashPlateDefect, read_fault
 
     kind, dimensions = fault_dimensions(text)
@@ -211,7 +250,9 @@ def band_from(text: str, option: str = "--band") -> tuple[float, float]:
     return band.low, band.high
 
 
-def read_settings(texts: Sequence[str] | None, defaults: dict[str, Any], owner: str) -> dict[str, Any]:
+def read_settings(
+    texts: Sequence[str] | None, defaults: dict[str, Any], owner: str
+) -> dict[str, Any]:
     """Settings that ``--set NAME=VALUE`` names, each of the same kind as its default.
 
     Parameters
@@ -225,14 +266,20 @@ def read_settings(texts: Sequence[str] | None, defaults: dict[str, Any], owner: 
     for name, text in read_pairs(texts, "--set").items():
         if name not in defaults:
             near = get_close_matches(name, defaults, n=1)
-            hint = f" Did you mean {near[0]}?" if near else f" There are {', '.join(sorted(defaults))}."
+            hint = (
+                f" Did you mean {near[0]}?"
+                if near
+                else f" There are {', '.join(sorted(defaults))}."
+            )
             raise typer.BadParameter(f"{owner} has no setting {name!r}.{hint}", param_hint="--set")
         settings[name] = _setting(name, text, defaults[name])
     return settings
 
 
 def _setting(name: str, text: str, default: Any) -> Any:
-    """Value of a setting: a word where the default is one, else a number, a truth value, or numbers with commas."""
+    """Value of a setting: a word where the default is one, else a number, a truth value, or numbers
+    with commas.
+    """
     if isinstance(default, str):
         return text
     try:
@@ -244,7 +291,11 @@ def _setting(name: str, text: str, default: Any) -> Any:
         first = default[0]
     types = {bool: ((bool,), "true or false"), int: ((int,), "a whole number")}
     kinds, words = types.get(type(first), ((int, float), "a number"))
-    if not values or not all(type(value) in kinds for value in values) or (len(values) > 1 and not several):
+    if (
+        not values
+        or not all(type(value) in kinds for value in values)
+        or (len(values) > 1 and not several)
+    ):
         reason = f"{name}={text} must be {words}{', or several with commas' if several else ''}."
         raise typer.BadParameter(reason, param_hint="--set")
     if isinstance(default, float):

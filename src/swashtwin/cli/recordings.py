@@ -20,8 +20,25 @@ from swashtwin.cli.console import (
     table,
     tell,
 )
-from swashtwin.cli.files import Force, by_options, is_collection, load_sources, require_output, single_file_options
-from swashtwin.cli.options import GroupName, Index, Json, Reading, Seed, Sources, Window, read_pairs, reads_files
+from swashtwin.cli.files import (
+    Force,
+    by_options,
+    is_collection,
+    load_sources,
+    require_output,
+    single_file_options,
+)
+from swashtwin.cli.options import (
+    GroupName,
+    Index,
+    Json,
+    Reading,
+    Seed,
+    Sources,
+    Window,
+    read_pairs,
+    reads_files,
+)
 from swashtwin.foundation import plural
 
 if TYPE_CHECKING:
@@ -33,18 +50,32 @@ if TYPE_CHECKING:
 def index(
     folder: Annotated[Path, typer.Argument(help="Folder of measurements; it is only read.")],
     reading: Reading,
-    out: Annotated[Path | None, typer.Option(help="Index file; recordings.toml in the folder by default.")] = None,
-    label_pattern: Annotated[
-        str | None, typer.Option(help="Regular expression searched in each path; its named groups become facts.")
+    out: Annotated[
+        Path | None, typer.Option(help="Index file; recordings.toml in the folder by default.")
     ] = None,
-    csv_table: Annotated[Path | None, typer.Option("--table", help="CSV table with one row per file.")] = None,
+    label_pattern: Annotated[
+        str | None,
+        typer.Option(
+            help="Regular expression searched in each path; its named groups become facts."
+        ),
+    ] = None,
+    csv_table: Annotated[
+        Path | None, typer.Option("--table", help="CSV table with one row per file.")
+    ] = None,
     columns: Annotated[
         list[str] | None,
-        typer.Option("--column", metavar="KEY=COLUMN", help="Column of the table that holds a key; repeatable."),
+        typer.Option(
+            "--column",
+            metavar="KEY=COLUMN",
+            help="Column of the table that holds a key; repeatable.",
+        ),
     ] = None,
-    include: Annotated[list[str] | None, typer.Option(help="Pattern of paths to include; repeatable.")] = None,
+    include: Annotated[
+        list[str] | None, typer.Option(help="Pattern of paths to include; repeatable.")
+    ] = None,
     pressure_unit: Annotated[
-        str | None, typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".')
+        str | None,
+        typer.Option(help='Unit of pressures in names, tables and headers that have none: "bar".'),
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -72,8 +103,16 @@ def index(
         )
     save_index(proposal.index, path)
     entries = proposal.index["recording"]
-    result: dict[str, Any] = {"index": path, "recordings": len(entries), "classes": proposal.index.get("classes", [])}
-    result |= {"fact_sources": list(proposal.facts), "skipped": list(proposal.skipped), "notes": list(proposal.notes)}
+    result: dict[str, Any] = {
+        "index": path,
+        "recordings": len(entries),
+        "classes": proposal.index.get("classes", []),
+    }
+    result |= {
+        "fact_sources": list(proposal.facts),
+        "skipped": list(proposal.skipped),
+        "notes": list(proposal.notes),
+    }
 
     def show() -> None:
         for reason in proposal.skipped:
@@ -121,7 +160,8 @@ def check(
 ) -> None:
     """Say whether recordings are sound and enough, and for what.
 
-    Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to train and to test.
+    Exit code 3 where a recording must not be used, 5 where the recordings are sound but too few to
+    train and to test.
     """
     from swashtwin.learning import check_recordings
 
@@ -163,8 +203,12 @@ def convert(
 
 def split(
     source: Index,
-    out: Annotated[Path | None, typer.Option(help="Folder for both files; that of the index by default.")] = None,
-    test_fraction: Annotated[float, typer.Option(help="Share to test on, above 0 and at most 0.5.")] = 0.2,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for both files; that of the index by default.")
+    ] = None,
+    test_fraction: Annotated[
+        float, typer.Option(help="Share to test on, above 0 and at most 0.5.")
+    ] = 0.2,
     group: GroupName = "recording",
     seed: Seed = 0,
     force: Force = False,
@@ -172,7 +216,8 @@ def split(
 ) -> None:
     """Split an index by recording into train.toml and test.toml, for a twin and a classifier alike.
 
-    Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with test.toml.
+    Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with
+    test.toml.
     """
     from swashtwin.recordings import load_recordings, narrow_index
 
@@ -182,8 +227,15 @@ def split(
     recordings = load_recordings(source)
     sides = dict(zip(paths, recordings.split(test_fraction, by=group, seed=seed), strict=True))
     ids = {name: sorted(side.recording_ids) for name, side in sides.items()}
-    files = {name: narrow_index(source, recordings, ids[name], path) for name, path in paths.items()}
-    result = {"seed": seed, "group": group, **files, **{f"{name}_recordings": ids[name] for name in ids}}
+    files = {
+        name: narrow_index(source, recordings, ids[name], path) for name, path in paths.items()
+    }
+    result = {
+        "seed": seed,
+        "group": group,
+        **files,
+        **{f"{name}_recordings": ids[name] for name in ids},
+    }
 
     def show() -> None:
         for name, file in files.items():
@@ -203,7 +255,17 @@ def _show_inspection(report: "InspectionReport", words: Callable[[str], str]) ->
         for item in report.recordings
         for channel in item.channels
     ]  # fmt: skip
-    header = ("recording", "class", "rate [Hz]", "length [s]", "channel", "least", "greatest", "rms", "unit")
+    header = (
+        "recording",
+        "class",
+        "rate [Hz]",
+        "length [s]",
+        "channel",
+        "least",
+        "greatest",
+        "rms",
+        "unit",
+    )
     show_rows(plural(len(report.recordings), "recording"), header, rows)
     sentences = report.merged(by_kind=len(rows) > MOST_ROWS)
     for severity, text in sentences:
@@ -221,9 +283,17 @@ def _show_check(check: "DataCheck") -> None:
     for label in labels:
         cells = [counts.get((label, condition)) for condition in conditions]
         specimens = {name for cell in cells if cell for name in cell.specimens}
-        rows.append((class_words(label), *(cell.recordings if cell else 0 for cell in cells), len(specimens)))
+        rows.append(
+            (
+                class_words(label),
+                *(cell.recordings if cell else 0 for cell in cells),
+                len(specimens),
+            )
+        )
     if rows:
-        names = (condition if condition != "-" else "condition not stated" for condition in conditions)
+        names = (
+            condition if condition != "-" else "condition not stated" for condition in conditions
+        )
         table("Recordings by class and condition", ("class", *names, "specimens"), rows)
     for use in check.uses:
         say(f"{_STATES[use.state]}: {use.name}: {use.reason}")

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from swashtwin.cli.console import MOST_ROWS, class_words, note, say, show_rows, table, tell, with_bar
+from swashtwin.cli.console import (
+    MOST_ROWS,
+    class_words,
+    note,
+    say,
+    show_rows,
+    table,
+    tell,
+    with_bar,
+)
 from swashtwin.cli.files import FIGURE, Force, load_sources, require_output
 from swashtwin.cli.options import Index, Json, Reading, Sources, band_from, read_list, reads_files
 from swashtwin.foundation import plural
@@ -20,10 +29,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Pistons = Annotated[
-    int | None, typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft.")
+    int | None,
+    typer.Option(min=1, help="Number of pistons z, for lines at z and 2 z times the shaft."),
 ]
 Bands = Annotated[
-    list[str] | None, typer.Option("--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.')
+    list[str] | None,
+    typer.Option(
+        "--band", help='Band in Hz or shaft orders, "10-1000 Hz", "0.5-6.5x"; repeatable.'
+    ),
 ]
 
 _TABLE = "recording,channel,class,specimen,date,speed [rpm],pressure [MPa],"
@@ -50,24 +63,34 @@ class Order(StrEnum):
 
 Tachometer = Annotated[
     str | None,
-    typer.Option(metavar="CHANNEL[:PULSES]", help='Channel with the pulses of a tachometer; "tacho:60" has 60 a turn.'),
+    typer.Option(
+        metavar="CHANNEL[:PULSES]",
+        help='Channel with the pulses of a tachometer; "tacho:60" has 60 a turn.',
+    ),
 ]
 Track = Annotated[
     str | None,
-    typer.Option(metavar="ORDERS", help='Follow the clearest line of these orders for the shaft angle: "7,14,28".'),
+    typer.Option(
+        metavar="ORDERS",
+        help='Follow the clearest line of these orders for the shaft angle: "7,14,28".',
+    ),
 ]
 
 
 @dataclass(frozen=True)
 class Shaft:
-    """Where a recording's shaft angle comes from; options that contradict each other are a wrong command line."""
+    """Where a recording's shaft angle comes from; options that contradict each other are a wrong
+    command line.
+    """
 
     tachometer: str | None
     track: str | None
 
     def __post_init__(self) -> None:
         if self.tachometer is not None and self.track is not None:
-            raise typer.BadParameter("give either --tachometer or --track, not both.", param_hint="--track")
+            raise typer.BadParameter(
+                "give either --tachometer or --track, not both.", param_hint="--track"
+            )
         read_list(self.track, int, "--track")
 
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
@@ -94,10 +117,14 @@ class Shaft:
         return recording.picked([name for name in recording.channels if name != channel])
 
     def _tachometer_of(self, recording: "Recording") -> tuple[str, int]:
-        """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a colon."""
+        """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a
+        colon.
+        """
         assert self.tachometer is not None
         channel, colon, pulses = self.tachometer.rpartition(":")
-        if self.tachometer in recording.channels or not (colon and pulses.isdigit() and int(pulses) > 0):
+        if self.tachometer in recording.channels or not (
+            colon and pulses.isdigit() and int(pulses) > 0
+        ):
             return self.tachometer, 1
         return channel, int(pulses)
 
@@ -106,7 +133,9 @@ class Shaft:
 def features(
     source: Sources,
     reading: Reading,
-    out: Annotated[Path | None, typer.Option(help="CSV file to write, all columns with their units.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="CSV file to write, all columns with their units.")
+    ] = None,
     pistons: Pistons = None,
     band: Bands = None,
     tachometer: Tachometer = None,
@@ -116,8 +145,8 @@ def features(
 ) -> None:
     """Table of indicators: velocity, levels, orders, envelope, for each recording and channel.
 
-    No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own baseline by swashtwin
-    signal trend.
+    No ISO zone is printed (none is made for axial piston pumps): compare with the machine's own
+    baseline by swashtwin signal trend.
     """
     require_output(out, suffixes=[".csv"], inputs=source, own=[_TABLE], force=force)
     from swashtwin.recordings import source_files
@@ -126,7 +155,13 @@ def features(
     recordings = load_sources(source, **reading)
     files = [(str(file.absolute()), file.stat()) for path in source for file in source_files(path)]
     stamps = [(file, stamp.st_size, stamp.st_mtime_ns) for file, stamp in files]
-    settings = {"pistons": pistons, "bands": band, "shaft": asdict(shaft), "reading": reading, "sources": stamps}
+    settings = {
+        "pistons": pistons,
+        "bands": band,
+        "shaft": asdict(shaft),
+        "reading": reading,
+        "sources": stamps,
+    }
     indicators = _indicators_of(recordings, pistons, band, shaft, out, settings)
     if out is not None:
         from swashtwin.foundation import write_text
@@ -141,13 +176,19 @@ def _show_indicators(indicators: "IndicatorTable", out: Path | None) -> None:
         for index, column in enumerate(indicators.columns)
         if column.name in _SHOWN or column.name.startswith("order_amplitude")
     ]
-    values = [[row[index] * column.shown[0] for index, column in columns] for row in indicators.values.tolist()]
+    values = [
+        [row[index] * column.shown[0] for index, column in columns]
+        for row in indicators.values.tolist()
+    ]
     names = [
         column.name.removeprefix("order_amplitude ").replace("_", " ")
         + (f" [{column.shown[1]}]" if column.unit else "")
         for _, column in columns
     ]
-    rows = [(row.recording_id, row.channel, *numbers) for row, numbers in zip(indicators.rows, values, strict=True)]
+    rows = [
+        (row.recording_id, row.channel, *numbers)
+        for row, numbers in zip(indicators.rows, values, strict=True)
+    ]
     show_rows(f"{len(rows)} rows", ("recording", "channel", *names), rows, "--out or --json has")
     where = f": {out}" if out else "; --out FILE.csv writes them"
     say(f"{len(indicators.columns)} indicators in all{where}. {_NO_ZONE}")
@@ -159,18 +200,22 @@ def spectrum(
     reading: Reading,
     kind: Annotated[SpectrumKind, typer.Option(help="Which spectrum.")] = SpectrumKind.amplitude,
     out: Annotated[
-        Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it; FILE_KIND.svg here.")
+        Path | None,
+        typer.Option(help="SVG file to write, NAME-data.csv beside it; FILE_KIND.svg here."),
     ] = None,
     pistons: Pistons = None,
     band: Annotated[
-        str | None, typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.')
+        str | None,
+        typer.Option(help='Band of the envelope, "2-5 kHz"; the kurtogram\'s by default.'),
     ] = None,
     tachometer: Tachometer = None,
     track: Track = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and SVG."""
+    """Amplitude, envelope or order spectrum with the lines of shaft and pistons marked: CSV and
+    SVG.
+    """
     from swashtwin.foundation import write_text
     from swashtwin.report import spectrum_drawing
     from swashtwin.signals import spectrum_of
@@ -178,19 +223,27 @@ def spectrum(
     target = out or Path(f"{file.stem}_{kind.value}.svg")
     csv_file = _csv_beside(target, [file], force)
     if band is not None and kind is not SpectrumKind.envelope:
-        raise typer.BadParameter("is the band of an envelope: --kind envelope.", param_hint="--band")
+        raise typer.BadParameter(
+            "is the band of an envelope: --kind envelope.", param_hint="--band"
+        )
     shaft = Shaft(tachometer, track)
     edges = None if band is None else band_from(band)
     recordings = load_sources([file], **reading)
     if len(recordings) != 1:
-        raise typer.BadParameter(f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE")
+        raise typer.BadParameter(
+            f"{file} holds {len(recordings)} recordings; name one file.", param_hint="FILE"
+        )
     vibration, angle = shaft.vibration_of(recordings[0]), shaft.angle_of(recordings[0])
     lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=edges)
     drawing = spectrum_drawing(lines)
     data = write_text(csv_file, drawing.csv)
     write_text(target, drawing.svg)
     marks = [
-        {"name": mark.name, "at": mark.at, "value": dict(zip(lines.channels, lines.at(mark).tolist(), strict=True))}
+        {
+            "name": mark.name,
+            "at": mark.at,
+            "value": dict(zip(lines.channels, lines.at(mark).tolist(), strict=True)),
+        }
         for mark in lines.marks
     ]
     result = {
@@ -217,24 +270,40 @@ def spectrum(
 def trend(
     source: Index,
     indicator: Annotated[
-        str, typer.Option(help="Indicator to follow, such as rms; swashtwin signal features lists them.")
+        str,
+        typer.Option(
+            help="Indicator to follow, such as rms; swashtwin signal features lists them."
+        ),
     ] = "rms",
-    channel: Annotated[str | None, typer.Option(help="Channel to follow; the first by default.")] = None,
-    by: Annotated[Order, typer.Option(help="Order: by the attribute date, or by name.")] = Order.name,
+    channel: Annotated[
+        str | None, typer.Option(help="Channel to follow; the first by default.")
+    ] = None,
+    by: Annotated[
+        Order, typer.Option(help="Order: by the attribute date, or by name.")
+    ] = Order.name,
     threshold: Annotated[
-        float, typer.Option(help="Spreads (1.4826 MAD) from the baseline at which a recording is flagged.")
+        float,
+        typer.Option(
+            help="Spreads (1.4826 MAD) from the baseline at which a recording is flagged."
+        ),
     ] = 5.0,
     baseline: Annotated[
         list[str] | None,
-        typer.Option(help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'),
+        typer.Option(
+            help='Class, or pattern of recording ids, that is healthy; "normal" by default, repeatable.'
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="SVG file to write, NAME-data.csv beside it.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """An indicator over recordings, against the machine's own healthy baseline at the same speed and pressure.
+    """An indicator over recordings, against the machine's own healthy baseline at the same speed
+    and pressure.
 
-    No ISO zone is printed (none is made for axial piston pumps). A baseline takes five healthy recordings at least.
+    No ISO zone is printed (none is made for axial piston pumps). A baseline takes five healthy
+    recordings at least.
     """
     from swashtwin.foundation import write_text
     from swashtwin.report import trend_drawing
@@ -242,7 +311,14 @@ def trend(
 
     csv_file = None if out is None else _csv_beside(out, [source], force)
     indicators = _indicators_of(load_sources([source]), None, None, Shaft(None, None))
-    result = trend_of(indicators, indicator, channel=channel, by=by.value, k=threshold, healthy=baseline or ("normal",))
+    result = trend_of(
+        indicators,
+        indicator,
+        channel=channel,
+        by=by.value,
+        k=threshold,
+        healthy=baseline or ("normal",),
+    )
     if out is not None and csv_file is not None:
         drawing = trend_drawing(result)
         write_text(csv_file, drawing.csv)
@@ -253,7 +329,9 @@ def trend(
         counts = [point.count for point in result.points if point.status != "no baseline"]
         if without := len(result.points) - len(counts):
             count = f"{plural(without, 'recording')} {'has' if without == 1 else 'have'}"
-            note(f"{count} no baseline: it takes 5 other healthy ones of the machine at that point.")
+            note(
+                f"{count} no baseline: it takes 5 other healthy ones of the machine at that point."
+            )
         if counts and min(counts) < 12:
             note(f"The smallest baseline has {plural(min(counts), 'recording')}; it flags some healthy ones "
                  "(docs/how-to/indicators.md).")  # fmt: skip
@@ -267,7 +345,10 @@ def trend(
 
 def _show_points(trend: "Trend") -> None:
     factor, unit = trend.indicator.shown
-    flagged = {point.row.recording_id: abs(point.value - point.median) / point.spread for point in trend.flagged}
+    flagged = {
+        point.row.recording_id: abs(point.value - point.median) / point.spread
+        for point in trend.flagged
+    }
     points = sorted(trend.points, key=lambda point: -flagged.get(point.row.recording_id, 0.0))
     rows = [
         (
@@ -299,9 +380,19 @@ def _indicators_of(
     out: Path | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> "IndicatorTable":
-    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be found."""
+    """Indicators of all recordings; orders are left out of a recording whose shaft angle cannot be
+    found.
+    """
     from swashtwin.foundation import DataError, InputError, from_table, to_table
-    from swashtwin.signals import BANDS, FAMILIES, Band, IndicatorTable, indicators_of, long_indicators, stacked
+    from swashtwin.signals import (
+        BANDS,
+        FAMILIES,
+        Band,
+        IndicatorTable,
+        indicators_of,
+        long_indicators,
+        stacked,
+    )
 
     edges = tuple(Band.parse(text) for text in bands or ()) or BANDS
     refusals: dict[str, str] = {}
@@ -318,7 +409,9 @@ def _indicators_of(
 
     def result_of(recording: "Recording") -> tuple[Any, dict[str, str]]:
         found = to_table(long_indicators(recording.unloaded(), describe))
-        return found, {name: reason for name, reason in refusals.items() if name == recording.recording_id}
+        return found, {
+            name: reason for name, reason in refusals.items() if name == recording.recording_id
+        }
 
     tables = []
     for found, refused in _kept(out, settings, with_bar(recordings, "indicators"), result_of):
@@ -332,16 +425,25 @@ def _indicators_of(
 
 
 def _kept(
-    out: Path | None, settings: Mapping[str, Any] | None, items: Iterable[T], result_of: Callable[[T], Any]
+    out: Path | None,
+    settings: Mapping[str, Any] | None,
+    items: Iterable[T],
+    result_of: Callable[[T], Any],
 ) -> Iterator[Any]:
-    """The result of each item; those that an interrupted command of equal settings left beside `out` are read there."""
+    """The result of each item; those that an interrupted command of equal settings left beside
+    `out` are read there.
+    """
     from swashtwin.foundation import TEXT, VERSION, write_text
 
     if out is None:
         yield from map(result_of, items)
         return
     path, header = out.with_name(f"{out.name}.partial"), json.dumps([VERSION, settings])
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1] if path.is_file() else []
+    lines = (
+        path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1]
+        if path.is_file()
+        else []
+    )
     lines = lines if lines[:1] == [header] else [header]
     write_text(path, "".join(f"{line}\n" for line in lines))
     try:

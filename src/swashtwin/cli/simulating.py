@@ -35,26 +35,34 @@ _SPARE = 1 << 15
 
 
 def simulate(
-    out: Annotated[Path, typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --count a folder.")],
+    out: Annotated[
+        Path,
+        typer.Option(help="File to write: .h5, .mat, .wav, .csv or .tdms; with --count a folder."),
+    ],
     speed: Speed,
     pressure: Pressure,
     pump: PumpName = "25scy14-1b",
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Use the twin and the fault of this calibration, at the speed and pressure given."),
+        typer.Option(
+            help="Use the twin and the fault of this calibration, at the speed and pressure given."
+        ),
     ] = None,
     fault: OptionalFault = None,
     duration: Annotated[str, typer.Option(help="Duration of a recording.")] = "4 s",
     sample_rate: Annotated[str, typer.Option(help="Sample rate of each channel.")] = "25.6 kHz",
-    count: Annotated[int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")] = 1,
+    count: Annotated[
+        int, typer.Option(min=1, help="Number of recordings; above 1 they go to the folder --out.")
+    ] = 1,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write what the accelerometers of a twin measure, as synthetic recordings.
 
-    With --count, speed, pressure, temperature, interface values, a fault's severity and place, and the shaft's phase
-    are drawn for each recording, and the same command continues an interrupted run.
+    With --count, speed, pressure, temperature, interface values, a fault's severity and place, and
+    the shaft's phase are drawn for each recording, and the same command continues an interrupted
+    run.
     """
     from swashtwin.calibration import load_calibration
     from swashtwin.foundation import parse
@@ -65,7 +73,9 @@ def simulate(
     if count == 1:
         require_output(out, suffixes=WRITABLE, inputs=[calibration, Path(pump)], force=force)
     elif out.suffix in WRITABLE:
-        raise typer.BadParameter("names a file; more than one recording needs a folder.", param_hint="--out")
+        raise typer.BadParameter(
+            "names a file; more than one recording needs a folder.", param_hint="--out"
+        )
     require_files([calibration])
     seconds = parse(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
@@ -78,7 +88,10 @@ def simulate(
     notes = twin.notes()
     if isinstance(twin.fault, SwashPlateDefect) and fault is not None and "contact" not in fault:
         depth = f"its depth of {twin.fault.depth * 1e3:.3g} mm"
-        notes = (f"the slippers ride through the recess by contact={twin.fault.contact}, which suits {depth}.", *notes)
+        notes = (
+            f"the slippers ride through the recess by contact={twin.fault.contact}, which suits {depth}.",
+            *notes,
+        )
     for text in notes:
         note(f"note: {text}")
     plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), seed, notes)
@@ -112,7 +125,9 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     counts: list[int] = []
 
     def blocks(bar: Any) -> "Iterator[Recording]":
-        for block in plan.twin.blocks(plan.duration, plan.sample_rate, phase=0.0, recording_id=out.stem):
+        for block in plan.twin.blocks(
+            plan.duration, plan.sample_rate, phase=0.0, recording_id=out.stem
+        ):
             squares.append((block.signal**2).sum(axis=1))
             counts.append(block.signal.shape[1])
             bar(sum(counts), round(plan.duration * plan.sample_rate))
@@ -121,7 +136,8 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
     streamed = out.suffix.lower() in _STREAMED
     if not streamed and plan.size > _MOST_IN_MEMORY:
         raise typer.BadParameter(
-            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.", param_hint="--out"
+            f"would hold {plan.size / 1e9:.3g} GB in memory; .h5 is written block by block.",
+            param_hint="--out",
         )
     with progress("simulating") as bar:
         if streamed:
@@ -134,9 +150,17 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
         write_recording(recording, out)
     values = [float(value) for value in (sum(squares) / sum(counts)) ** 0.5]
     rms = dict(zip(recording.channels, values, strict=True))
-    result: dict[str, Any] = {"recording": out, "label": recording.label, "duration_s": sum(counts) / plan.sample_rate}
+    result: dict[str, Any] = {
+        "recording": out,
+        "label": recording.label,
+        "duration_s": sum(counts) / plan.sample_rate,
+    }
     result |= {"sample_rate_hz": plan.sample_rate, "rms_m_s2": rms, "notes": plan.notes}
-    tell(result, as_json, lambda: table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())))
+    tell(
+        result,
+        as_json,
+        lambda: table(f"{out}: {recording.label}", ("channel", "rms [m/s^2]"), list(rms.items())),
+    )
 
 
 def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
@@ -157,32 +181,51 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
         return twin.blocks(plan.duration, plan.sample_rate, phase=phase, recording_id=folder.name)
 
     with progress("simulating") as bar:
-        index, new = write_series(folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar)
-    result = {"index": index, "recordings": count, "new": new, "label": plan.twin.label, "seed": plan.seed}
+        index, new = write_series(
+            folder, count, blocks_of, settings=settings, bytes_each=plan.size, progress=bar
+        )
+    result = {
+        "index": index,
+        "recordings": count,
+        "new": new,
+        "label": plan.twin.label,
+        "seed": plan.seed,
+    }
     result |= {"duration_s": plan.duration, "sample_rate_hz": plan.sample_rate, "notes": plan.notes}
-    tell(result, as_json, lambda: say(f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"))
+    tell(
+        result,
+        as_json,
+        lambda: say(f"{index}: {plural(count, 'recording')} of {plan.twin.label}, {len(new)} new"),
+    )
 
 
 def synthesize(
     calibration: CalibrationFile,
-    like: Annotated[Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")],
+    like: Annotated[
+        Path, typer.Option(help="Index of the training recordings: layout, classes, noise.")
+    ],
     count: Annotated[int, typer.Option(min=1, help="Number of windows.")],
     out: Annotated[Path, typer.Option(help="File of windows to write, for train --add.")],
     fault: OptionalFault = None,
-    speed: Annotated[str | None, typer.Option(help='Another speed for the twin, such as "1500 rpm".')] = None,
+    speed: Annotated[
+        str | None, typer.Option(help='Another speed for the twin, such as "1500 rpm".')
+    ] = None,
     pressure: Annotated[
-        str | None, typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".')
+        str | None,
+        typer.Option(help='Another absolute discharge pressure for the twin, such as "10 MPa".'),
     ] = None,
     window: UsualWindow = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not calibrated on.
+    """Make synthetic windows of one class with a calibrated twin, also of a fault that it was not
+    calibrated on.
 
-    The values of each window are drawn from the posterior. Its noise is that of the recordings of --like, which are
-    training data from then on: give train.toml of a split. Where --like has measured windows of the class, the answer
-    says how well they are told from the synthetic ones (AUROC, 0.5 is not at all), and by which features.
+    The values of each window are drawn from the posterior. Its noise is that of the recordings of
+    --like, which are training data from then on: give train.toml of a split. Where --like has
+    measured windows of the class, the answer says how well they are told from the synthetic ones
+    (AUROC, 0.5 is not at all), and by which features.
     """
     import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
@@ -237,12 +280,17 @@ def show_fidelity(fidelity: "Fidelity | None", label: str) -> None:
     if fidelity.auroc is None:
         say(f"fidelity: {measured}; the AUROC takes two recordings of each")
     else:
-        say(f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all")
+        say(
+            f"fidelity: AUROC {fidelity.auroc:.2f} of telling them from {measured}; 0.5 is not at all"
+        )
     if fidelity.causes_db:
         parts = ", ".join(f"{name} {value:.1f}" for name, value in fidelity.causes_db.items())
         say(f"apart by cause [dB]: {parts}")
     table(
         "Features that tell them most",
         ("feature", "AUROC alone", "shift [std of measured]"),
-        [(feature.name, f"{feature.auroc:.2f}", f"{feature.shift:+.1f}") for feature in fidelity.features],
+        [
+            (feature.name, f"{feature.auroc:.2f}", f"{feature.shift:+.1f}")
+            for feature in fidelity.features
+        ],
     )

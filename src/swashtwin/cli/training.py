@@ -35,11 +35,14 @@ def train(
     source: Index,
     out: Annotated[Path, typer.Option(help="Model file to write.")] = Path("model.safetensors"),
     add: Annotated[
-        list[Path] | None, typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable.")
+        list[Path] | None,
+        typer.Option(help="Synthetic windows (swashtwin synthesize); repeatable."),
     ] = None,
     test_fraction: Annotated[
         float | None,
-        typer.Option(min=0, max=0.5, help="Share held out for evaluate; 0.2 by default, 0 trains on all."),
+        typer.Option(
+            min=0, max=0.5, help="Share held out for evaluate; 0.2 by default, 0 trains on all."
+        ),
     ] = None,
     validation_fraction: Annotated[
         float,
@@ -96,17 +99,25 @@ def train(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then tests on.
+    """Train a classifier on an index's windows; whole recordings are held out, which evaluate then
+    tests on.
 
     Where all recordings are healthy, it makes an anomaly detector with a stated false-alarm rate.
     """
     is_chosen = network is None and preset is Preset.recommended
     if is_chosen and settings:
-        raise typer.BadParameter("belongs to a network; name it with --network, such as bitcn.", param_hint="--set")
+        raise typer.BadParameter(
+            "belongs to a network; name it with --network, such as bitcn.", param_hint="--set"
+        )
     from swashtwin.diagnosis import AnomalyDetector, FaultClassifier
     from swashtwin.learning import load_windows
     from swashtwin.pump import is_healthy
-    from swashtwin.recordings import declared_classes, declared_faults, load_recordings, several_healthy
+    from swashtwin.recordings import (
+        declared_classes,
+        declared_faults,
+        load_recordings,
+        several_healthy,
+    )
 
     require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
     require_files(add or [])
@@ -131,7 +142,9 @@ def train(
         detector.save(out)
         _tell_detector(detector, out, as_json)
         return
-    declared = {name: fault for name, fault in declared_faults(source).items() if name in recordings.labels}
+    declared = {
+        name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
+    }
     for finding in several_healthy(recordings.labels):
         note(f"note: {finding.message}")
     classifier = FaultClassifier(
@@ -163,7 +176,9 @@ def train(
     _tell_training(classifier, source, out, seed, as_json)
 
 
-def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window: int | None) -> dict[str, Any]:
+def _recipe(
+    network: str | None, texts: list[str] | None, preset: Preset, window: int | None
+) -> dict[str, Any]:
     from swashtwin import presets
     from swashtwin.diagnosis import FaultClassifier
     from swashtwin.learning import build_network, default_settings, network_class
@@ -176,10 +191,14 @@ def _recipe(network: str | None, texts: list[str] | None, preset: Preset, window
     device = chosen.pop("device", "cpu")
     shape = {setting: value for setting, value in chosen.items() if setting in shape_defaults}
     build_network(name, 2, 2, length=window or 2048, **shape)
-    training = replace(recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults})
+    training = replace(
+        recipe.training, **{key: chosen[key] for key in chosen if key not in shape_defaults}
+    )
     names = defaults_of(training).keys() & FaultClassifier().get_params().keys()
     parameters = {key: getattr(training, key) for key in names}
-    other = {key: chosen[key] for key in chosen if key not in shape_defaults and key not in parameters}
+    other = {
+        key: chosen[key] for key in chosen if key not in shape_defaults and key not in parameters
+    }
     settings = {"training_settings": other or None, "network_settings": shape or None}
     return {"network": name, "device": device, **parameters, **settings}
 
@@ -205,7 +224,9 @@ def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> Non
     tell(result, as_json, show)
 
 
-def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool) -> None:
+def _tell_training(
+    trained: "FaultClassifier", source: Path, out: Path, seed: int, as_json: bool
+) -> None:
     fitted, test_ids = trained.fitted_, trained.held_out_
     last, confidence = fitted.history[-1], fitted.confidence
     result = {
@@ -218,23 +239,39 @@ def _tell_training(trained: "FaultClassifier", source: Path, out: Path, seed: in
     }  # fmt: skip
 
     def show() -> None:
-        say(f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}")
+        say(
+            f"{out}: {plural(trained.n_windows_, 'window')} of {len(fitted.classes)} classes, loss {last.loss:.4f}"
+        )
         if (choice := fitted.choice) is not None:
             rows = [
-                (trial.candidate, trial.clean, trial.disturbed, "chosen" if trial.candidate == choice.chosen else "")
+                (
+                    trial.candidate,
+                    trial.clean,
+                    trial.disturbed,
+                    "chosen" if trial.candidate == choice.chosen else "",
+                )
                 for trial in choice.trials
-            ] + [(f"whole recordings: {name}", recall, None, "") for name, recall in choice.whole.items()]
+            ] + [
+                (f"whole recordings: {name}", recall, None, "")
+                for name, recall in choice.whole.items()
+            ]
             if rows:
                 folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"
-                table(f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows)
+                table(
+                    f"Candidates: {folds}", ("candidate", "clean", "noise, gain, speed", ""), rows
+                )
             say(choice.sentence())
         if confidence is None:
             note(f"note: its confidence is not calibrated; {confidence_advice(fitted)}.")
         else:
             learned = f"temperature {confidence.temperature:.3g}, dependence of windows {confidence.dependence:.2g}"
-            say(f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}")
+            say(
+                f"Confidence from {confidence.basis}: {learned}, error rate {confidence.error_rate:g}"
+            )
         if test_ids:
-            say(f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}")
+            say(
+                f"Next, on {plural(len(test_ids), 'recording')} held out: swashtwin evaluate {out} {source}"
+            )
         else:
             note("note: nothing was held out; evaluate it on an index of other recordings.")
 

@@ -1,4 +1,6 @@
-"""Commands of the group twin that use a twin or a pump file: severity, next, pump show and pump new."""
+"""Commands of the group twin that use a twin or a pump file: severity, next, pump show and pump
+new.
+"""
 
 import math
 from collections.abc import Iterator
@@ -38,7 +40,9 @@ def plan_next(
     ] = None,
     pressures: Annotated[
         str | None,
-        typer.Option(help='Absolute discharge pressures that can be run: "5 MPa, 15 MPa"; by default as the speeds.'),
+        typer.Option(
+            help='Absolute discharge pressures that can be run: "5 MPa, 15 MPa"; by default as the speeds.'
+        ),
     ] = None,
     sensors: Annotated[
         list[str] | None,
@@ -49,10 +53,11 @@ def plan_next(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """What to record next: which operating point and sensors narrow the calibrated values' intervals most.
+    """What to record next: which operating point and sensors narrow the calibrated values'
+    intervals most.
 
-    Each combination counts as one further recording as long as those before and in the same state, healthy where the
-    calibration is. Name what your machine can run.
+    Each combination counts as one further recording as long as those before and in the same state,
+    healthy where the calibration is. Name what your machine can run.
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
@@ -61,7 +66,9 @@ def plan_next(
     sets = [read_words(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
     with progress("expected widths"):
-        plan = plan_recording(calibrated, speeds=speed or None, pressures=pressure or None, sensors=sets or None)
+        plan = plan_recording(
+            calibrated, speeds=speed or None, pressures=pressure or None, sensors=sets or None
+        )
     tell({"calibration": calibration, **asdict(plan)}, as_json, lambda: _show_plan(plan))
 
 
@@ -86,9 +93,15 @@ def _show_plan(plan: "RecordingPlan") -> None:
             )
         )
     header = ("speed", "pressure", "length", "sensors", "width after", "narrower by", "most")
-    table(f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}", header, rows)
+    table(
+        f"What to record next; total ln width of the six intervals now {plan.total_width:.2f}",
+        header,
+        rows,
+    )
     if plan.candidates[-1].total_width >= plan.total_width:
-        say("none: the twin errs there by more than a further recording can tell, so the intervals are no narrower.")
+        say(
+            "none: the twin errs there by more than a further recording can tell, so the intervals are no narrower."
+        )
     more = len(plan.candidates) - len(rows)
     if more > 0:
         say(f"{more} more, which narrow less: --json")
@@ -96,21 +109,34 @@ def _show_plan(plan: "RecordingPlan") -> None:
 
 def new_pump(
     name: Annotated[str, typer.Argument(help="Name of the new pump.")],
-    original: Annotated[str, typer.Option("--pump", help="Pump to copy or to scale, by name or .toml file.")] = (
-        "25scy14-1b"
-    ),
+    original: Annotated[
+        str, typer.Option("--pump", help="Pump to copy or to scale, by name or .toml file.")
+    ] = ("25scy14-1b"),
     displacement: Annotated[
-        str | None, typer.Option(help='Nameplate: volume per revolution, such as "45 cm3/rev"; scales the pump.')
+        str | None,
+        typer.Option(
+            help='Nameplate: volume per revolution, such as "45 cm3/rev"; scales the pump.'
+        ),
     ] = None,
-    pistons: Annotated[int | None, typer.Option(min=3, max=19, help="Nameplate: number of pistons.")] = None,
-    speed: Annotated[str | None, typer.Option(help='Nameplate: rated speed, such as "1500 rpm".')] = None,
+    pistons: Annotated[
+        int | None, typer.Option(min=3, max=19, help="Nameplate: number of pistons.")
+    ] = None,
+    speed: Annotated[
+        str | None, typer.Option(help='Nameplate: rated speed, such as "1500 rpm".')
+    ] = None,
     pressure: Annotated[
-        str | None, typer.Option(help='Discharge pressure that the port timing is made for, such as "280 bar".')
+        str | None,
+        typer.Option(
+            help='Discharge pressure that the port timing is made for, such as "280 bar".'
+        ),
     ] = None,
     mass: Annotated[
-        str | None, typer.Option(help='Mass without oil, such as "21 kg"; that of catalogs by default.')
+        str | None,
+        typer.Option(help='Mass without oil, such as "21 kg"; that of catalogs by default.'),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)] = Path(),
+    out: Annotated[
+        Path, typer.Option(help="Folder where NAME.toml is written.", callback=as_folder)
+    ] = Path(),
     as_json: Json = False,
 ) -> None:
     """Write a pump file for you to edit: scaled from a nameplate, or a commented copy.
@@ -120,33 +146,49 @@ def new_pump(
     import swashtwin.pump as pump
 
     plate = None
-    if displacement is not None and pistons is not None and speed is not None and pressure is not None:
+    if (
+        displacement is not None
+        and pistons is not None
+        and speed is not None
+        and pressure is not None
+    ):
         plate = pump.read_nameplate(
             displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
         )
-    elif stated := present(displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass):
-        missing = [name for name in ("displacement", "pistons", "speed", "pressure") if name not in stated]
+    elif stated := present(
+        displacement=displacement, pistons=pistons, speed=speed, pressure=pressure, mass=mass
+    ):
+        missing = [
+            name for name in ("displacement", "pistons", "speed", "pressure") if name not in stated
+        ]
         reason = f"a nameplate needs {', '.join(f'--{name}' for name in missing)} too."
         raise typer.BadParameter(reason, param_hint=f"--{next(iter(stated))}")
     path = pump.new_pump(name.removesuffix(".toml"), like=original, nameplate=plate, folder=out)
-    next_step = (
-        f"{path}\nEdit it, then: swashtwin twin pump show {path} --effects. A twin is no better than its numbers."
-    )
+    next_step = f"{path}\nEdit it, then: swashtwin twin pump show {path} --effects. A twin is no better than its numbers."
     tell({"pump": path}, as_json, lambda: say(next_step))
 
 
 def _effects(pump: "Pump") -> list[dict[str, Any]]:
-    """Effect of each number on the healthy pump's lines at its rated point, the largest first, and its origin."""
+    """Effect of each number on the healthy pump's lines at its rated point, the largest first, and
+    its origin.
+    """
     from swashtwin.foundation import InputError
     from swashtwin.physics import Twin, sensitivities
     from swashtwin.pump import OperatingCondition
 
     if pump.rated is None:
-        raise InputError(f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file.")
+        raise InputError(
+            f"{pump.name} states no [rated] speed and discharge_pressure; add them to its file."
+        )
     with progress("changing one number at a time"):
         twin = Twin(pump, OperatingCondition(pump.rated.speed, pump.rated.discharge_pressure))
         return [
-            {"name": effect.path, "step": effect.step, "effect": effect.effect, "source": pump.sources[effect.path]}
+            {
+                "name": effect.path,
+                "step": effect.step,
+                "effect": effect.effect,
+                "source": pump.sources[effect.path],
+            }
             for effect in sensitivities(twin)
         ]
 
@@ -154,11 +196,17 @@ def _effects(pump: "Pump") -> list[dict[str, Any]]:
 def show_pump(
     name: Annotated[str, typer.Argument(help="Name of a pump, or its .toml file.")] = "25scy14-1b",
     effects: Annotated[
-        bool, typer.Option("--effects", help="Show how much the vibration depends on each number, the largest first.")
+        bool,
+        typer.Option(
+            "--effects",
+            help="Show how much the vibration depends on each number, the largest first.",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Every number of a pump in the units of the trade, with its source; with --json in SI units."""
+    """Every number of a pump in the units of the trade, with its source; with --json in SI
+    units.
+    """
     from swashtwin.pump import available_pumps, load_pump, pump_numbers
 
     pump = load_pump(name)
@@ -172,21 +220,35 @@ def show_pump(
         ],
         "channels": pump.channels,
         "available": available_pumps(),
-        "derived": [{"name": words, "value": value, "unit": unit} for words, value, unit in derived],
+        "derived": [
+            {"name": words, "value": value, "unit": unit} for words, value, unit in derived
+        ],
     }
     if effects:
         result["effects"] = _effects(pump)
 
     def show() -> None:
-        rows = [(path, _in_trade_units(value, unit), pump.sources.get(path, "")) for path, value, unit in numbers]
+        rows = [
+            (path, _in_trade_units(value, unit), pump.sources.get(path, ""))
+            for path, value, unit in numbers
+        ]
         table(pump.name, ("parameter", "value", "source"), rows)
-        table("What follows", ("", "value"), [(words, _in_trade_units(value, unit)) for words, value, unit in derived])
+        table(
+            "What follows",
+            ("", "value"),
+            [(words, _in_trade_units(value, unit)) for words, value, unit in derived],
+        )
         if effects:
             lines = [
-                (item["name"], item["step"], f"{item['effect']:.2%}", item["source"]) for item in result["effects"]
+                (item["name"], item["step"], f"{item['effect']:.2%}", item["source"])
+                for item in result["effects"]
             ]
             header = ("parameter", "changed by", "line amplitudes change by", "source")
-            table("What the vibration of the healthy pump depends on at its rated point", header, lines)
+            table(
+                "What the vibration of the healthy pump depends on at its rated point",
+                header,
+                lines,
+            )
 
     tell(result, as_json, show)
 
@@ -209,16 +271,22 @@ def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
 def _in_trade_units(value: Any, unit: str) -> str:
     from swashtwin.pump import in_trade_units
 
-    return ", ".join(in_trade_units(number, unit, 5) for number in (value if isinstance(value, tuple) else (value,)))
+    return ", ".join(
+        in_trade_units(number, unit, 5)
+        for number in (value if isinstance(value, tuple) else (value,))
+    )
 
 
 def severity(
-    calibration: Annotated[Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")],
+    calibration: Annotated[
+        Path, typer.Argument(help="Calibration of this pump on its healthy recordings.")
+    ],
     source: Index,
     fault: Annotated[
         str,
         typer.Option(
-            metavar="KIND[:NAME=QUANTITY,...]", help="Kind of fault; a dimension that is given is a fixed one."
+            metavar="KIND[:NAME=QUANTITY,...]",
+            help="Kind of fault; a dimension that is given is a fixed one.",
         ),
     ],
     healthy: Annotated[
@@ -231,11 +299,12 @@ def severity(
     specimen: Specimen = None,
     as_json: Json = False,
 ) -> None:
-    """Estimate how severe a fault is in each recording of a pump, in mm or um, with an interval: for a pump's trend.
+    """Estimate how severe a fault is in each recording of a pump, in mm or um, with an interval:
+    for a pump's trend.
 
-    The severity (a depth, a clearance) is always searched; one that is given is where the search starts. Of the further
-    dimensions the usual ones are searched unless they are given. Calibrate with --band "0-1 kHz", the band in which
-    severities are searched, and with phases, the default.
+    The severity (a depth, a clearance) is always searched; one that is given is where the search
+    starts. Of the further dimensions the usual ones are searched unless they are given. Calibrate
+    with --band "0-1 kHz", the band in which severities are searched, and with phases, the default.
     """
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError
@@ -246,15 +315,24 @@ def severity(
     defect = read_fault(kind, **fixed)
     if defect is None:
         raise typer.BadParameter(
-            "a normal pump has no severity; name a fault, such as swash_plate.", param_hint="--fault"
+            "a normal pump has no severity; name a fault, such as swash_plate.",
+            param_hint="--fault",
         )
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
     calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
     names, whose = healthy_calibration.recording_ids, (None, specimen)
-    others = [item for item in load_recordings(source) if item.recording_id in names and item.specimen not in whose]
-    if specimen is not None and seen_recordings(healthy_calibration.recording_hashes, manifest_of(others)):
-        note(f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}.")
+    others = [
+        item
+        for item in load_recordings(source)
+        if item.recording_id in names and item.specimen not in whose
+    ]
+    if specimen is not None and seen_recordings(
+        healthy_calibration.recording_hashes, manifest_of(others)
+    ):
+        note(
+            f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}."
+        )
     sound: list[Recording] = []
     worn: list[Recording] = []
     for recording in recordings:  # healthy is what is labeled so or was calibrated on
@@ -268,7 +346,9 @@ def severity(
     if healthy is not None:
         ids = {recording.recording_id for recording in sound}
         further = load_recordings(healthy, specimen=specimen)
-        sound += [item for item in further if is_healthy(item.label) and item.recording_id not in ids]
+        sound += [
+            item for item in further if is_healthy(item.label) and item.recording_id not in ids
+        ]
     usual = [name for name in search_of(defect).free if name not in fixed]
     with progress("searching severities"):
         trend = estimate_severity(healthy_calibration, worn, defect, healthy=sound, free=usual)
@@ -287,13 +367,27 @@ def _show_severity(trend: "SeverityTrend", healthy: int) -> None:
                 estimate.severity.words,
                 estimate.severity.verdict,
                 None if limit is None else estimate.severity.dimension.words(limit),
-                ", ".join(f"{item.dimension.name} {item.words}, {item.verdict}" for item in estimate.dimensions[1:]),
+                ", ".join(
+                    f"{item.dimension.name} {item.words}, {item.verdict}"
+                    for item in estimate.dimensions[1:]
+                ),
             )
         )
     name = trend.estimates[0].severity.dimension.name
-    header = ("recording", "at", f"{name} (90 % interval)", "verdict", "detection limit", "further dimensions")
+    header = (
+        "recording",
+        "at",
+        f"{name} (90 % interval)",
+        "verdict",
+        "detection limit",
+        "further dimensions",
+    )
     table(f"Severity of {type(trend.reference).__name__} by inversion", header, rows)
-    notes = [f"{estimate.recording_id}: {text}" for estimate in trend.estimates for text in estimate.notes]
+    notes = [
+        f"{estimate.recording_id}: {text}"
+        for estimate in trend.estimates
+        for text in estimate.notes
+    ]
     for text in (*trend.notes, *notes):
         note(f"note: {text}")
     note_merged(trend.left_out, "left out")

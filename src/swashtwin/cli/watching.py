@@ -36,7 +36,9 @@ def run(
     once: Annotated[bool, typer.Option("--once", help="Judge what is there now, and end.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Watch the machines of a configuration until Ctrl-C: judge what arrives, raise alarms, show the page."""
+    """Watch the machines of a configuration until Ctrl-C: judge what arrives, raise alarms, show
+    the page.
+    """
     require_extra()
     from swashtwin.monitoring import load_watch_config, run_watch
 
@@ -47,7 +49,9 @@ def run(
     watch = load_watch_config(config)
     begin = f"watching {watch.path}; the page is at {watch.page.address}. Ctrl-C ends it."
     with stop_signals() as stop:
-        status = run_watch(watch, once=once, stop=stop, started=lambda _: note(begin), progress=tell_outcome)
+        status = run_watch(
+            watch, once=once, stop=stop, started=lambda _: note(begin), progress=tell_outcome
+        )
     counters = {name: round(value, 3) for name, value in status.counters.items()}
 
     def show() -> None:
@@ -60,14 +64,20 @@ def run(
 
 
 def init(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="File to write.")] = Path("watch.toml"),
+    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="File to write.")] = Path(
+        "watch.toml"
+    ),
     as_json: Json = False,
 ) -> None:
     """Write a configuration with an explanation of each line, to be edited."""
     from swashtwin.monitoring import write_example
 
     path = write_example(config)
-    tell({"config": path}, as_json, lambda: say(f"{path} is written; edit it, then: swashtwin watch {path}"))
+    tell(
+        {"config": path},
+        as_json,
+        lambda: say(f"{path} is written; edit it, then: swashtwin watch {path}"),
+    )
 
 
 def event(
@@ -75,41 +85,67 @@ def event(
     machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Name of the machine.")],
     maintenance: Annotated[
         bool,
-        typer.Option("--maintenance", help="The machine was repaired: learn its healthy state anew, close alarms."),
+        typer.Option(
+            "--maintenance",
+            help="The machine was repaired: learn its healthy state anew, close alarms.",
+        ),
     ] = False,
     text: Annotated[str, typer.Option("--note", help="What was done.")] = "",
     found: Annotated[
         str,
-        typer.Option(help='What was wrong, such as "piston 3, 30 um"; kept beside the suspect of its newest alarm.'),
+        typer.Option(
+            help='What was wrong, such as "piston 3, 30 um"; kept beside the suspect of its newest alarm.'
+        ),
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Keep in the history what was done to a machine; after maintenance its baseline is learned anew."""
+    """Keep in the history what was done to a machine; after maintenance its baseline is learned
+    anew.
+    """
     require_extra()
     from swashtwin.monitoring import History, load_watch_config, record_event
 
     watch = load_watch_config(config)
     history = History.open(watch.history_url, watch.folder, watch.retention)
     try:
-        number = record_event(watch, history, machine, who=_user(), note=text, found=found, maintenance=maintenance)
+        number = record_event(
+            watch, history, machine, who=_user(), note=text, found=found, maintenance=maintenance
+        )
     finally:
         history.close()
-    after = "its baseline is learned anew, and its alarms are closed" if maintenance else "kept in the history"
-    after = f"what was found stands beside the suspect of its newest alarm; {after}" if found else after
-    tell({"event": number, "machine": machine, "found": found or None}, as_json, lambda: say(f"{machine}: {after}."))
+    after = (
+        "its baseline is learned anew, and its alarms are closed"
+        if maintenance
+        else "kept in the history"
+    )
+    after = (
+        f"what was found stands beside the suspect of its newest alarm; {after}" if found else after
+    )
+    tell(
+        {"event": number, "machine": machine, "found": found or None},
+        as_json,
+        lambda: say(f"{machine}: {after}."),
+    )
 
 
 def user(
     config: ConfigFile,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the person or the program.")],
-    token: Annotated[bool, typer.Option("--token", help="Print a token for a program, ask for no password.")] = False,
+    token: Annotated[
+        bool, typer.Option("--token", help="Print a token for a program, ask for no password.")
+    ] = False,
     control: Annotated[
-        bool, typer.Option("--control", help="The program may also acknowledge, silence and note maintenance.")
+        bool,
+        typer.Option(
+            "--control", help="The program may also acknowledge, silence and note maintenance."
+        ),
     ] = False,
     remove: Annotated[bool, typer.Option("--remove", help="Take the entry out.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Let a person see and acknowledge on the page, or a program read and upload; needed beyond this computer."""
+    """Let a person see and acknowledge on the page, or a program read and upload; needed beyond
+    this computer.
+    """
     require_extra()
     from swashtwin.foundation import InputError
     from swashtwin.monitoring import add_token, add_user, load_watch_config, remove_entry
@@ -167,16 +203,23 @@ def stop_signals() -> Iterator[threading.Event]:
 
 def export(
     database: Annotated[
-        str, typer.Argument(metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database.")
+        str,
+        typer.Argument(
+            metavar="CONFIG|URL", help="Configuration of the watch, or URL of its database."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the tables.", callback=as_folder)],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write the history to tables: recordings, indicators by machine, alarms, events and the rest."""
+    """Write the history to tables: recordings, indicators by machine, alarms, events and the
+    rest.
+    """
     from swashtwin.monitoring import History, load_watch_config
 
-    require_output(*out.glob("*.csv"), *out.glob("indicators/*.csv"), inputs=[Path(database)], force=force)
+    require_output(
+        *out.glob("*.csv"), *out.glob("indicators/*.csv"), inputs=[Path(database)], force=force
+    )
     if "://" in database:
         url, folder = database, out
     else:
@@ -199,14 +242,21 @@ def export(
 def explore(
     source: Annotated[
         Path,
-        typer.Argument(metavar="FOLDER|INDEX|FILE|CALIBRATION", help="What to look at; a folder needs no index."),
+        typer.Argument(
+            metavar="FOLDER|INDEX|FILE|CALIBRATION",
+            help="What to look at; a folder needs no index.",
+        ),
     ],
     model: Annotated[
         Path | None, typer.Option(help="Model to diagnose with; others can be dropped on the page.")
     ] = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")] = 8643,
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port of the page on this computer.")
+    ] = 8643,
 ) -> None:
-    """Look at recordings in the browser, edit their facts, fit a twin by eye and diagnose, until Ctrl-C."""
+    """Look at recordings in the browser, edit their facts, fit a twin by eye and diagnose, until
+    Ctrl-C.
+    """
     require_extra("the explorer")
     from swashtwin.explorer import run_explorer
 

@@ -1,4 +1,6 @@
-"""How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for each fault."""
+"""How well a detector or a pump prior does on recordings with labels: false alarms, and alarms for
+each fault.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,8 +34,9 @@ class ClassAlarms:
     interval: tuple[float, float]
     """95 % interval of the share (Wilson 1927); 0 to 1 where none has a verdict."""
     auroc: float | None
-    """Area under the curve of this class against the healthy ones, by `Diagnosis.score`; None for these, and where one
-    of both has no verdict."""
+    """Area under the curve of this class against the healthy ones, by `Diagnosis.score`; None for
+    these, and where one of both has no verdict.
+    """
     no_verdict: str | None = None
     """Why the first recording without a verdict has none."""
 
@@ -54,27 +57,40 @@ class AlarmScores:
 
 
 def evaluate_alarms(
-    diagnose: Callable[[Recording], Diagnosis], manifest: Manifest, X: Any, y: Any, error_rate: float | None
+    diagnose: Callable[[Recording], Diagnosis],
+    manifest: Manifest,
+    X: Any,
+    y: Any,
+    error_rate: float | None,
 ) -> AlarmScores:
-    """Alarms by class on measured recordings that had no part in a model, all healthy names as one class.
+    """Alarms by class on measured recordings that had no part in a model, all healthy names as one
+    class.
 
     Parameters
     ----------
-    diagnose, manifest, error_rate : the model's answer, the recordings in it, and the false-alarm rate that it states.
-    X, y : recordings, and their classes; None for their own labels. A `LeakError` where one had a part in the model, a
-        `DataError` where none has a label.
+    diagnose, manifest, error_rate : the model's answer, the recordings in it, and the false-alarm
+    rate that it states.
+    X, y : recordings, and their classes; None for their own labels. A `LeakError` where one had a
+        part in the model, a `DataError` where none has a label.
     """
     from sklearn.metrics import roc_auc_score
 
     from swashtwin.learning import wilson_interval
 
     recordings = relabeled(require_recordings(X), y)
-    labeled = [recording for recording in recordings if recording.label is not None and not recording.synthetic]
+    labeled = [
+        recording
+        for recording in recordings
+        if recording.label is not None and not recording.synthetic
+    ]
     if not labeled:
         raise DataError("no measured recording has a label; label them in the index.")
     if seen := seen_recordings(manifest, manifest_of(labeled)):
         raise LeakError(f"{say_seen(seen)} had a part in the model (its manifest); test on others.")
-    labels, answers = [str(recording.label) for recording in labeled], [diagnose(item) for item in labeled]
+    labels, answers = (
+        [str(recording.label) for recording in labeled],
+        [diagnose(item) for item in labeled],
+    )
     healthy = next((label for label in labels if is_healthy(label)), "")
     by_class: dict[str, list[Diagnosis]] = {}
     for label, answer in zip(labels, answers, strict=True):
@@ -88,7 +104,9 @@ def evaluate_alarms(
         share = n_alarms / len(judged) if judged else None
         auroc = None
         if label != healthy and usual and scores:
-            auroc = float(roc_auc_score([False] * len(usual) + [True] * len(scores), usual + scores))
+            auroc = float(
+                roc_auc_score([False] * len(usual) + [True] * len(scores), usual + scores)
+            )
         is_detector = any(answer.kind == "detector" for answer in members)
         classes.append(
             ClassAlarms(
@@ -96,9 +114,13 @@ def evaluate_alarms(
                 is_healthy=label == healthy,
                 n_recordings=len(judged),
                 n_no_verdict=len(members) - len(judged),
-                no_verdict=next((answer.no_verdict for answer in members if answer.label is None), None),
+                no_verdict=next(
+                    (answer.no_verdict for answer in members if answer.label is None), None
+                ),
                 n_alarms=n_alarms,
-                n_named=None if is_detector else sum(is_same_class(answer.verdict, label) for answer in judged),
+                n_named=None
+                if is_detector
+                else sum(is_same_class(answer.verdict, label) for answer in judged),
                 share=share,
                 interval=(0.0, 1.0) if share is None else wilson_interval(share, len(judged)),
                 auroc=auroc,

@@ -49,14 +49,15 @@ class _Card:
 class AnomalyDetector(Estimator):
     """Detector of deviations from healthy recordings, with a stated false-alarm rate.
 
-    Levels in bands, at shaft orders, and of the envelope are compared with those of the same machine at the same
-    operating point; how much they scatter is learned from all points together (docs/explanation/diagnosis.md). It takes
-    recordings, no arrays, which do not state machine and operating point.
+    Levels in bands, at shaft orders, and of the envelope are compared with those of the same
+    machine at the same operating point; how much they scatter is learned from all points together
+    (docs/explanation/diagnosis.md). It takes recordings, no arrays, which do not state machine and
+    operating point.
 
     Parameters
     ----------
-    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings allow: 20 allow a rate
-        of 0.05, n of them 1 / (n + 1).
+    error_rate : false-alarm rate by recording; 0.05 by default, or the least that the recordings
+        allow: 20 allow a rate of 0.05, n of them 1 / (n + 1).
 
     Attributes
     ----------
@@ -76,7 +77,11 @@ class AnomalyDetector(Estimator):
         self.error_rate = error_rate
 
     def fit(
-        self, X: Sequence[Recording], y: Any = None, *, progress: Callable[[int, int], None] | None = None
+        self,
+        X: Sequence[Recording],
+        y: Any = None,
+        *,
+        progress: Callable[[int, int], None] | None = None,
     ) -> "AnomalyDetector":
         """The same detector, with the levels of healthy recordings.
 
@@ -89,7 +94,8 @@ class AnomalyDetector(Estimator):
         Raises
         ------
         DataError
-            A recording has a label that is not healthy, or they are unfit, do not fit together, or are too few.
+            A recording has a label that is not healthy, or they are unfit, do not fit together, or
+            are too few.
         InputError
             A false-alarm rate that the recordings are too few for, or no recordings.
         """
@@ -113,7 +119,11 @@ class AnomalyDetector(Estimator):
                     f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
                 )
                 notes = (*notes, few)
-        left_out = [name for recording in recordings if (name := recording.recording_id) not in healthy.manifest]
+        left_out = [
+            name
+            for recording in recordings
+            if (name := recording.recording_id) not in healthy.manifest
+        ]
         _require_allowed(healthy.n_recordings, rate, left_out)
         return self._set(_Card(healthy, rate, notes))
 
@@ -123,7 +133,9 @@ class AnomalyDetector(Estimator):
 
     @property
     def layout(self) -> LevelLayout:
-        """What recordings must have in common with the healthy ones, and which levels are compared."""
+        """What recordings must have in common with the healthy ones, and which levels are
+        compared.
+        """
         self._require_fitted()
         return self.fitted_.layout
 
@@ -134,9 +146,11 @@ class AnomalyDetector(Estimator):
         return self.fitted_.manifest
 
     def diagnose(self, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
-        """Whether a recording deviates from the healthy ones of its machine at its operating point, and in what.
+        """Whether a recording deviates from the healthy ones of its machine at its operating point,
+        and in what.
 
-        A recording that cannot be used, or of a machine or operating point without healthy recordings, has no verdict.
+        A recording that cannot be used, or of a machine or operating point without healthy
+        recordings, has no verdict.
 
         Parameters
         ----------
@@ -163,13 +177,19 @@ class AnomalyDetector(Estimator):
         )
         try:
             deviation = healthy.deviation(recording)
-            seen = listed_recordings(self.manifest, {recording.recording_id: recording.content_hashes()})
+            seen = listed_recordings(
+                self.manifest, {recording.recording_id: recording.content_hashes()}
+            )
         except DataError as cause:
             return replace(result, no_verdict=str(cause))
         if not math.isfinite(deviation.score):
             reason = "its levels are no finite numbers: a sample is far too large; cut it out or repair the file."
             return replace(result, no_verdict=reason)
-        own = ("It is one of the healthy recordings that made the detector; this proves nothing.",) if seen else ()
+        own = (
+            ("It is one of the healthy recordings that made the detector; this proves nothing.",)
+            if seen
+            else ()
+        )
         shifts, changes = level_changes(deviation, self.layout.levels, stated_speed(recording))
         is_alarm = deviation.p_value <= rate * (1 + 1e-9)
         return replace(
@@ -186,7 +206,9 @@ class AnomalyDetector(Estimator):
         )
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
-        """False alarms, and alarms of each fault, on recordings that had no part in it (`evaluate_alarms`)."""
+        """False alarms, and alarms of each fault, on recordings that had no part in it
+        (`evaluate_alarms`).
+        """
         self._require_fitted()
         return evaluate_alarms(self.diagnose, self.manifest, X, y, self.error_rate_)
 
@@ -205,7 +227,9 @@ class AnomalyDetector(Estimator):
 
 
 def _require_allowed(n_healthy: int, error_rate: float, left_out: Sequence[str] = ()) -> None:
-    """Refuse a false-alarm rate that so many healthy recordings cannot state, and name what was `left_out`."""
+    """Refuse a false-alarm rate that so many healthy recordings cannot state, and name what was
+    `left_out`.
+    """
     needed = least_validation(error_rate)
     if n_healthy < needed:
         without = f" without {', '.join(left_out)}" if left_out else ""
@@ -220,7 +244,9 @@ _ALIKE = 4.0
 """A recording is like those of another point where its score is so many times lower there."""
 
 
-def leave_out_odd(healthy: HealthyLevels, error_rate: float | None) -> tuple[HealthyLevels, tuple[str, ...]]:
+def leave_out_odd(
+    healthy: HealthyLevels, error_rate: float | None
+) -> tuple[HealthyLevels, tuple[str, ...]]:
     """(the usual recordings, notes on the odd ones: names, what moved, what they cost).
 
     All stay where more than `MOST_ODD` are odd, for then they are another state of the machine.
@@ -234,7 +260,11 @@ def leave_out_odd(healthy: HealthyLevels, error_rate: float | None) -> tuple[Hea
     named = ", ".join(names[row] for row in odd[:_MOST_NAMED])
     named += f" and {len(odd) - _MOST_NAMED} more" if len(odd) > _MOST_NAMED else ""
     with_them, without = (
-        least_rise(part.levels, part.point_index, error_rate or allowed_error_rate(part.n_recordings, USUAL_ERROR_RATE))
+        least_rise(
+            part.levels,
+            part.point_index,
+            error_rate or allowed_error_rate(part.n_recordings, USUAL_ERROR_RATE),
+        )
         for part in (healthy, usual)
     )
     cost = f"a change would have to be {with_them / without:.1f} times as large (in dB) to be heard"
@@ -255,10 +285,17 @@ def _left_out(name: str, healthy: HealthyLevels, row: int, usual: HealthyLevels)
     point = healthy.points[healthy.point_index[row]]
     if point not in usual.points:
         return f"{name} is left out: the recordings of its operating point are not alike, so none shows what is usual."
-    at_points = [usual.deviation_of(healthy.levels[row], index) for index in range(len(usual.points))]
-    own, nearest = at_points[usual.points.index(point)], min(at_points, key=lambda deviation: deviation.score)
+    at_points = [
+        usual.deviation_of(healthy.levels[row], index) for index in range(len(usual.points))
+    ]
+    own, nearest = (
+        at_points[usual.points.index(point)],
+        min(at_points, key=lambda deviation: deviation.score),
+    )
     speed = healthy.speed[row] / (2 * math.pi)
-    shifts, changes = level_changes(own, healthy.layout.levels, None if math.isnan(speed) else speed)
+    shifts, changes = level_changes(
+        own, healthy.layout.levels, None if math.isnan(speed) else speed
+    )
     words = [f"it is like those at {nearest.point}"] if _ALIKE * nearest.score < own.score else []
     words += [*shifts, *(change.sentence for change in changes)]
     return f"{name} is left out, for it is unlike the other healthy recordings: {'; '.join(words[:2])}."

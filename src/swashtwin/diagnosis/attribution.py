@@ -1,9 +1,10 @@
 """What each band adds to a network's answer: integrated gradients over samples or over levels.
 
-Sundararajan, Taly and Yan 2017, arXiv:1703.01365. From silence (0 after the scaling) to the window x along a straight
-line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t with g the mean gradient of f on the way (completeness). The
-same sum over frequencies, Σ_k (w_k / N) Re(X_k conj(G_k)), is the same integral in the basis of sines (Parseval), since
-the way is the same. Lines are summed in orders of the shaft and third octaves, of the signal and of its envelope.
+Sundararajan, Taly and Yan 2017, arXiv:1703.01365. From silence (0 after the scaling) to the window
+x along a straight line, the answer f changes by f(x) - f(0) = Σ_t x_t g_t with g the mean gradient
+of f on the way (completeness). The same sum over frequencies, Σ_k (w_k / N) Re(X_k conj(G_k)), is
+the same integral in the basis of sines (Parseval), since the way is the same. Lines are summed in
+orders of the shaft and third octaves, of the signal and of its envelope.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
 
 
 ORDERS = 40
-"""Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third octaves."""
+"""Orders of the shaft that stand one by one; higher ones, which a wandering speed smears, in third
+octaves.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,15 @@ class Band:
     order: int | None = None
     """Order of the shaft in its middle, or None for a third octave."""
     part: str = "signal"
-    """What it is a band of: ``"signal"``, ``"envelope"``, or ``"whole"`` for what belongs to no band."""
+    """What it is a band of: ``"signal"``, ``"envelope"``, or ``"whole"`` for what belongs to no
+    band.
+    """
 
 
 def signal_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
-    """Orders as far as the samples resolve them, and third octaves above; they cover all frequencies, without gap."""
+    """Orders as far as the samples resolve them, and third octaves above; they cover all
+    frequencies, without gap.
+    """
     nyquist, bands = sample_rate / 2, list[Band]()
     edge, resolution = max(sample_rate / n_samples, 1.0), sample_rate / n_samples
     if shaft is not None and resolution < shaft / 4 and 1.5 * shaft < nyquist:
@@ -88,7 +95,8 @@ def hertz(frequency: float) -> str:
 def level_shares(
     levels: tuple[Level, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
 ) -> Float64[np.ndarray, "level band"]:
-    """Share of each level in each of `level_bands`, by overlap in frequency; those of a level sum to 1.
+    """Share of each level in each of `level_bands`, by overlap in frequency; those of a level sum
+    to 1.
 
     `turns` are turns of the shaft per sample.
     """
@@ -112,18 +120,25 @@ def level_shares(
 
 
 def band_sums(
-    lines: Float64[np.ndarray, "channel line"], bands: tuple[Band, ...], sample_rate: float, n_samples: int
+    lines: Float64[np.ndarray, "channel line"],
+    bands: tuple[Band, ...],
+    sample_rate: float,
+    n_samples: int,
 ) -> Float64[np.ndarray, "channel band"]:
     """Sum of the lines in each band; the last holds the last line too."""
     frequency = line_frequencies(n_samples, sample_rate)
-    band = np.clip(np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1)
+    band = np.clip(
+        np.searchsorted([band.high for band in bands], frequency, side="right"), 0, len(bands) - 1
+    )
     return np.stack([np.bincount(band, weights=row, minlength=len(bands)) for row in lines])
 
 
 def line_shares(
     signal: Float[np.ndarray, "channel time"], gradient: Float[np.ndarray, "channel time"]
 ) -> Float64[np.ndarray, "channel line"]:
-    """What each line of the spectrum (`signals.transform`) adds to the answer; their sum is Σ signal · gradient."""
+    """What each line of the spectrum (`signals.transform`) adds to the answer; their sum is Σ
+    signal · gradient.
+    """
     n = signal.shape[-1]
     both = transform(signal) * np.conj(transform(gradient))
     weight = np.full(both.shape[-1], 2.0)
@@ -135,17 +150,19 @@ def line_shares(
 
 STEPS = 32
 """Points of the midpoint rule along the way."""
-_LEVEL_STEPS = 512  # points on the way of levels: an average of heads turns within a hundredth of it
+_LEVEL_STEPS = (
+    512  # points on the way of levels: an average of heads turns within a hundredth of it
+)
 
 
 def contributions(
     classifier: FittedClassifier, windows: WindowSet, label: int, rival: int, shaft: float | None
 ) -> dict[str, Any]:
-    """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``, ``gap``, ``bands``
-    and ``lines``; means over the windows.
+    """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``,
+    ``gap``, ``bands`` and ``lines``; means over the windows.
 
-    From silence over the samples; for a `LevelNetwork` from the training's mean over its levels, since logarithms of
-    samples have no gradient at silence that says anything.
+    From silence over the samples; for a `LevelNetwork` from the training's mean over its levels,
+    since logarithms of samples have no gradient at silence that says anything.
 
     Parameters
     ----------
@@ -163,12 +180,20 @@ def contributions(
 
 
 def _of_samples(
-    classifier: FittedClassifier, network: "Network", windows: WindowSet, label: int, rival: int, shaft: float | None
+    classifier: FittedClassifier,
+    network: "Network",
+    windows: WindowSet,
+    label: int,
+    rival: int,
+    shaft: float | None,
 ) -> dict[str, Any]:
     scaled = classifier.normalization.apply(windows)
     gradient, change = mean_gradients(network, scaled, label, rival)
     _require_finite(gradient, windows)
-    x, g = (part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64) for part in (scaled, gradient))
+    x, g = (
+        part.transpose(1, 0, 2).reshape(part.shape[1], -1).astype(np.float64)
+        for part in (scaled, gradient)
+    )
     count, n_samples = len(windows), x.shape[1]
     bands = signal_bands(classifier.sample_rate, shaft, n_samples)
     return {
@@ -181,7 +206,12 @@ def _of_samples(
 
 
 def _of_levels(
-    classifier: FittedClassifier, network: LevelNetwork, windows: WindowSet, label: int, rival: int, shaft: float | None
+    classifier: FittedClassifier,
+    network: LevelNetwork,
+    windows: WindowSet,
+    label: int,
+    rival: int,
+    shaft: float | None,
 ) -> dict[str, Any]:
     levels = classifier.embed(windows).astype(np.float32)
     gradient, change = network.mean_gradient(levels, label, rival, _LEVEL_STEPS)
@@ -192,7 +222,9 @@ def _of_levels(
     catalogue = network.catalogue(classifier.length)
     bands = level_bands(classifier.sample_rate, shaft, classifier.length)
     usual = network.settings["turns"]
-    shares = level_shares(catalogue, bands, classifier.sample_rate, turns if np.isfinite(turns) else usual)
+    shares = level_shares(
+        catalogue, bands, classifier.sample_rate, turns if np.isfinite(turns) else usual
+    )
     return {
         "baseline": "the mean of the training",
         "margin": float(change.mean()),
@@ -216,7 +248,9 @@ def _require_finite(gradient: np.ndarray, windows: WindowSet) -> None:
 def mean_gradients(
     network: "nn.Module", signal: Float32[np.ndarray, "window *entry"], label: int, rival: int
 ) -> tuple[Float64[np.ndarray, "window *entry"], Float64[np.ndarray, " window"]]:
-    """(mean gradient on the way, f(x) - f(0)) of each scaled window, f being the score of `label` less `rival`'s."""
+    """(mean gradient on the way, f(x) - f(0)) of each scaled window, f being the score of `label`
+    less `rival`'s.
+    """
     import torch
 
     inputs = torch.from_numpy(signal)

@@ -1,4 +1,6 @@
-"""What `FaultClassifier` takes: recordings with their classes, and synthetic windows; and what it holds out."""
+"""What `FaultClassifier` takes: recordings with their classes, and synthetic windows; and what it
+holds out.
+"""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -28,9 +30,13 @@ OWN_PARAMETERS = ("epochs", "batch_size", "learning_rate", "decay", "normalizati
 
 
 def as_recordings(X: Any) -> Sequence[Recording] | None:
-    """Recordings in a sequence, or None where `X` is something else; an `InputError` where it is nothing at all."""
+    """Recordings in a sequence, or None where `X` is something else; an `InputError` where it is
+    nothing at all.
+    """
     if X is None or isinstance(X, (str, Path)):
-        raise InputError(f"X is {X!r}; recordings are expected, as load_recordings(folder) gives them, or an array.")
+        raise InputError(
+            f"X is {X!r}; recordings are expected, as load_recordings(folder) gives them, or an array."
+        )
     if isinstance(X, Recording):
         return [X]
     if isinstance(X, WindowSet) or hasattr(X, "shape") or not isinstance(X, Iterable):
@@ -41,12 +47,16 @@ def as_recordings(X: Any) -> Sequence[Recording] | None:
     if all(isinstance(entry, Recording) for entry in entries):
         return entries
     if isinstance(X, Iterator) or isinstance(entries[0], (str, Path)):
-        raise InputError(f"X is a {type(X).__name__} over other things than recordings; give an array or a list.")
+        raise InputError(
+            f"X is a {type(X).__name__} over other things than recordings; give an array or a list."
+        )
     return None
 
 
 def require_recordings(X: Any) -> Sequence[Recording]:
-    """Recordings in a sequence; an `InputError` where `X` is something else, which states no machine."""
+    """Recordings in a sequence; an `InputError` where `X` is something else, which states no
+    machine.
+    """
     recordings = as_recordings(X)
     if recordings is None:
         raise InputError(
@@ -63,23 +73,35 @@ def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
         raise InputError(f"y is the one text {y!r}; give a list with a class for each recording.")
     y = list(y)
     if len(y) != len(recordings):
-        raise InputError(f"y has {len(y)} labels for {len(recordings)} recordings; give one for each.")
+        raise InputError(
+            f"y has {len(y)} labels for {len(recordings)} recordings; give one for each."
+        )
     for index, label in enumerate(y):
         if label is None or label != label or not str(label).strip():
-            raise InputError(f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out.")
+            raise InputError(
+                f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out."
+            )
     return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
 
 
 def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:
-    """Classes of recordings or of a window set; none of an array. An `InputError` where `y` or `named` is no list."""
+    """Classes of recordings or of a window set; none of an array. An `InputError` where `y` or
+    `named` is no list.
+    """
     if isinstance(y, WindowSet):
-        raise InputError("y is a window set, and takes classes; give synthetic windows as synthetic=.")
+        raise InputError(
+            "y is a window set, and takes classes; give synthetic windows as synthetic=."
+        )
     if isinstance(named, str):
         raise InputError(f"classes is the one text {named!r}; give a list of class names.")
     if isinstance(X, WindowSet):
         return set(X.classes)
     recordings = as_recordings(X)
-    return set() if recordings is None else {str(item.label) for item in relabeled(recordings, y) if item.label}
+    return (
+        set()
+        if recordings is None
+        else {str(item.label) for item in relabeled(recordings, y) if item.label}
+    )
 
 
 def network_parameters(fitted: learning.FittedClassifier) -> dict[str, Any]:
@@ -87,9 +109,15 @@ def network_parameters(fitted: learning.FittedClassifier) -> dict[str, Any]:
     training, usual = asdict(fitted.settings), asdict(learning.RECOMMENDED_TRAINING)
     plain = learning.default_settings(learning.network_class(fitted.network.name))
     shape = ("n_channels", "n_classes", "length")
-    other = {name: training[name] for name in usual if name not in OWN_PARAMETERS and training[name] != usual[name]}
+    other = {
+        name: training[name]
+        for name in usual
+        if name not in OWN_PARAMETERS and training[name] != usual[name]
+    }
     network = {
-        name: value for name, value in fitted.network.settings.items() if name not in shape and value != plain.get(name)
+        name: value
+        for name, value in fitted.network.settings.items()
+        if name not in shape and value != plain.get(name)
     }
     return {
         "network": fitted.network.name,
@@ -111,7 +139,11 @@ def checked_settings(classifier: Any) -> learning.TrainingSettings:
                 raise InputError(f"{name} belongs to a network; name it, such as network='bitcn'.")
     values = {name: getattr(classifier, name) for name in OWN_PARAMETERS}
     other = dict(classifier.training_settings or {})
-    unknown = [name for name in other if name not in asdict(learning.RECOMMENDED_TRAINING) or name in values]
+    unknown = [
+        name
+        for name in other
+        if name not in asdict(learning.RECOMMENDED_TRAINING) or name in values
+    ]
     if unknown:
         raise InputError(
             f"training_settings has no field {unknown[0]!r}; it takes fields of TrainingSettings other than "
@@ -124,29 +156,43 @@ def require_none(y: Any, groups: Any, reason: str) -> None:
     """Raise an `InputError` where `y` or `groups` is given, which only arrays take."""
     for name, value in (("y", y), ("groups", groups)):
         if value is not None:
-            raise InputError(f"{name} belongs to arrays: {reason}. Synthetic windows are given as synthetic=.")
+            raise InputError(
+                f"{name} belongs to arrays: {reason}. Synthetic windows are given as synthetic=."
+            )
 
 
 def synthetic_sets(synthetic: WindowSet | Iterable[WindowSet] | None) -> list[WindowSet]:
     """One set of synthetic windows, several or none, as a list."""
-    sets = [] if synthetic is None else [synthetic] if isinstance(synthetic, WindowSet) else list(synthetic)
+    sets = (
+        []
+        if synthetic is None
+        else [synthetic]
+        if isinstance(synthetic, WindowSet)
+        else list(synthetic)
+    )
     for windows in sets:
         if not isinstance(windows, WindowSet):
-            raise InputError(f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize.")
+            raise InputError(
+                f"synthetic holds a {type(windows).__name__}; it takes the window sets of synthesize."
+            )
         windows.require_any("in synthetic")
         if not windows.synthetic.all():
-            raise DataError(f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X.")
+            raise DataError(
+                f"{windows.recording_id[~windows.synthetic][0]} is measured; give it in X."
+            )
     return sets
 
 
 def name_alike(
     sets: Sequence[WindowSet], measured: Collection[str], fault_of: Mapping[str, str]
 ) -> tuple[list[WindowSet], tuple[str, ...]]:
-    """(synthetic windows with the names of the measured classes, notes on classes that may be the same).
+    """(synthetic windows with the names of the measured classes, notes on classes that may be the
+    same).
 
     Parameters
     ----------
-    measured : classes of the recordings; where one of them is healthy, healthy synthetic windows get its name.
+    measured : classes of the recordings; where one of them is healthy, healthy synthetic windows
+        get its name.
     fault_of : fault that a measured class stands for.
         An `InputError` where nobody measured the class, or simulated the fault.
     """
@@ -181,7 +227,9 @@ def name_alike(
 def _renamed(windows: WindowSet, names: Mapping[str, str]) -> WindowSet:
     """The windows with other names of classes, of which two may become one."""
     classes = tuple(dict.fromkeys(names.get(name, name) for name in windows.classes))
-    target = [classes.index(names.get(label, label)) if label else -1 for label in windows.label.tolist()]
+    target = [
+        classes.index(names.get(label, label)) if label else -1 for label in windows.label.tolist()
+    ]
     return replace(windows, classes=classes, target=np.array(target, dtype=np.int64))
 
 
@@ -190,9 +238,13 @@ _WINDOWS = {"bitcn": 2048}
 
 
 def windows_to_train(
-    classifier: Any, recordings: Sequence[Recording], further: Sequence[WindowSet], classes: Sequence[str] | None
+    classifier: Any,
+    recordings: Sequence[Recording],
+    further: Sequence[WindowSet],
+    classes: Sequence[str] | None,
 ) -> tuple[WindowSet, Mapping[str, str]]:
-    """(windows of labeled recordings by the parameters of a `FaultClassifier`, group of each recording).
+    """(windows of labeled recordings by the parameters of a `FaultClassifier`, group of each
+    recording).
 
     Parameters
     ----------
@@ -205,7 +257,9 @@ def windows_to_train(
     if further and classes is None:
         labels = {str(item.label) for item in recordings if item.label}
         classes = further[0].classes if labels <= set(further[0].classes) else sorted(labels)
-    length = classifier.window or (further[0].length if further else _WINDOWS.get(classifier.network or ""))
+    length = classifier.window or (
+        further[0].length if further else _WINDOWS.get(classifier.network or "")
+    )
     windows = learning.cut_windows(
         recordings,
         length=length or usual_window(recordings),
@@ -219,24 +273,33 @@ def windows_to_train(
 def windows_of_array(
     X: np.ndarray, target: np.ndarray, classes: tuple[str, ...], groups: Any, sample_rate: float
 ) -> WindowSet:
-    """Windows of an array ``(window, channel, sample)`` or ``(window, sample)``, each a recording without `groups`.
+    """Windows of an array ``(window, channel, sample)`` or ``(window, sample)``, each a recording
+    without `groups`.
 
     `target` is the index of each window's class, -1 for none; `sample_rate` is in Hz.
     """
     signal = X[:, None] if X.ndim == 2 else X
     if signal.ndim != 3:
-        raise InputError(f"X has {X.ndim} dimensions; an array is (window, channel, sample) or (window, sample).")
+        raise InputError(
+            f"X has {X.ndim} dimensions; an array is (window, channel, sample) or (window, sample)."
+        )
     if signal.shape[2] < 2:
-        raise InputError(f"X has n_features = {signal.shape[2]}: a window of one sample cannot be learned from.")
+        raise InputError(
+            f"X has n_features = {signal.shape[2]}: a window of one sample cannot be learned from."
+        )
     names = np.arange(len(signal)) if groups is None else np.asarray(groups)
     if names.shape != (len(signal),):
-        raise InputError(f"groups has shape {names.shape} for {len(signal)} windows; name the recording of each.")
+        raise InputError(
+            f"groups has shape {names.shape} for {len(signal)} windows; name the recording of each."
+        )
     nan = np.full(len(signal), np.nan)
     return WindowSet(
         signal=signal.astype(np.float32),
         target=target.astype(np.int64),
         classes=classes,
-        recording_id=np.array([f"window {name}" if groups is None else str(name) for name in names], dtype=np.str_),
+        recording_id=np.array(
+            [f"window {name}" if groups is None else str(name) for name in names], dtype=np.str_
+        ),
         specimen=np.full(len(signal), "", dtype=np.str_),
         discharge_pressure=nan,
         speed=nan,
@@ -275,7 +338,8 @@ def hold_out_validation(
     group : what a split keeps whole.
     manifest : recordings that stay in training.
     fraction : share of the recordings that is held out; 0 for none.
-    error_rate : that which the validation recordings should allow; 0.1 if None, and then as far as they go.
+    error_rate : that which the validation recordings should allow; 0.1 if None, and then as far as
+        they go.
     """
     aim = _ERROR_RATE if error_rate is None else error_rate
     if not fraction:

@@ -1,4 +1,6 @@
-"""What a fitted classifier says of one recording, and healthy recordings of machines made known to it."""
+"""What a fitted classifier says of one recording, and healthy recordings of machines made known to
+it.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -28,29 +30,39 @@ from swashtwin.pump import is_healthy
 from swashtwin.recordings import Recording, facts_of, listed_recordings, stated_speed
 
 _TOGETHER = 1024
-"""Windows in memory together; a multiple of what the network takes at once, so that no result depends on it."""
+"""Windows in memory together; a multiple of what the network takes at once, so that no result
+depends on it.
+"""
 
 
-def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: float | None = None) -> Diagnosis:
-    """The class of a recording, labeled or not, from windows cut as in training and without overlap.
+def diagnose(
+    classifier: FittedClassifier, recording: Recording, *, error_rate: float | None = None
+) -> Diagnosis:
+    """The class of a recording, labeled or not, from windows cut as in training and without
+    overlap.
 
-    A recording that was loaded from its file is never whole in memory. One that cannot be used (NaN, a dead channel,
-    too short, a damaged file) or whose answer is no finite number, such as one with a sample of 1e20, has no verdict:
-    `Diagnosis.no_verdict` says why.
+    A recording that was loaded from its file is never whole in memory. One that cannot be used
+    (NaN, a dead channel, too short, a damaged file) or whose answer is no finite number, such as
+    one with a sample of 1e20, has no verdict: `Diagnosis.no_verdict` says why.
 
     Parameters
     ----------
-    error_rate : of the prediction set and of calling a recording unknown; the classifier's own by default.
+    error_rate : of the prediction set and of calling a recording unknown; the classifier's own by
+        default.
 
     Raises
     ------
     DataError
         The recording has another sample rate, other channels or another unit.
     InputError
-        An error rate that the classifier's validation recordings are too few for, or that it knows none of.
+        An error rate that the classifier's validation recordings are too few for, or that it knows
+        none of.
     """
     require_recording(recording)
-    recording, reference = recording.unloaded(), classifier.training_reference  # what is read here is not kept
+    recording, reference = (
+        recording.unloaded(),
+        classifier.training_reference,
+    )  # what is read here is not kept
     confidence = classifier.confidence_of(recording.specimen or "")
     if error_rate is not None and confidence is None:
         raise InputError(
@@ -58,7 +70,9 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
             "--network, or with --validation-fraction 0.2."
         )
     require_layout(classifier.layout, recording)
-    result = Diagnosis(recording.recording_id, facts=facts_of([recording]), fault_of=classifier.fault_of)
+    result = Diagnosis(
+        recording.recording_id, facts=facts_of([recording]), fault_of=classifier.fault_of
+    )
     answers = []
     try:
         for windows in recording_windows(classifier, recording):
@@ -69,20 +83,30 @@ def diagnose(classifier: FittedClassifier, recording: Recording, *, error_rate: 
     except DataError as cause:
         return replace(result, no_verdict=str(cause))
     probability, features, facts = (np.concatenate(part) for part in zip(*answers, strict=True))
-    condition, specimen, mean = windows.condition(0), str(windows.specimen[0]), features.mean(axis=0)
+    condition, specimen, mean = (
+        windows.condition(0),
+        str(windows.specimen[0]),
+        features.mean(axis=0),
+    )
     reasons = reasons_of(classifier, condition, facts.mean(axis=0))
     likeliest = likeliest_class(probability)
     result = replace(
         result,
-        window_labels=tuple(None if index < 0 else classifier.classes[index] for index in likeliest.tolist()),
+        window_labels=tuple(
+            None if index < 0 else classifier.classes[index] for index in likeliest.tolist()
+        ),
         notes=(*notes, *reasons),
     )
-    has_verdict = (likeliest >= 0) & (np.isfinite(features).all(axis=1) if confidence is not None else True)
+    has_verdict = (likeliest >= 0) & (
+        np.isfinite(features).all(axis=1) if confidence is not None else True
+    )
     if not has_verdict.all():
         length = classifier.layout.length
         first, count = int(has_verdict.argmin()), int(np.count_nonzero(~has_verdict))
         peak = float(np.abs(recording.slice(first * length, (first + 1) * length).signal).max())
-        which = "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
+        which = (
+            "its only window" if has_verdict.size == 1 else f"{count} of {has_verdict.size} windows"
+        )
         reason = (
             f"the model's answer to {which} is no finite number, first at {first * length / recording.sample_rate:.4g} "
             f"s, where samples reach {peak:.3g} {recording.unit}; if that is far too large, cut it out or repair the "
@@ -121,7 +145,9 @@ def _with_trust(
     score: float,
     error_rate: float | None,
 ) -> Diagnosis:
-    """The diagnosis with the classes that cannot be ruled out, and whether the recording resembles the training."""
+    """The diagnosis with the classes that cannot be ruled out, and whether the recording resembles
+    the training.
+    """
     rate, n = confidence.error_rate if error_rate is None else error_rate, confidence.n_recordings
     pooled = pooled_probabilities(probability)
     in_set = confidence.prediction_set(pooled, len(probability), rate)
@@ -137,7 +163,8 @@ def _with_trust(
         scarce_classes=tuple(name for name, index in zip(classes, group, strict=True) if index < 0),
         p_value=p_value,
         score=score,
-        # the greatest score whose p-value is above the rate: the k-th highest of the validation recordings
+        # the greatest score whose p-value is above the rate: the k-th highest of the validation
+        # recordings
         threshold=float(confidence.ood_score[n - max(1, math.floor(rate * (n + 1) + 1e-9))]),
         basis=confidence.basis,
         n_basis=n,
@@ -164,9 +191,16 @@ def require_recording(thing: object) -> None:
 
 
 def require_layout(layout: WindowLayout, recording: Recording) -> None:
-    """Refuse a recording whose rate, channels or unit are not a model's with a `DataError` that says what to do."""
+    """Refuse a recording whose rate, channels or unit are not a model's with a `DataError` that
+    says what to do.
+    """
     require_recording(recording)
-    actual = replace(layout, sample_rate=float(recording.sample_rate), channels=recording.channels, unit=recording.unit)
+    actual = replace(
+        layout,
+        sample_rate=float(recording.sample_rate),
+        channels=recording.channels,
+        unit=recording.unit,
+    )
     difference = layout.difference(actual)
     if not difference:
         return
@@ -189,7 +223,9 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
 
 def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
     notes = []
-    if seen := listed_recordings(classifier.manifest, {recording.recording_id: recording.content_hashes()}):
+    if seen := listed_recordings(
+        classifier.manifest, {recording.recording_id: recording.content_hashes()}
+    ):
         listed = seen[recording.recording_id]
         under = "" if listed == recording.recording_id else f", under the name {listed}"
         notes.append(
@@ -198,7 +234,9 @@ def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
     condition = recording.condition
     layout = classifier.layout
     if condition is not None and layout.length / layout.sample_rate < condition.period * (1 - 1e-9):
-        notes.append("At this speed a window is shorter than one revolution and sees some pistons only.")
+        notes.append(
+            "At this speed a window is shorter than one revolution and sees some pistons only."
+        )
     if classifier.network.uses_speed and not stated_speed(recording):
         usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
         notes.append(
@@ -209,9 +247,13 @@ def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
 
 
 def recording_probability(fitted: FittedClassifier, recording: Recording) -> np.ndarray:
-    """Probability of each class, pooled over the windows; a `DataError` where the recording has no verdict."""
+    """Probability of each class, pooled over the windows; a `DataError` where the recording has no
+    verdict.
+    """
     require_layout(fitted.layout, recording)
-    probability = np.concatenate([fitted.predict_proba(windows) for windows in recording_windows(fitted, recording)])
+    probability = np.concatenate(
+        [fitted.predict_proba(windows) for windows in recording_windows(fitted, recording)]
+    )
     pooled = pooled_probabilities(probability, fitted.confidence)
     require_verdicts(pooled[None], np.array([recording.recording_id]))
     return pooled
@@ -221,15 +263,20 @@ _SEVERAL = 0.25
 """Share of a machine's healthy recordings called faulty from which a note says so."""
 
 
-def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tuple[FittedClassifier, tuple[str, ...]]:
-    """(the classifier that compares with these healthy recordings too, notes on machines that it takes for faulty).
+def make_known(
+    classifier: FittedClassifier, healthy: Sequence[Recording]
+) -> tuple[FittedClassifier, tuple[str, ...]]:
+    """(the classifier that compares with these healthy recordings too, notes on machines that it
+    takes for faulty).
 
     Raises
     ------
     InputError
-        The model compares with no healthy recordings, or one states no machine or is labeled faulty.
+        The model compares with no healthy recordings, or one states no machine or is labeled
+        faulty.
     DataError
-        A machine has a single one; or they have another sample rate, other channels or another unit, or are unfit.
+        A machine has a single one; or they have another sample rate, other channels or another
+        unit, or are unfit.
     """
     if classifier.recordings is None or classifier.recordings.on_changes is None:
         raise InputError(
@@ -262,7 +309,8 @@ def make_known(classifier: FittedClassifier, healthy: Sequence[Recording]) -> tu
             )
         alone = replace(classifier, recordings=replace(classifier.recordings, on_changes=None))
         labels = [
-            classifier.classes[int(np.argmax(recording_probability(alone, recording)))] for recording in of_machine
+            classifier.classes[int(np.argmax(recording_probability(alone, recording)))]
+            for recording in of_machine
         ]
         faulty = sum(not is_healthy(label) for label in labels)
         if faulty > _SEVERAL * len(labels):

@@ -21,7 +21,9 @@ _KINDS = {
 
 
 class Estimator:
-    """Parameters of the constructor by name, and whether it is trained, which is when it has ``fitted_``."""
+    """Parameters of the constructor by name, and whether it is trained, which is when it has
+    ``fitted_``.
+    """
 
     @classmethod
     @cache
@@ -50,13 +52,21 @@ class Estimator:
             stated = inspect.signature(type(self).__init__).parameters[name].annotation
             options = get_args(stated) if isinstance(stated, UnionType) else (stated,)
             types = [get_origin(option) or option for option in options]
-            kinds = [_KINDS.get(kind, (kind, f"a {getattr(kind, '__name__', kind)}")) for kind in types]
-            if not any(isinstance(value, kind) and (kind is bool or value is not True) for kind, _ in kinds):
+            kinds = [
+                _KINDS.get(kind, (kind, f"a {getattr(kind, '__name__', kind)}")) for kind in types
+            ]
+            if not any(
+                isinstance(value, kind) and (kind is bool or value is not True) for kind, _ in kinds
+            ):
                 words = " or ".join(word for _, word in kinds)
                 raise InputError(f"{name} ({value!r}) must be {words}.", field=name)
 
     def __repr__(self) -> str:
-        other = (f"{name}={value!r}" for name, value in self.get_params().items() if value != self._defaults()[name])
+        other = (
+            f"{name}={value!r}"
+            for name, value in self.get_params().items()
+            if value != self._defaults()[name]
+        )
         return f"{type(self).__name__}({', '.join(other)})"
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -68,7 +78,9 @@ class Estimator:
         return Tags(
             estimator_type="classifier",
             target_tags=TargetTags(required=True),
-            classifier_tags=ClassifierTags(poor_score=True),  # a table of a few columns is no vibration
+            classifier_tags=ClassifierTags(
+                poor_score=True
+            ),  # a table of a few columns is no vibration
             input_tags=InputTags(three_d_array=True),
         )
 

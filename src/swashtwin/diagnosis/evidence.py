@@ -46,11 +46,17 @@ class Evidence:
     unknown: bool
     """Whether the recording is unlike the training, so that neither class is named."""
     baseline: str
-    """What the samples are compared with, in words: silence, or the mean of the training for a network on levels."""
+    """What the samples are compared with, in words: silence, or the mean of the training for a
+    network on levels.
+    """
     margin: float
-    """Score of `label` less that of `rival`, less the same for `baseline`; mean over the windows looked at."""
+    """Score of `label` less that of `rival`, less the same for `baseline`; mean over the windows
+    looked at.
+    """
     gap: float
-    """Share of `margin` that the sum of `lines` misses, since gradients were taken at finitely many points."""
+    """Share of `margin` that the sum of `lines` misses, since gradients were taken at finitely many
+    points.
+    """
     start: float
     """Time of the first sample looked at [s]."""
     duration: float
@@ -58,13 +64,17 @@ class Evidence:
     channels: tuple[str, ...]
     """Channels."""
     bands: tuple[Band, ...]
-    """Orders and third octaves, ascending; of a network on levels also those of the envelope, and the whole."""
+    """Orders and third octaves, ascending; of a network on levels also those of the envelope, and
+    the whole.
+    """
     lines: Float64[np.ndarray, "channel band"]
     """What each band adds; their sum is `margin`."""
     pistons: int | None
     """Number of pistons, where it was said."""
     nearest: tuple[Neighbor, ...]
-    """Most similar recordings of the training, nearest first; none where the classifier keeps none."""
+    """Most similar recordings of the training, nearest first; none where the classifier keeps
+    none.
+    """
     checks: tuple[Check, ...]
     """What to check on the machine."""
 
@@ -75,8 +85,9 @@ class Evidence:
 
     @property
     def adds_up(self) -> bool:
-        """Whether the contributions miss at most 10 % of the score. Otherwise they are no shares of it: only the order
-        of the lines is shown, no figure."""
+        """Whether the contributions miss at most 10 % of the score. Otherwise they are no shares of
+        it: only the order of the lines is shown, no figure.
+        """
         return self.gap <= _MOST_GAP
 
     @property
@@ -84,15 +95,25 @@ class Evidence:
         """Why no shares are shown, where the contributions do not add up; else empty."""
         if self.adds_up:
             return ""
-        total = f"{100 * self.total:.0f} % of the score" if math.isfinite(self.total) else "something, the score is 0"
+        total = (
+            f"{100 * self.total:.0f} % of the score"
+            if math.isfinite(self.total)
+            else "something, the score is 0"
+        )
         return f"No shares are shown: the contributions of all lines together add to {total}."
 
     def strongest(self, count: int = 3) -> list[tuple[str, Band, float]]:
-        """(channel, band, share) of what speaks most for the verdict; shares are of all magnitudes together."""
+        """(channel, band, share) of what speaks most for the verdict; shares are of all magnitudes
+        together.
+        """
         share = self.lines / max(float(np.abs(self.lines).sum()), 1e-300)
         indices = np.argsort(-share, axis=None)[:count]
         picked = [np.unravel_index(index, share.shape) for index in indices]
-        return [(self.channels[c], self.bands[b], float(share[c, b])) for c, b in picked if share[c, b] > 0]
+        return [
+            (self.channels[c], self.bands[b], float(share[c, b]))
+            for c, b in picked
+            if share[c, b] > 0
+        ]
 
     def describe(self, band: Band) -> str:
         """The band in words, with what a maintenance engineer calls its line."""
@@ -113,7 +134,9 @@ class Evidence:
             for channel, band, share in self.strongest()
         ]
         about = "No class is named. Of those trained, what" if self.unknown else "What"
-        sentences = [f"{about} speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."]
+        sentences = [
+            f"{about} speaks most for {label} rather than {rival}: {'; '.join(lines) or 'no single line'}."
+        ]
         if self.remark:
             sentences.append(self.remark)
         if self.margin <= 0:
@@ -123,9 +146,13 @@ class Evidence:
                 "recordings and on the checks."
             )
         if self.nearest:
-            neighbors = [f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]]
+            neighbors = [
+                f"{near.recording_id} ({near.label.replace('_', ' ')})" for near in self.nearest[:3]
+            ]
             same = sum(near.label == self.label for near in self.nearest)
-            count = "" if self.unknown else f"; {same} of the {len(self.nearest)} nearest are {label}"
+            count = (
+                "" if self.unknown else f"; {same} of the {len(self.nearest)} nearest are {label}"
+            )
             sentences.append(f"Nearest training recordings: {', '.join(neighbors)}{count}.")
         return tuple(sentences)
 
@@ -136,7 +163,17 @@ class Evidence:
              "share": share if self.adds_up else None}
             for channel, band, share in self.strongest(10)
         ]  # fmt: skip
-        names = ("recording_id", "unknown", "label", "rival", "margin", "gap", "adds_up", "nearest", "checks")
+        names = (
+            "recording_id",
+            "unknown",
+            "label",
+            "rival",
+            "margin",
+            "gap",
+            "adds_up",
+            "nearest",
+            "checks",
+        )
         return {
             **to_table({name: getattr(self, name) for name in names}),
             "total": self.total if math.isfinite(self.total) else None,
@@ -146,14 +183,16 @@ class Evidence:
 
 
 def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagnosis) -> Evidence:
-    """What the verdict on a recording rests on, by integrated gradients over the windows that speak most for it.
+    """What the verdict on a recording rests on, by integrated gradients over the windows that speak
+    most for it.
 
-    It says what the network looks at, which is not yet why the pump vibrates so: docs/explanation/diagnosis.md has the
-    limits.
+    It says what the network looks at, which is not yet why the pump vibrates so:
+    docs/explanation/diagnosis.md has the limits.
 
     Parameters
     ----------
-    diagnosis : of this recording, by this classifier. Where its `facts` state the number of pistons, lines are named.
+    diagnosis : of this recording, by this classifier. Where its `facts` state the number of
+        pistons, lines are named.
 
     Raises
     ------
@@ -162,14 +201,23 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     """
     require_recording(recording)
     if diagnosis.label is None:
-        raise InputError(f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}")
-    if diagnosis.recording_id != recording.recording_id or set(diagnosis.probabilities) != set(classifier.classes):
-        raise InputError(f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one.")
+        raise InputError(
+            f"{diagnosis.recording_id} has no verdict to explain: {diagnosis.no_verdict}"
+        )
+    if diagnosis.recording_id != recording.recording_id or set(diagnosis.probabilities) != set(
+        classifier.classes
+    ):
+        raise InputError(
+            f"the diagnosis is of {diagnosis.recording_id}, or by another classifier; diagnose this one."
+        )
     if len(classifier.classes) < 2:
         raise InputError("a classifier of one class has nothing to decide.")
     answers = [classifier.answer(windows) for windows in recording_windows(classifier, recording)]
     probability, features = (np.concatenate(part) for part in zip(*answers, strict=True))
-    ranked = sorted(diagnosis.probabilities, key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]))
+    ranked = sorted(
+        diagnosis.probabilities,
+        key=lambda name: (name != diagnosis.label, -diagnosis.probabilities[name]),
+    )
     label, rival = (classifier.classes.index(name) for name in ranked[:2])
     logarithm = np.log(np.maximum(probability, 1e-12))
     first, margin = 0, logarithm[:, label] - logarithm[:, rival]
@@ -191,7 +239,10 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
         pistons=diagnosis.facts.pistons,
         nearest=_nearest(classifier, features),
         checks=next_checks(
-            *(diagnosis.fault_of.get(name, name) for name in diagnosis.prediction_set[:2] or ranked[:1]),
+            *(
+                diagnosis.fault_of.get(name, name)
+                for name in diagnosis.prediction_set[:2] or ranked[:1]
+            ),
             unknown=diagnosis.unknown,
         ),
     )

@@ -1,4 +1,6 @@
-"""How a recording differs from the healthy ones that a model holds: levels that moved, and its spectrum over theirs."""
+"""How a recording differs from the healthy ones that a model holds: levels that moved, and its
+spectrum over theirs.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,7 +46,8 @@ class LevelChange:
 def level_changes(
     deviation: Deviation, levels: Sequence[Level], shaft: float | None
 ) -> tuple[tuple[str, ...], tuple[LevelChange, ...]]:
-    """(channels that moved as a whole, in words; the levels that moved most beside that, furthest first).
+    """(channels that moved as a whole, in words; the levels that moved most beside that, furthest
+    first).
 
     A band is left out where an order within it moved further, and an order where its band did.
 
@@ -57,7 +60,9 @@ def level_changes(
     sentences = []
     for channel in dict.fromkeys(level.channel for level in levels):
         of_channel = np.array([level.channel == channel for level in levels])
-        shift = float(common_shift(change[of_channel & np.array([level.is_band for level in levels])]))
+        shift = float(
+            common_shift(change[of_channel & np.array([level.is_band for level in levels])])
+        )
         if shift:
             sentences.append(
                 f"{shift:+.1f} dB in all bands of channel {channel}: a changed gain, sensor or mounting does that"
@@ -115,7 +120,9 @@ class HealthySpectrum:
 
     @property
     def excess(self) -> Float64[np.ndarray, "channel band"]:
-        """How far the recording is above the greatest of the healthy ones, or below the least where negative [dB]."""
+        """How far the recording is above the greatest of the healthy ones, or below the least where
+        negative [dB].
+        """
         above, below = self.level - self.healthy.max(axis=0), self.level - self.healthy.min(axis=0)
         return np.where(above > 0, above, np.minimum(below, 0.0))
 
@@ -152,7 +159,9 @@ def classifier_spectrum(
     specimen : its machine; empty where not stated.
     condition : its speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
     """
-    healthy = np.array([] if reference is None else [is_healthy(label) for label in reference.label], dtype=bool)
+    healthy = np.array(
+        [] if reference is None else [is_healthy(label) for label in reference.label], dtype=bool
+    )
     if reference is None or not healthy.any():
         return None
     at_point = np.ones(len(healthy), dtype=bool)
@@ -167,7 +176,9 @@ def classifier_spectrum(
     )
     chosen, basis = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
     rows = np.vstack([features, reference.features[chosen].astype(np.float64)])
-    low, high, density = level_spectrum(rows, len(layout.channels), layout.length, layout.sample_rate)
+    low, high, density = level_spectrum(
+        rows, len(layout.channels), layout.length, layout.sample_rate
+    )
     basis = f"the {chosen.sum()} healthy training recordings {basis}"
     return HealthySpectrum(layout.channels, layout.unit, low, high, density[0], density[1:], basis)
 
@@ -175,11 +186,19 @@ def classifier_spectrum(
 def detector_spectrum(
     layout: LevelLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
 ) -> HealthySpectrum:
-    """Levels of a recording in the detector's bands, over `healthy`, those of the recordings it was compared with."""
+    """Levels of a recording in the detector's bands, over `healthy`, those of the recordings it was
+    compared with.
+    """
     bands = [index for index, level in enumerate(layout.levels) if level.is_band]
     each = len(bands) // len(layout.channels)
-    edges = np.array([(layout.levels[index].low, layout.levels[index].high) for index in bands[:each]])
+    edges = np.array(
+        [(layout.levels[index].low, layout.levels[index].high) for index in bands[:each]]
+    )
     rows = np.vstack([healthy.mean(axis=0) + deviation.change, healthy])[:, bands]
-    density = rows.reshape(len(rows), len(layout.channels), each) - 10 * np.log10(edges[:, 1] - edges[:, 0])
+    density = rows.reshape(len(rows), len(layout.channels), each) - 10 * np.log10(
+        edges[:, 1] - edges[:, 0]
+    )
     basis = f"the {len(healthy)} healthy recordings of its operating point"
-    return HealthySpectrum(layout.channels, layout.unit, edges[:, 0], edges[:, 1], density[0], density[1:], basis)
+    return HealthySpectrum(
+        layout.channels, layout.unit, edges[:, 0], edges[:, 1], density[0], density[1:], basis
+    )

@@ -1,4 +1,6 @@
-"""A fitted classifier as an ONNX file, which other languages and runtimes read without torch or swashtwin."""
+"""A fitted classifier as an ONNX file, which other languages and runtimes read without torch or
+swashtwin.
+"""
 
 import json
 import logging
@@ -21,13 +23,14 @@ if TYPE_CHECKING:
 def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
     """`path`, after the classifier was written to it as an ONNX file.
 
-    The input ``windows`` (window, channel, time) takes any number of windows of the classifier's layout in its unit,
-    float32. A network on orders of the shaft has a second input, ``speed`` (window) [rad/s], NaN for that of the
-    training. The one output, ``probability`` (window, class), is what `FittedClassifier.predict_proba` gives, without
-    what heads on whole recordings (`FittedClassifier.recordings`) add. The scaling is part of the file. Its metadata
-    hold JSON: ``classes``, ``layout``, ``normalization``,
-    ``temperature`` and ``dependence`` (by which `diagnose` calibrates the probabilities, or null), ``manifest``,
-    ``network`` and ``swashtwin`` (version).
+    The input ``windows`` (window, channel, time) takes any number of windows of the classifier's
+    layout in its unit, float32. A network on orders of the shaft has a second input, ``speed``
+    (window) [rad/s], NaN for that of the training. The one output, ``probability`` (window, class),
+    is what `FittedClassifier.predict_proba` gives, without what heads on whole recordings
+    (`FittedClassifier.recordings`) add. The scaling is part of the file. Its metadata hold JSON:
+    ``classes``, ``layout``, ``normalization``, ``temperature`` and ``dependence`` (by which
+    `diagnose` calibrates the probabilities, or null), ``manifest``, ``network`` and ``swashtwin``
+    (version).
 
     Raises
     ------
@@ -63,7 +66,9 @@ def _facts(classifier: FittedClassifier) -> dict[str, object]:
 
 
 def torch_model(classifier: FittedClassifier, network: "Network") -> Any:
-    """The ONNX model of a network of torch: scaling, network and softmax, computed as `FittedClassifier` does."""
+    """The ONNX model of a network of torch: scaling, network and softmax, computed as
+    `FittedClassifier` does.
+    """
     import torch
 
     layout, normalization = classifier.layout, classifier.normalization
@@ -119,7 +124,9 @@ def _quiet() -> Iterator[None]:
         with warnings.catch_warnings():
             for kind in (FutureWarning, DeprecationWarning):
                 warnings.simplefilter("ignore", kind)
-            warnings.filterwarnings("ignore", ".*axis name: window will not be used")  # two inputs share it
+            warnings.filterwarnings(
+                "ignore", ".*axis name: window will not be used"
+            )  # two inputs share it
             yield
     finally:
         logger.setLevel(level)

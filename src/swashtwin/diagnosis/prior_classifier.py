@@ -1,9 +1,11 @@
-"""`PriorClassifier`: names faults that nobody measured, from a machine's healthy recordings and a pump prior.
+"""`PriorClassifier`: names faults that nobody measured, from a machine's healthy recordings and a
+pump prior.
 
-The prior is changes of virtual pumps (`synthesis.simulate_changes`): levels of lines and of the noise floor, less those
-of the same pump's healthy recordings. Housing, sensors and mounting are in both and cancel. `fit` lays them on how much
-the machine's own healthy recordings differ (`prior_head`). docs/how-to/zero-shot.md says how it is used, and
-docs/bench/evidence.md how far it can be trusted.
+The prior is changes of virtual pumps (`synthesis.simulate_changes`): levels of lines and of the
+noise floor, less those of the same pump's healthy recordings. Housing, sensors and mounting are in
+both and cancel. `fit` lays them on how much the machine's own healthy recordings differ
+(`prior_head`). docs/how-to/zero-shot.md says how it is used, and docs/bench/evidence.md how far it
+can be trusted.
 """
 
 import math
@@ -19,10 +21,22 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.diagnosing import require_recording
 from swashtwin.diagnosis.prior_file import load_prior, save_prior
-from swashtwin.diagnosis.prior_head import UNKNOWN_RATE, PriorHead, VirtualChanges, fit_head, order_levels
+from swashtwin.diagnosis.prior_head import (
+    UNKNOWN_RATE,
+    PriorHead,
+    VirtualChanges,
+    fit_head,
+    order_levels,
+)
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, canonical_label, is_healthy, values_match
+from swashtwin.pump import (
+    PRESSURE_TOLERANCE,
+    SPEED_TOLERANCE,
+    canonical_label,
+    is_healthy,
+    values_match,
+)
 from swashtwin.recordings import (
     Manifest,
     Recording,
@@ -39,11 +53,12 @@ _ANY = (0.0, 1e12)
 
 @dataclass(frozen=True, eq=False)
 class PriorClassifier:
-    """Classes of recordings from their changes against healthy ones; `make_prior` or `load_model` makes it.
+    """Classes of recordings from their changes against healthy ones; `make_prior` or `load_model`
+    makes it.
 
-    `fit` gives the classifier of certain machines from their healthy recordings, and leaves the prior, which serves for
-    all machines, as it is. It is no estimator of scikit-learn, which hands over arrays: these state no speed, pressure
-    and machine.
+    `fit` gives the classifier of certain machines from their healthy recordings, and leaves the
+    prior, which serves for all machines, as it is. It is no estimator of scikit-learn, which hands
+    over arrays: these state no speed, pressure and machine.
     """
 
     KIND: ClassVar[str] = "prior classifier"
@@ -54,9 +69,13 @@ class PriorClassifier:
     bands: OrderBands
     """Bands of the levels."""
     channels: tuple[str, ...]
-    """Channels: of the virtual pumps, and after `fit` those of the machine among them, in its order."""
+    """Channels: of the virtual pumps, and after `fit` those of the machine among them, in its
+    order.
+    """
     classes: tuple[str, ...]
-    """Classes, in the order of the probabilities; the first one is healthy, the last is none of the others."""
+    """Classes, in the order of the probabilities; the first one is healthy, the last is none of the
+    others.
+    """
     speed: tuple[float, float]
     """Speeds of the virtual pumps [rad/s]."""
     pressure: tuple[float, float]
@@ -67,8 +86,12 @@ class PriorClassifier:
     """Changes of the virtual pumps; None after `fit`."""
     head: PriorHead | None = None
     """What maps changes to classes; None before."""
-    levels: Float64[np.ndarray, "recording channel level"] = field(default_factory=lambda: np.empty((0, 0, 0)))
-    """Levels of the healthy recordings [log10 of the squared unit], NaN beyond half the sample rate."""
+    levels: Float64[np.ndarray, "recording channel level"] = field(
+        default_factory=lambda: np.empty((0, 0, 0))
+    )
+    """Levels of the healthy recordings [log10 of the squared unit], NaN beyond half the sample
+    rate.
+    """
     specimen: tuple[str, ...] = ()
     """Machine of each healthy recording; empty where none is stated."""
     point_speed: Float64[np.ndarray, " recording"] = field(default_factory=lambda: np.empty(0))
@@ -87,7 +110,9 @@ class PriorClassifier:
     def __post_init__(self) -> None:
         count, width = len(self.specimen), len(self.channels) * len(self.bands.names)
         if count and self.levels.shape != (count, len(self.channels), len(self.bands.names)):
-            raise InputError(f"the levels of {count} healthy recordings have the shape {self.levels.shape}.")
+            raise InputError(
+                f"the levels of {count} healthy recordings have the shape {self.levels.shape}."
+            )
         if not self.point_speed.shape == self.point_pressure.shape == (count,):
             raise InputError(f"{count} healthy recordings need as many speeds and pressures.")
         if not is_healthy(self.classes[0]):
@@ -114,34 +139,42 @@ class PriorClassifier:
     ) -> "PriorClassifier":
         """The classifier of these machines.
 
-        Other recordings are compared with the healthy ones. How these differ among each other is the unit of every
-        change, and directions in which they differ count less; measured faults teach it further.
+        Other recordings are compared with the healthy ones. How these differ among each other is
+        the unit of every change, and directions in which they differ count less; measured faults
+        teach it further.
 
         Parameters
         ----------
-        recordings : healthy ones of each machine and operating point, labeled so or not at all, and measured faults
-            as far as there are any (few-shot).
-        pistons : pistons of the machine where it is of another design; then only virtual pumps of drawings of their own
-            teach, and no speed or pressure is refused.
+        recordings : healthy ones of each machine and operating point, labeled so or not at all, and
+            measured faults as far as there are any (few-shot).
+        pistons : pistons of the machine where it is of another design; then only virtual pumps of
+            drawings of their own teach, and no speed or pressure is refused.
         fault_of : class that a label stands for, such as ``{"Verschleiß": "piston"}``.
 
         Raises
         ------
         DataError
-            No healthy recording, channels that the virtual pumps lack, a speed or a pressure outside the prior's, a
-            class that it does not know, an unfit recording, or a classifier that is adapted already.
+            No healthy recording, channels that the virtual pumps lack, a speed or a pressure
+            outside the prior's, a class that it does not know, an unfit recording, or a classifier
+            that is adapted already.
         """
         recordings = require_recordings(recordings)
         sound = [item for item in recordings if item.label is None or is_healthy(item.label)]
         faulty = [item for item in recordings if not (item.label is None or is_healthy(item.label))]
         if not sound:
-            raise DataError("a pump prior needs healthy recordings of the machine, labeled normal; there is none.")
-        adapted = replace(self.narrowed(sound[0].channels, sound[0].unit, pistons), fault_of=dict(fault_of or {}))
+            raise DataError(
+                "a pump prior needs healthy recordings of the machine, labeled normal; there is none."
+            )
+        adapted = replace(
+            self.narrowed(sound[0].channels, sound[0].unit, pistons), fault_of=dict(fault_of or {})
+        )
         for recording in recordings:
             adapted._require_fit(recording, sound[0].unit)
         classes = {str(item.label): adapted.class_of(str(item.label)) for item in faulty}
         for label in (label for label, name in classes.items() if name is None):
-            raise DataError(f"the prior knows {', '.join(self.classes[:-1])}, and no {label!r}; leave it out.")
+            raise DataError(
+                f"the prior knows {', '.join(self.classes[:-1])}, and no {label!r}; leave it out."
+            )
         target = [str(classes[str(item.label)]) for item in faulty]
         adapted = replace(
             adapted,
@@ -149,13 +182,20 @@ class PriorClassifier:
             taught={name: target.count(name) for name in self.classes if name in target},
             manifest=join_manifests([self.manifest, manifest_of(recordings)]),
         )
-        return adapted.fit_levels([adapted.change(recording)[0] for recording in faulty], target, seed=seed)
+        return adapted.fit_levels(
+            [adapted.change(recording)[0] for recording in faulty], target, seed=seed
+        )
 
-    def narrowed(self, channels: tuple[str, ...], unit: str, pistons: int | None = None) -> "PriorClassifier":
-        """The prior of a machine's channels and, where it is of another design, of its number of pistons; raises as
-        `fit` does."""
+    def narrowed(
+        self, channels: tuple[str, ...], unit: str, pistons: int | None = None
+    ) -> "PriorClassifier":
+        """The prior of a machine's channels and, where it is of another design, of its number of
+        pistons; raises as `fit` does.
+        """
         if self.virtual is None:
-            raise DataError("this classifier is adapted already; adapt the prior itself, with all recordings at once.")
+            raise DataError(
+                "this classifier is adapted already; adapt the prior itself, with all recordings at once."
+            )
         if missing := [name for name in channels if name not in self.channels]:
             raise DataError(
                 f"the recordings have the channels {', '.join(channels)}, and the prior of {self.pump} has no "
@@ -167,12 +207,19 @@ class PriorClassifier:
             pumps = self.virtual.drawn
             prior = replace(self, bands=OrderBands(pistons), speed=_ANY, pressure=_ANY)
         virtual = self.virtual.of(pumps, [self.channels.index(name) for name in channels])
-        return replace(prior, virtual=virtual, channels=channels, unit=unit, n_pumps=int(pumps.sum()))
+        return replace(
+            prior, virtual=virtual, channels=channels, unit=unit, n_pumps=int(pumps.sum())
+        )
 
     def fit_levels(
-        self, changes: Sequence[Float64[np.ndarray, "channel level"]] = (), labels: Sequence[str] = (), *, seed: int = 0
+        self,
+        changes: Sequence[Float64[np.ndarray, "channel level"]] = (),
+        labels: Sequence[str] = (),
+        *,
+        seed: int = 0,
     ) -> "PriorClassifier":
-        """The classifier of the machine that the prior was `narrowed` to, whose healthy `levels` it has.
+        """The classifier of the machine that the prior was `narrowed` to, whose healthy `levels` it
+        has.
 
         Parameters
         ----------
@@ -190,23 +237,30 @@ class PriorClassifier:
         return replace(self, virtual=None, head=head)
 
     def with_healthy(self, healthy: Sequence[Recording]) -> "PriorClassifier":
-        """The adapted classifier that compares with these healthy recordings of further machines too.
+        """The adapted classifier that compares with these healthy recordings of further machines
+        too.
 
-        What maps changes to classes stays: the healthy scatter is that of the machines that it was adapted to. It
-        raises as `fit` does, and a `DataError` where one is labeled faulty.
+        What maps changes to classes stays: the healthy scatter is that of the machines that it was
+        adapted to. It raises as `fit` does, and a `DataError` where one is labeled faulty.
         """
         for recording in healthy:
             self._require_fit(recording, self.unit)
             if not (recording.label is None or is_healthy(recording.label)):
-                raise DataError(f"{recording.recording_id} is labeled {recording.label} and is no healthy recording.")
+                raise DataError(
+                    f"{recording.recording_id} is labeled {recording.label} and is no healthy recording."
+                )
         new = self._points(healthy)
         specimen = (*self.specimen, *new.pop("specimen"))
-        arrays: dict[str, Any] = {name: np.concatenate([getattr(self, name), values]) for name, values in new.items()}
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), values]) for name, values in new.items()
+        }
         manifest = join_manifests([self.manifest, manifest_of(healthy)])
         return replace(self, **arrays, specimen=specimen, manifest=manifest)
 
     def _points(self, healthy: Sequence[Recording]) -> dict[str, Any]:
-        """Fields of the classifier that healthy recordings make: levels, machines, speeds, pressures."""
+        """Fields of the classifier that healthy recordings make: levels, machines, speeds,
+        pressures.
+        """
         levels = np.array([order_levels(item, self.bands) for item in healthy])
         return {
             "levels": levels.reshape(-1, len(self.channels), len(self.bands.names)),
@@ -222,39 +276,56 @@ class PriorClassifier:
         except InputError:
             return None
 
-    def change(self, recording: Recording) -> tuple[Float64[np.ndarray, "channel level"], tuple[str, ...]]:
-        """Change of a recording's levels [log10] against its machine's healthy ones, and notes on what was compared.
+    def change(
+        self, recording: Recording
+    ) -> tuple[Float64[np.ndarray, "channel level"], tuple[str, ...]]:
+        """Change of a recording's levels [log10] against its machine's healthy ones, and notes on
+        what was compared.
 
-        A `DataError` where it is unfit, or of a machine or operating point that has no healthy recording.
+        A `DataError` where it is unfit, or of a machine or operating point that has no healthy
+        recording.
         """
         self._require_fit(recording, self.unit)
         members, notes = self._members(recording)
         change = order_levels(recording, self.bands) - self.levels[members].mean(axis=0)
         measured = np.isfinite(self.levels).all(axis=0)
         if np.isnan(change[measured]).any():
-            raise DataError(f"{recording.recording_id} is sampled at a lower rate than the healthy recordings.")
+            raise DataError(
+                f"{recording.recording_id} is sampled at a lower rate than the healthy recordings."
+            )
         return np.where(measured, change, 0.0), notes
 
-    def predict_proba(self, recordings: Sequence[Recording]) -> Float64[np.ndarray, "recording class"]:
+    def predict_proba(
+        self, recordings: Sequence[Recording]
+    ) -> Float64[np.ndarray, "recording class"]:
         """Probability of each class, of each recording; raises as `change` does."""
-        return self._adapted().predict_proba(np.stack([self.change(recording)[0] for recording in recordings]))
+        return self._adapted().predict_proba(
+            np.stack([self.change(recording)[0] for recording in recordings])
+        )
 
     def diagnose(self, recording: Recording) -> Diagnosis:
-        """The likeliest class of a recording, or no verdict where it cannot be compared with healthy ones.
+        """The likeliest class of a recording, or no verdict where it cannot be compared with
+        healthy ones.
 
-        It is unknown where at most `UNKNOWN_RATE` of the prior's own recordings are as unlike its classes, and where
-        only the noise floor changed. A `DataError` where the prior is of no machine yet.
+        It is unknown where at most `UNKNOWN_RATE` of the prior's own recordings are as unlike its
+        classes, and where only the noise floor changed. A `DataError` where the prior is of no
+        machine yet.
         """
         require_recording(recording)
         head = self._adapted()
         result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
         try:
             change, notes = self.change(recording)
-            seen = listed_recordings(self.manifest, {recording.recording_id: recording.content_hashes()})
+            seen = listed_recordings(
+                self.manifest, {recording.recording_id: recording.content_hashes()}
+            )
         except DataError as cause:
             return replace(result, no_verdict=str(cause))
         if seen:
-            notes = ("It is one of the recordings that the classifier learned from; this proves nothing.", *notes)
+            notes = (
+                "It is one of the recordings that the classifier learned from; this proves nothing.",
+                *notes,
+            )
         probability = head.predict_proba(change[None])[0]
         label = self.classes[int(probability[:-1].argmax())]
         p_value = head.p_value(float(probability[-1]))
@@ -284,7 +355,9 @@ class PriorClassifier:
         )
 
     def evaluate(self, X: Sequence[Recording], y: Any = None) -> AlarmScores:
-        """False alarms, alarms and names of faults, on recordings that had no part in it (`evaluate_alarms`)."""
+        """False alarms, alarms and names of faults, on recordings that had no part in it
+        (`evaluate_alarms`).
+        """
         recordings = relabeled(require_recordings(X), y)
         labels = [item.label and (self.class_of(item.label) or item.label) for item in recordings]
         return evaluate_alarms(self.diagnose, self.manifest, recordings, labels, None)
@@ -305,9 +378,17 @@ class PriorClassifier:
                 f"{', '.join(self.channels)}; give them in this order with --channels and --names."
             )
         if unit and recording.unit != unit:
-            raise DataError(f"{name} is in {recording.unit}, the healthy recordings are in {unit}; bring them to one.")
+            raise DataError(
+                f"{name} is in {recording.unit}, the healthy recordings are in {unit}; bring them to one."
+            )
         for what, value, (low, high), scale, word in (
-            ("speed", 2 * math.pi * shaft_frequency(recording), self.speed, 30 / math.pi, "rev/min"),
+            (
+                "speed",
+                2 * math.pi * shaft_frequency(recording),
+                self.speed,
+                30 / math.pi,
+                "rev/min",
+            ),
             ("discharge pressure", stated_pressure(recording), self.pressure, 1e-6, "MPa"),
         ):
             if not (math.isnan(value) or low <= value <= high):
@@ -317,8 +398,8 @@ class PriorClassifier:
                 )
 
     def healthy_changes(self) -> Float64[np.ndarray, "change channel level"]:
-        """Change of each healthy recording against the others of its machine and operating point, times
-        sqrt(n / (n + 1)) for n others: it then varies as a single recording does.
+        """Change of each healthy recording against the others of its machine and operating point,
+        times sqrt(n / (n + 1)) for n others: it then varies as a single recording does.
 
         A recording without another one at its discharge pressure is left out.
         """
@@ -329,7 +410,9 @@ class PriorClassifier:
             at_pressure, at_speed = self._comparable(*point, others)
             others = at_speed if at_speed.any() else at_pressure
             if count := int(others.sum()):
-                rows.append((levels - self.levels[others].mean(axis=0)) * math.sqrt(count / (count + 1)))
+                rows.append(
+                    (levels - self.levels[others].mean(axis=0)) * math.sqrt(count / (count + 1))
+                )
         return np.array(rows).reshape(-1, *self.levels.shape[1:])
 
     def _comparable(
@@ -340,21 +423,30 @@ class PriorClassifier:
         at_pressure = same & values_match(self.point_pressure, pressure, PRESSURE_TOLERANCE)
         return at_pressure, at_pressure & values_match(self.point_speed, speed, SPEED_TOLERANCE)
 
-    def _members(self, recording: Recording) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
+    def _members(
+        self, recording: Recording
+    ) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
         """Indices of the healthy recordings that it is compared with, and notes."""
         specimen, pressure = recording.specimen or "", stated_pressure(recording)
         notes: tuple[str, ...] = ()
         if not specimen and len(set(self.specimen)) == 1 and self.specimen[0]:
             specimen = self.specimen[0]
-            notes = (f"It names no machine; {specimen}, the only one with healthy recordings, was assumed.",)
+            notes = (
+                f"It names no machine; {specimen}, the only one with healthy recordings, was assumed.",
+            )
         if specimen not in self.specimen:
-            listed = ", ".join(sorted({name or "an unnamed machine" for name in self.specimen})) or "no machine"
+            listed = (
+                ", ".join(sorted({name or "an unnamed machine" for name in self.specimen}))
+                or "no machine"
+            )
             raise DataError(
                 f"no healthy recording is of the machine {recording.specimen or 'without a name'} (there are those of "
                 f"{listed}), so nothing can be said about this one; name its machine in an index."
             )
         speed = 2 * math.pi * shaft_frequency(recording)
-        at_pressure, at_speed = self._comparable(specimen, speed, pressure, np.ones(len(self.specimen), dtype=bool))
+        at_pressure, at_speed = self._comparable(
+            specimen, speed, pressure, np.ones(len(self.specimen), dtype=bool)
+        )
         if not at_pressure.any():
             raise DataError(
                 f"no healthy recording of {recording.specimen or 'the machine'} is at a discharge pressure of "
@@ -371,5 +463,7 @@ class PriorClassifier:
 
     @classmethod
     def load(cls, path: Path | str) -> "PriorClassifier":
-        """The classifier that `save` wrote, or the shipped prior of a design. Errors: `load_model`."""
+        """The classifier that `save` wrote, or the shipped prior of a design. Errors:
+        `load_model`.
+        """
         return load_prior(path, cls, cls.KIND)

@@ -1,10 +1,19 @@
-"""Files of pump priors, a card with arrays beside under the names of version 2, and those that are shipped."""
+"""Files of pump priors, a card with arrays beside under the names of version 2, and those that are
+shipped.
+"""
 
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from swashtwin.foundation import InputError, from_table, read_artifact, refuse_misfits, to_table, write_artifact
+from swashtwin.foundation import (
+    InputError,
+    from_table,
+    read_artifact,
+    refuse_misfits,
+    to_table,
+    write_artifact,
+)
 
 P = TypeVar("P")
 
@@ -18,10 +27,19 @@ def save_prior(prior: Any, path: Path | str, kind: str) -> Path:
     """`path`, after a `PriorClassifier` was written to it whole."""
     arrays = {"levels": prior.levels, "speed": prior.point_speed, "pressure": prior.point_pressure}
     parts = {"virtual": prior.virtual, "head": prior.head}
-    names = {item.name for item in fields(prior)} - {"levels", "point_speed", "point_pressure", *parts}
+    names = {item.name for item in fields(prior)} - {
+        "levels",
+        "point_speed",
+        "point_pressure",
+        *parts,
+    }
     card = to_table({name: getattr(prior, name) for name in sorted(names)})
     for part, values in parts.items():
-        arrays |= {f"{part}_{name}": value for name, value in vars(values).items()} if values is not None else {}
+        arrays |= (
+            {f"{part}_{name}": value for name, value in vars(values).items()}
+            if values is not None
+            else {}
+        )
     return write_artifact(path, kind, VERSION, card, arrays, may_be_nan=_MAY_BE_NAN)
 
 
@@ -43,8 +61,16 @@ def load_prior(path: Path | str, form: type[P], kind: str) -> P:
     card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with refuse_misfits(path, kind):
         levels, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
-        arrays: dict[str, Any] = {"levels": levels, "point_speed": speed, "point_pressure": pressure}
+        arrays: dict[str, Any] = {
+            "levels": levels,
+            "point_speed": speed,
+            "point_pressure": pressure,
+        }
         for part in ("virtual", "head"):
-            own = {name.removeprefix(f"{part}_"): tensors[name] for name in tensors if name.startswith(f"{part}_")}
+            own = {
+                name.removeprefix(f"{part}_"): tensors[name]
+                for name in tensors
+                if name.startswith(f"{part}_")
+            }
             arrays |= {part: own} if own else {}
         return from_table({**card, **arrays}, form)

@@ -25,8 +25,9 @@ def make_prior(
 
     Parameters
     ----------
-    change, label, number, scatter, drawn : as of `synthesis.OrderChanges`, the healthy class first and the one of what
-        is none of the faults last; an `InputError` where there are fewer than three.
+    change, label, number, scatter, drawn : as of `synthesis.OrderChanges`, the healthy class first
+        and the one of what is none of the faults last; an `InputError` where there are fewer than
+        three.
     speed, pressure : ranges of the design's operating points [rad/s, Pa].
     """
     classes = tuple(dict.fromkeys(label.tolist()))

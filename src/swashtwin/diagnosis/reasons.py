@@ -1,4 +1,6 @@
-"""What of a recording is outside the training's range, in words: condition, gain, noise floor, lines, machine."""
+"""What of a recording is outside the training's range, in words: condition, gain, noise floor,
+lines, machine.
+"""
 
 import math
 from collections import Counter
@@ -7,23 +9,33 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.learning import FittedClassifier, OutsideFact, TrainingReference, outside_facts, swapped_channels
+from swashtwin.learning import (
+    FittedClassifier,
+    OutsideFact,
+    TrainingReference,
+    outside_facts,
+    swapped_channels,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
 
 _SPEED_TOLERANCE = 0.05
-"""Relative difference up to which a speed was trained at: more than elsewhere, since it only decides over a note."""
+"""Relative difference up to which a speed was trained at: more than elsewhere, since it only
+decides over a note.
+"""
 _SILENT = 40.0
 """Level below the training's from which a channel is called nearly silent [dB]."""
 _SAME_GAIN = 3.0
-"""Difference between the changes of level and noise floor, from the training's medians or from its ranges, up to
-which a gain explains both [dB]."""
+"""Difference between the changes of level and noise floor, from the training's medians or from its
+ranges, up to which a gain explains both [dB].
+"""
 _UNITS_APART = 20 * math.log10(9.80665)
 """Level of a signal in m/s^2 above that in g [dB]."""
 _SAME_FACTOR = 0.7
 """Distance from that level up to which a wrong unit is the likelier cause of a change [dB]."""
 _TWICE = 17.0
-"""Share of a channel that no other one explains, as -10 log10, beyond which one signal may be recorded twice [dB]: a
-correlation of 0.99."""
+"""Share of a channel that no other one explains, as -10 log10, beyond which one signal may be
+recorded twice [dB]: a correlation of 0.99.
+"""
 _MOST = 6
 
 
@@ -43,10 +55,14 @@ def reasons_of(
     speed, pressure = condition.tolist()
     if _is_new(pressure, classifier.pressures, PRESSURE_TOLERANCE):
         trained = _listed([value / 1e6 for value in classifier.pressures])
-        reasons.append(f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were).")
+        reasons.append(
+            f"Discharge pressure {pressure / 1e6:.3g} MPa was never trained ({trained} MPa were)."
+        )
     if _is_new(speed, classifier.speeds, _SPEED_TOLERANCE):
         trained = _listed([value * 30 / math.pi for value in classifier.speeds])
-        reasons.append(f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were).")
+        reasons.append(
+            f"Speed {speed * 30 / math.pi:.4g} rev/min was never trained ({trained} rev/min were)."
+        )
     reference = classifier.training_reference
     if reference is None or not np.isfinite(facts).all():
         return tuple(reasons)
@@ -58,7 +74,9 @@ def reasons_of(
             f"Channels {first} and {second} look swapped: the spectrum of each is like the other's in the training."
         )
     outside = [
-        fact for fact in outside_facts(reference.facts, reference.specimen, facts) if fact.channel not in (pair or ())
+        fact
+        for fact in outside_facts(reference.facts, reference.specimen, facts)
+        if fact.channel not in (pair or ())
     ]
     usual = np.median(reference.facts, axis=0)
     for channel in dict.fromkeys(fact.channel for fact in outside):
@@ -68,7 +86,9 @@ def reasons_of(
 
 
 def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
-    """Faults that the training has of one machine only; recordings that state no machine count as one."""
+    """Faults that the training has of one machine only; recordings that state no machine count as
+    one.
+    """
     machines = {label: set[str]() for label in reference.label if not is_healthy(label)}
     for label, specimen in zip(reference.label, reference.specimen, strict=True):
         if label in machines:
@@ -77,7 +97,9 @@ def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
 
 
 def few_machines(reference: TrainingReference | None) -> str:
-    """That another machine's faults cannot be expected to be named, in words; empty where they can."""
+    """That another machine's faults cannot be expected to be named, in words; empty where they
+    can.
+    """
     if reference is None or not (few := single_machine_classes(reference)):
         return ""
     return (
@@ -87,7 +109,8 @@ def few_machines(reference: TrainingReference | None) -> str:
 
 
 def another_machine(reference: TrainingReference | None, specimen: str, *, always: bool) -> str:
-    """That a recording's machine had no part in the training, in words, and what would help; empty where it had.
+    """That a recording's machine had no part in the training, in words, and what would help; empty
+    where it had.
 
     Parameters
     ----------
@@ -111,11 +134,15 @@ def another_machine(reference: TrainingReference | None, specimen: str, *, alway
 
 
 def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
-    """What healthy recordings of a machine that the model has none of would buy, in words, by the training's folds."""
+    """What healthy recordings of a machine that the model has none of would buy, in words, by the
+    training's folds.
+    """
     model, choice = classifier.recordings, classifier.choice
     if model is None or model.on_changes is None or choice is None or model.knows(specimen):
         return ""
-    without, with_own = (choice.whole[f"{kind} own healthy recordings"] for kind in ("without", "with"))
+    without, with_own = (
+        choice.whole[f"{kind} own healthy recordings"] for kind in ("without", "with")
+    )
     if choice.group != "specimen" or with_own <= without:
         return ""
     counts = Counter(model.healthy.specimen)
@@ -130,7 +157,9 @@ def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
 def _of_channel(
     name: str, unit: str, changes: dict[str, OutsideFact], change: Float64[np.ndarray, " fact"]
 ) -> Iterator[str]:
-    """One sentence for each fact of a channel that is outside; one for both where a gain explains level and floor."""
+    """One sentence for each fact of a channel that is outside; one for both where a gain explains
+    level and floor.
+    """
     level, floor, lines = (changes.get(fact) for fact in ("level", "noise_floor", "line_share"))
     if level is not None and level.excess < -_SILENT:
         yield f"Channel {name} is nearly silent: its level is {_moved(level, f'dB re 1 {unit}')}."
@@ -143,7 +172,11 @@ def _of_channel(
             differences.append(max(level.low - without, without - level.high))
     if any(difference <= _SAME_GAIN for difference in map(abs, differences)):
         is_unit = abs(abs(change[1]) - _UNITS_APART) <= _SAME_FACTOR
-        hint = " That is the factor of 9.81 between g and m/s^2: check the unit of the file." if is_unit else ""
+        hint = (
+            " That is the factor of 9.81 between g and m/s^2: check the unit of the file."
+            if is_unit
+            else ""
+        )
         yield (
             f"The gain of channel {name} looks {abs(change[1]):.0f} dB {'higher' if change[1] > 0 else 'lower'} than "
             f"in the training: its level and its noise floor both moved.{hint}"
@@ -161,13 +194,17 @@ def _of_channel(
             "most. Check the sensor's coupling and the amplifier."
         )
     if likeness is not None and likeness.excess > 0 and likeness.value > _TWICE:
-        now, most = (math.sqrt(1 - 10 ** (-value / 10)) for value in (likeness.value, likeness.high))
+        now, most = (
+            math.sqrt(1 - 10 ** (-value / 10)) for value in (likeness.value, likeness.high)
+        )
         yield (
             f"Channel {name} follows another one (correlation {now:.3f}; {most:.3f} at most in the training): is one "
             "signal recorded twice?"
         )
     if lines is not None:
-        low, high, share = (100 * 10 ** (value / 10) for value in (lines.low, lines.high, lines.value))
+        low, high, share = (
+            100 * 10 ** (value / 10) for value in (lines.low, lines.high, lines.value)
+        )
         yield (
             f"The strongest lines of channel {name} hold {share:.0f} % of its power; in the training they held "
             f"{low:.0f} to {high:.0f} %."
@@ -183,9 +220,17 @@ def _moved(fact: OutsideFact, unit: str) -> str:
 
 
 def _is_new(value: float, trained: tuple[float, ...], tolerance: float) -> bool:
-    return bool(trained) and not math.isnan(value) and not values_match(value, np.array(trained), tolerance).any()
+    return (
+        bool(trained)
+        and not math.isnan(value)
+        and not values_match(value, np.array(trained), tolerance).any()
+    )
 
 
 def _listed(values: list[float]) -> str:
     words = [f"{value:.4g}" for value in values]
-    return ", ".join(words) if len(words) <= 6 else f"{len(words)} values from {words[0]} to {words[-1]}"
+    return (
+        ", ".join(words)
+        if len(words) <= 6
+        else f"{len(words)} values from {words[0]} to {words[-1]}"
+    )

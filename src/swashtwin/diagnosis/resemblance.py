@@ -1,4 +1,6 @@
-"""Faults that a classifier's training did not hold: what a pump prior says of a recording that may be one of them."""
+"""Faults that a classifier's training did not hold: what a pump prior says of a recording that may
+be one of them.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +21,9 @@ from swashtwin.recordings import Recording
 LEAST = 9
 """Training recordings that a rate is taken from, at least."""
 SURE = 0.8
-"""Probability of the only plausible class from which a classifier is believed and no prior; chosen on fleets 100
-and 101 of version 2 of the rig."""
+"""Probability of the only plausible class from which a classifier is believed and no prior; chosen
+on fleets 100 and 101 of version 2 of the rig.
+"""
 NO_CONFIDENCE = (
     "The pump prior was left out: it is asked at the error rate of a confidence, and this training has none; leave out "
     "--network, or hold recordings back (--validation-fraction 0.2)."
@@ -29,7 +32,9 @@ NO_CONFIDENCE = (
 
 @dataclass(frozen=True, eq=False)
 class Resemblance:
-    """A pump prior that is adapted to the healthy recordings of a training, for the faults that this did not hold."""
+    """A pump prior that is adapted to the healthy recordings of a training, for the faults that
+    this did not hold.
+    """
 
     prior: PriorClassifier
     classes: tuple[str, ...]
@@ -48,11 +53,13 @@ class Resemblance:
         return replace(self, prior=self.prior.with_healthy(healthy))
 
     def joined(self, answer: Diagnosis, recording: Recording) -> Diagnosis:
-        """A classifier's answer, unknown too where the prior takes the recording for a fault that was never trained.
+        """A classifier's answer, unknown too where the prior takes the recording for a fault that
+        was never trained.
 
-        Each of both may err in the error rate, so that together they err in twice of it at most. The prior's p-value is
-        conformal: the share of the training's recordings whose probability of such a fault is as high. Where the
-        classifier is sure of a class, it is believed.
+        Each of both may err in the error rate, so that together they err in twice of it at most.
+        The prior's p-value is
+        conformal: the share of the training's recordings whose probability of such a fault is as
+        high. Where the classifier is sure of a class, it is believed.
         """
         if answer.label is None or answer.error_rate is None or answer.p_value is None:
             return answer
@@ -62,7 +69,13 @@ class Resemblance:
             note = f"The pump prior was not asked of faults that were never trained: {cause}"
             return replace(answer, notes=(*answer.notes, note))
         assert self.prior.head is not None
-        shares = dict(zip(self.prior.classes, self.prior.head.predict_proba(change[None])[0].tolist(), strict=True))
+        shares = dict(
+            zip(
+                self.prior.classes,
+                self.prior.head.predict_proba(change[None])[0].tolist(),
+                strict=True,
+            )
+        )
         missing = {name: shares[name] for name in self.classes}
         likeliest, total = max(missing, key=missing.__getitem__), sum(missing.values())
         as_high, n = self.score.size - int(np.searchsorted(self.score, total)), self.score.size
@@ -85,20 +98,32 @@ class Resemblance:
 
 
 def find_resemblance(
-    prior: PriorClassifier | str | Path, X: Any, y: Any, training: WindowSet, fault_of: Mapping[str, str]
+    prior: PriorClassifier | str | Path,
+    X: Any,
+    y: Any,
+    training: WindowSet,
+    fault_of: Mapping[str, str],
 ) -> tuple[Resemblance | None, str]:
-    """(what the prior says of faults that recordings of a training do not hold, or None; a note that says so).
+    """(what the prior says of faults that recordings of a training do not hold, or None; a note
+    that says so).
 
-    A prior, or its file, that is of no machine yet is adapted to the healthy recordings. Of `X` the measured recordings
-    of the training are taken. An `InputError` where a fault of the training is none of the prior's, or `X` is of
-    windows; a `DataError` where the prior cannot be adapted.
+    A prior, or its file, that is of no machine yet is adapted to the healthy recordings. Of `X` the
+    measured recordings of the training are taken. An `InputError` where a fault of the training is
+    none of the prior's, or `X` is of windows; a `DataError` where the prior cannot be adapted.
     """
     if (given := as_recordings(X)) is None:
-        raise InputError("a pump prior needs recordings; windows and arrays are too short.", field="prior")
-    prior, classes = prior if isinstance(prior, PriorClassifier) else PriorClassifier.load(prior), training.classes
+        raise InputError(
+            "a pump prior needs recordings; windows and arrays are too short.", field="prior"
+        )
+    prior, classes = (
+        prior if isinstance(prior, PriorClassifier) else PriorClassifier.load(prior),
+        training.classes,
+    )
     trained = set(training.recording_id[~training.synthetic].tolist())
     recordings = [item for item in relabeled(given, y) if item.recording_id in trained]
-    names = {name: prior.class_of(fault_of.get(name, name)) for name in classes if not is_healthy(name)}
+    names = {
+        name: prior.class_of(fault_of.get(name, name)) for name in classes if not is_healthy(name)
+    }
     if foreign := [name for name, known in names.items() if known is None]:
         raise InputError(
             f"the prior knows the faults {', '.join(prior.classes[1:-1])}, and no {foreign[0]}, so that it cannot tell "
@@ -110,7 +135,9 @@ def find_resemblance(
     if not missing:
         return None, "The training holds every class of the prior, which adds nothing."
     if prior.head is None:
-        prior = prior.fit([item for item in recordings if is_healthy(str(item.label))], fault_of=dict(fault_of))
+        prior = prior.fit(
+            [item for item in recordings if is_healthy(str(item.label))], fault_of=dict(fault_of)
+        )
     assert prior.head is not None
     changes = list[Float[np.ndarray, "channel level"]](prior.healthy_changes())
     for recording in recordings:
@@ -127,4 +154,6 @@ def find_resemblance(
     columns = [prior.classes.index(name) for name in missing]
     score = np.sort(prior.head.predict_proba(np.stack(changes))[:, columns].sum(axis=1))
     listed = ", ".join(name.replace("_", " ") for name in missing)
-    return Resemblance(prior, missing, score), f"Of {listed}, never trained, the pump prior tells unknown recordings."
+    return Resemblance(
+        prior, missing, score
+    ), f"Of {listed}, never trained, the pump prior tells unknown recordings."

@@ -1,4 +1,6 @@
-"""Saved models of every kind, and a classifier as an artifact: a card of its dataclasses, with its weights beside."""
+"""Saved models of every kind, and a classifier as an artifact: a card of its dataclasses, with its
+weights beside.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -46,7 +48,9 @@ _MAY_BE_NAN = (
     *(f"resemblance.prior.{name}" for name in ("levels", "point_speed", "point_pressure")),
 )  # fmt: skip
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
-"""A setting of a network may be as large as this, or as its weights or the window are; and lists as long."""
+"""A setting of a network may be as large as this, or as its weights or the window are; and lists as
+long.
+"""
 
 
 @dataclass(frozen=True)
@@ -85,16 +89,28 @@ class _Card:
         if not n_classes or len(set(self.classes)) < n_classes:
             raise ValueError("its classes are none, or one of them twice")
         if self.layout.length < 2 or not self.layout.sample_rate > 0 or not n_channels:
-            raise ValueError("its windows have a length below 2, no positive sample rate, or no channel")
+            raise ValueError(
+                "its windows have a length below 2, no positive sample rate, or no channel"
+            )
         sizes = self.network.settings.get("n_channels"), self.network.settings.get("n_classes")
         if sizes != (n_channels, n_classes) or bool in map(type, sizes):
-            raise ValueError(f"its network is not for {n_channels} channel(s) and {n_classes} classes")
+            raise ValueError(
+                f"its network is not for {n_channels} channel(s) and {n_classes} classes"
+            )
         if not self.normalization.mean.shape == self.normalization.deviation.shape == (n_channels,):
-            raise ValueError(f"its normalization has not one value for each of {n_channels} channel(s)")
-        if self.training_reference is not None and self.training_reference.facts.shape[1:] != (n_channels, N_FACTS):
+            raise ValueError(
+                f"its normalization has not one value for each of {n_channels} channel(s)"
+            )
+        if self.training_reference is not None and self.training_reference.facts.shape[1:] != (
+            n_channels,
+            N_FACTS,
+        ):
             raise ValueError("its training reference has other channels or facts")
         for confidence in (self.confidence, self.own_confidence):
-            if confidence and not ((confidence.target >= 0) & (confidence.target < n_classes)).all():
+            if (
+                confidence
+                and not ((confidence.target >= 0) & (confidence.target < n_classes)).all()
+            ):
                 raise ValueError("confidence.target holds no indexes of the classes")
         if self.recordings is not None:
             self.recordings.require_sizes(n_channels, n_classes)
@@ -103,13 +119,17 @@ class _Card:
 _SAME = tuple(item.name for item in fields(_Card) if item.name not in ("network", "resemblance"))
 
 
-def save_classifier(classifier: FittedClassifier, path: Path | str, resemblance: Resemblance | None = None) -> Path:
-    """`path`, after the classifier was written to it whole, with what a prior says of faults it was not trained on.
+def save_classifier(
+    classifier: FittedClassifier, path: Path | str, resemblance: Resemblance | None = None
+) -> Path:
+    """`path`, after the classifier was written to it whole, with what a prior says of faults it was
+    not trained on.
 
     Raises
     ------
     ArtifactError
-        The network is not registered, so that nobody could build it again from the file; or a weight is not finite.
+        The network is not registered, so that nobody could build it again from the file; or a
+        weight is not finite.
     """
     network = classifier.network
     if network.name not in NETWORKS or network_class(network.name) is not type(network):
@@ -118,12 +138,15 @@ def save_classifier(classifier: FittedClassifier, path: Path | str, resemblance:
             "first."
         )
     named = _Network(network.name, network.settings, network.weights)
-    card = _Card(named, **{name: getattr(classifier, name) for name in _SAME}, resemblance=resemblance)
+    card = _Card(
+        named, **{name: getattr(classifier, name) for name in _SAME}, resemblance=resemblance
+    )
     return save_artifact(path, KIND, _VERSION, card, may_be_nan=_MAY_BE_NAN)
 
 
 def load_classifier(path: Path | str) -> FittedClassifier:
-    """The classifier that `save_classifier` wrote, on the CPU; its predictions are those of the one saved.
+    """The classifier that `save_classifier` wrote, on the CPU; its predictions are those of the one
+    saved.
 
     Errors: `load_model`.
     """
@@ -131,7 +154,9 @@ def load_classifier(path: Path | str) -> FittedClassifier:
 
 
 def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
-    """(the classifier, what a prior says of faults that it was not trained on); errors: `load_classifier`."""
+    """(the classifier, what a prior says of faults that it was not trained on); errors:
+    `load_classifier`.
+    """
     advice = "swashtwin train, or its method save, writes a classifier"
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:60]
@@ -145,11 +170,15 @@ def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
             ) from cause
         _require_size(card.network, card.layout.length)
         network = rebuild_network(name, card.network.settings, card.network.weights)
-        return FittedClassifier(network, **{name: getattr(card, name) for name in _SAME}), card.resemblance
+        return FittedClassifier(
+            network, **{name: getattr(card, name) for name in _SAME}
+        ), card.resemblance
 
 
 def _require_size(network: _Network, length: int) -> None:
-    """Refuse settings that ask for other weights than the file holds, before memory is taken for them."""
+    """Refuse settings that ask for other weights than the file holds, before memory is taken for
+    them.
+    """
     weights = network.weights
     most = max(_USUAL_SIZE, length, sum(array.size for array in weights.values()))
     for name, value in network.settings.items():
@@ -160,7 +189,9 @@ def _require_size(network: _Network, length: int) -> None:
             if not isinstance(entry, (int, float, str)) and entry is not None:
                 raise ValueError(f"the network's {name[:60]} is neither a number nor a text")
             if isinstance(entry, (int, float)) and abs(entry) > most:
-                raise ValueError(f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most")
+                raise ValueError(
+                    f"the network's {name[:60]} is {entry:.6g}, and the file holds {most} values at most"
+                )
 
 
 def load_model(path: Path | str) -> "FaultClassifier | AnomalyDetector | PriorClassifier":

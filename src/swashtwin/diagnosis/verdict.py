@@ -1,7 +1,9 @@
-"""`Diagnosis`: what a model of any kind says of one recording, and what to check on the machine before acting on it.
+"""`Diagnosis`: what a model of any kind says of one recording, and what to check on the machine
+before acting on it.
 
-The reasons of checks are the physics of the parts (docs/explanation/physics.md), not a statistic: none was measured
-together with our recordings. Oil is sampled from the running line (ISO 4021) and counted as ISO 4406 codes.
+The reasons of checks are the physics of the parts (docs/explanation/physics.md), not a statistic:
+none was measured together with our recordings. Oil is sampled from the running line (ISO 4021) and
+counted as ISO 4406 codes.
 """
 
 from collections.abc import Mapping
@@ -21,39 +23,57 @@ _FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "levels", "spectrum")
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The answer of a classifier, a detector or a pump prior on one recording, and how sure it is."""
+    """The answer of a classifier, a detector or a pump prior on one recording, and how sure it
+    is.
+    """
 
     recording_id: str
     """The recording."""
     kind: str = "classifier"
-    """What answers: ``"classifier"``, ``"detector"`` (`AnomalyDetector`) or ``"prior"`` (`PriorClassifier`)."""
+    """What answers: ``"classifier"``, ``"detector"`` (`AnomalyDetector`) or ``"prior"``
+    (`PriorClassifier`).
+    """
     unknown: bool = False
-    """Whether the recording does not resemble the training, so that no class is named; `label` says nothing then."""
+    """Whether the recording does not resemble the training, so that no class is named; `label` says
+    nothing then.
+    """
     label: str | None = None
-    """Likeliest class of the whole recording, or ``"abnormal"`` or ``"normal"`` of a detector; None without verdict."""
+    """Likeliest class of the whole recording, or ``"abnormal"`` or ``"normal"`` of a detector; None
+    without verdict.
+    """
     no_verdict: str | None = None
-    """Why there is no verdict: the recording cannot be used, or a number of the answer is not finite."""
+    """Why there is no verdict: the recording cannot be used, or a number of the answer is not
+    finite.
+    """
     probabilities: Mapping[str, float] = field(default_factory=dict)
-    """Probability of each class, pooled over the windows with the temperature and the dependence that validation
-    recordings gave. Without `error_rate` it is a score between classes rather than a calibrated chance: the windows of
-    one recording are not independent, and count as a single one. Of a prior it is calibrated on virtual pumps."""
+    """Probability of each class, pooled over the windows with the temperature and the dependence
+    that validation recordings gave. Without `error_rate` it is a score between classes rather than
+    a calibrated chance: the windows of one recording are not independent, and count as a single
+    one. Of a prior it is calibrated on virtual pumps.
+    """
     window_labels: tuple[str | None, ...] = ()
     """Likeliest class of each window, in order of time; None where a number of it is not finite."""
     error_rate: float | None = None
-    """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly called unknown or
-    raising a false alarm; None where the confidence was not calibrated (`fit_chosen`, `learn_confidence`)."""
+    """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly
+    called unknown or raising a false alarm; None where the confidence was not calibrated
+    (`fit_chosen`, `learn_confidence`).
+    """
     prediction_set: tuple[str, ...] = ()
     """Classes that cannot be ruled out at the error rate, likeliest first."""
     plausibility: Mapping[str, float] = field(default_factory=dict)
     """Conformal p-value of each class."""
     scarce_classes: tuple[str, ...] = ()
-    """Classes whose p-value is taken among the recordings of all of them together, since some have too few for the
-    error rate; that of each other class is taken among its recordings alone."""
+    """Classes whose p-value is taken among the recordings of all of them together, since some have
+    too few for the error rate; that of each other class is taken among its recordings alone.
+    """
     p_value: float | None = None
-    """Conformal p-value of resembling the recordings of `basis`, 1 / (n + 1) at least; the recording is unknown, or an
-    alarm, where it is at most the error rate."""
+    """Conformal p-value of resembling the recordings of `basis`, 1 / (n + 1) at least; the
+    recording is unknown, or an alarm, where it is at most the error rate.
+    """
     score: float | None = None
-    """How unlike these it is: `TrainingReference.ood_score`, or the squared distance of a detector."""
+    """How unlike these it is: `TrainingReference.ood_score`, or the squared distance of a
+    detector.
+    """
     threshold: float | None = None
     """Score beyond which a classifier calls a recording unknown."""
     basis: str = ""
@@ -79,7 +99,9 @@ class Diagnosis:
     levels: tuple[Level, ...] = ()
     """What each level of `deviation` is."""
     spectrum: HealthySpectrum | None = None
-    """Its levels over those of healthy recordings; None without a verdict, or where the model has no healthy one."""
+    """Its levels over those of healthy recordings; None without a verdict, or where the model has
+    no healthy one.
+    """
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.recording_id}: {self.sentence()}>"
@@ -91,7 +113,9 @@ class Diagnosis:
 
     @property
     def is_near(self) -> bool:
-        """Whether it resembles the training, and is unknown since a pump prior takes it for a fault not in it."""
+        """Whether it resembles the training, and is unknown since a pump prior takes it for a fault
+        not in it.
+        """
         if not self.unknown or self.p_value is None or self.error_rate is None:
             return False
         return self.p_value > self.error_rate
@@ -109,7 +133,11 @@ class Diagnosis:
     @property
     def agreement(self) -> float:
         """Share of the windows that say the same as `label`; 0 where there is no verdict."""
-        return 0.0 if self.label is None else self.window_labels.count(self.label) / max(self.n_windows, 1)
+        return (
+            0.0
+            if self.label is None
+            else self.window_labels.count(self.label) / max(self.n_windows, 1)
+        )
 
     def sentence(self) -> str:
         """The verdict in words, with how sure it is."""
@@ -141,17 +169,19 @@ class Diagnosis:
         if len(self.prediction_set) == 1:
             return f"{self.label}: no other class is plausible at an error rate of {rate}, by {self.basis}."
         names = ", ".join(name.replace("_", " ") for name in self.prediction_set)
-        return (
-            f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
-        )
+        return f"At an error rate of {rate}, by {self.basis}, it could be any of {names}: do not act on one of them alone."
 
     @property
     def moved(self) -> str:
         """What moved most, in words; of a detector."""
-        return "; ".join((*self.shifts, *(change.sentence for change in self.changes[: 3 - len(self.shifts)])))
+        return "; ".join(
+            (*self.shifts, *(change.sentence for change in self.changes[: 3 - len(self.shifts)]))
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers, words and lists that JSON can hold, the verdict first; without what only pages draw."""
+        """Numbers, words and lists that JSON can hold, the verdict first; without what only pages
+        draw.
+        """
         table = {name: value for name, value in vars(self).items() if name not in _FOR_PAGES}
         derived = {"alarm": self.alarm, "n_windows": self.n_windows, "agreement": self.agreement}
         return {"verdict": self.verdict, **to_table(table), **derived}
@@ -187,7 +217,10 @@ CHECKS = MappingProxyType(
     {
         "normal": _PLAUSIBLE,
         "swash_plate": (
-            Check(_OIL, "A worn or pitted swash plate and its slippers shed steel and bronze or brass."),
+            Check(
+                _OIL,
+                "A worn or pitted swash plate and its slippers shed steel and bronze or brass.",
+            ),
             Check(
                 _DRAIN,
                 "Slippers that ride over a recess lose their film: leakage through the slipper pockets drains into the "
@@ -222,7 +255,10 @@ CHECKS = MappingProxyType(
                 "One piston that delivers less leaves lines at all multiples of the shaft, not only at the piston-pass "
                 "line.",
             ),
-            Check(_OIL, "Wear of pistons and bores sheds steel and bronze, and dirt in the gap caused it."),
+            Check(
+                _OIL,
+                "Wear of pistons and bores sheds steel and bronze, and dirt in the gap caused it.",
+            ),
         ),
         "valve_plate": (
             Check(
@@ -234,14 +270,20 @@ CHECKS = MappingProxyType(
                 _DRAIN + " Measure the delivered flow too.",
                 "Leakage over the dam goes from discharge to suction: flow falls while the drain hardly grows.",
             ),
-            Check("Check suction pressure and air in the oil.", "Cavitation erodes grooves and will do so again."),
+            Check(
+                "Check suction pressure and air in the oil.",
+                "Cavitation erodes grooves and will do so again.",
+            ),
             Check(
                 "Look at the valve plate and the block face at the next opening.",
                 "Scratches and erosion are to be seen there.",
             ),
         ),
         "loose_slipper": (
-            Check("Stop the pump and look soon.", "A slipper that comes off its ball breaks the pump within turns."),
+            Check(
+                "Stop the pump and look soon.",
+                "A slipper that comes off its ball breaks the pump within turns.",
+            ),
             Check(_OIL, "A loosened crimp sheds bronze or brass."),
             Check(
                 "Measure the play of the slippers on their balls at the next opening.",
@@ -254,10 +296,19 @@ CHECKS = MappingProxyType(
 
 
 def next_checks(*labels: str, unknown: bool = False) -> tuple[Check, ...]:
-    """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds for any fault."""
+    """What to check where one of `labels` was diagnosed; of a recording called unknown, what holds
+    for any fault.
+    """
     if unknown:
-        return (_BEFORE, *_PLAUSIBLE, Check(_OIL, "Whatever wears sheds particles."), Check(_DRAIN, "Most wear leaks."))
+        return (
+            _BEFORE,
+            *_PLAUSIBLE,
+            Check(_OIL, "Whatever wears sheds particles."),
+            Check(_DRAIN, "Most wear leaks."),
+        )
     checks = tuple(
-        check for label in labels for check in CHECKS.get(label, CHECKS.get(propose_class(label) or "", _PLAUSIBLE))
+        check
+        for label in labels
+        for check in CHECKS.get(label, CHECKS.get(propose_class(label) or "", _PLAUSIBLE))
     )
     return checks if labels and all(map(is_healthy, labels)) else (_BEFORE, *checks)

@@ -1,4 +1,6 @@
-"""Looking at recordings and twins in the browser: one room for each question, on this computer only."""
+"""Looking at recordings and twins in the browser: one room for each question, on this computer
+only.
+"""
 
 import lazy_loader
 

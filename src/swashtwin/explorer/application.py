@@ -40,7 +40,8 @@ class Diagnoses:
 
     Parameters
     ----------
-    model : file of the model; None until one is dropped on the page. A prior is adapted to the healthy recordings.
+    model : file of the model; None until one is dropped on the page. A prior is adapted to the
+        healthy recordings.
     """
 
     def __init__(self, workspace: Workspace, model: Path | None) -> None:
@@ -56,9 +57,18 @@ class Diagnoses:
 
         model = load_model(path)
         if isinstance(model, PriorClassifier) and not model.specimen:
-            rows = [row.recording for row in self._workspace.rows.values() if row.state == "ready" and row.recording]
-            healthy = [recording for recording in rows if recording.label and is_healthy(recording.label)]
-            model, name = model.fit(healthy), f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here"
+            rows = [
+                row.recording
+                for row in self._workspace.rows.values()
+                if row.state == "ready" and row.recording
+            ]
+            healthy = [
+                recording for recording in rows if recording.label and is_healthy(recording.label)
+            ]
+            model, name = (
+                model.fit(healthy),
+                f"{name}, adapted to {plural(len(healthy), 'healthy recording')} here",
+            )
         self._model, self.name = model, name
         self._answers.clear()
 
@@ -93,7 +103,9 @@ class Diagnoses:
         from swashtwin.diagnosis import next_checks
 
         if self._model is None:
-            raise InputError("there is no model yet; drop one on the page, or start with --model MODEL.")
+            raise InputError(
+                "there is no model yet; drop one on the page, or start with --model MODEL."
+            )
         recording = self._workspace.recording(name)
         key = name, repr(self._workspace.rows[name].stated)
         if key not in self._answers:
@@ -113,7 +125,11 @@ class Diagnoses:
         """Bands [Hz] that speak for the verdict, and the nearest recordings of the training."""
         from swashtwin.diagnosis import FaultClassifier, explain
 
-        found: dict[str, Any] = {"bands": [], "nearest": [], "evidence": [item.sentence for item in verdict.changes]}
+        found: dict[str, Any] = {
+            "bands": [],
+            "nearest": [],
+            "evidence": [item.sentence for item in verdict.changes],
+        }
         if verdict.label is None or not isinstance(self._model, FaultClassifier):
             return found
         fitted = self._model.fitted_
@@ -123,9 +139,16 @@ class Diagnoses:
         rows = [row for row in self._workspace.rows.values() if row.recording is not None]
         names = {row.recording.recording_id: row.name for row in rows if row.recording is not None}
         found["evidence"] = evidence.sentences()
-        found["nearest"] = [{**to_table(item), "name": names.get(item.recording_id)} for item in evidence.nearest]
+        found["nearest"] = [
+            {**to_table(item), "name": names.get(item.recording_id)} for item in evidence.nearest
+        ]
         found["bands"] = [
-            {"channel": channel, "words": evidence.describe(band), "low": band.low, "high": band.high}
+            {
+                "channel": channel,
+                "words": evidence.describe(band),
+                "low": band.low,
+                "high": band.high,
+            }
             for channel, band, _ in evidence.strongest(8)
             if band.part == "signal"
         ]
@@ -139,16 +162,22 @@ _UPLOADS = frozenset({"/api/facts", "/api/drop"})
 
 
 def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
-    """The explorer of a workspace, to be served on this computer only; with a model to diagnose with, or without."""
+    """The explorer of a workspace, to be served on this computer only; with a model to diagnose
+    with, or without.
+    """
     token = secrets.token_urlsafe(32)
     guard = Middleware(Guard, hosts=LOCAL_NAMES, access=Access(PageSettings()), uploads=_UPLOADS)
-    application = FastAPI(title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard])
+    application = FastAPI(
+        title="swashtwin explore", version=VERSION, openapi_url=None, middleware=[guard]
+    )
 
     def require_token(request: Request) -> None:
         if not secrets.compare_digest(request.headers.get(TOKEN, "").encode(), token.encode()):
             raise HTTPException(403, "The page is too old. Load it again.")
 
-    environment = Environment(loader=PackageLoader("swashtwin.explorer"), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(
+        loader=PackageLoader("swashtwin.explorer"), autoescape=True, undefined=StrictUndefined
+    )
     html = environment.get_template("explorer.html.jinja").render(version=VERSION, token=token)
 
     @application.get("/", response_class=HTMLResponse)
@@ -161,9 +190,13 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
 
     @application.exception_handler(OSError)
     async def report_disk(request: Request, error: OSError) -> Response:
-        return JSONResponse({"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422)
+        return JSONResponse(
+            {"detail": f"{error.filename or 'a file'}: {error.strerror or error}"}, 422
+        )
 
-    def propose(given: dict[str, str]) -> dict[str, Any]:  # what nobody but the user can say of a folder's files
+    def propose(
+        given: dict[str, str],
+    ) -> dict[str, Any]:  # what nobody but the user can say of a folder's files
         workspace.propose({key: text.strip() for key, text in given.items()})
         return workspace.table()
 
@@ -187,7 +220,10 @@ def build_explorer(workspace: Workspace, model: Path | None = None) -> FastAPI:
         application.get(f"/api/{name}")(_answering(work))
     for name, work in changing.items():
         application.post(f"/api/{name}", dependencies=[Depends(require_token)])(_answering(work))
-    packages: list[str | tuple[str, str]] = [(__package__, "static"), ("swashtwin.monitoring.page", "static")]
+    packages: list[str | tuple[str, str]] = [
+        (__package__, "static"),
+        ("swashtwin.monitoring.page", "static"),
+    ]
     application.mount("/static", StaticFiles(packages=packages))
     return application
 
@@ -216,7 +252,12 @@ def _understood(change: FactChange) -> FactChange:
 
 
 def run_explorer(
-    source: Path, *, model: Path | None = None, port: int, stop: threading.Event, started: Callable[[str], None]
+    source: Path,
+    *,
+    model: Path | None = None,
+    port: int,
+    stop: threading.Event,
+    started: Callable[[str], None],
 ) -> None:
     """Serve the explorer of `source` on this computer until `stop` is set.
 

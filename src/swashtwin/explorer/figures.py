@@ -1,4 +1,6 @@
-"""Figures of recordings as numbers that the page draws: spectra, waterfalls, levels, and what tells them apart."""
+"""Figures of recordings as numbers that the page draws: spectra, waterfalls, levels, and what tells
+them apart.
+"""
 
 import base64
 import math
@@ -62,15 +64,27 @@ class Figures:
     def _computed(self, key: Key) -> tuple[LineSpectrum, float, Float[np.ndarray, "channel line"]]:
         name, _, kind, band = key
         recording = self._workspace.recording(name)
-        step = max(RESOLUTION, recording.sample_rate / 2 / MOST_LINES, recording.sample_rate / recording.n_samples)
-        spectrum = spectrum_of(recording, kind, band=band, resolution=step if kind == "amplitude" else 0.0)
+        step = max(
+            RESOLUTION,
+            recording.sample_rate / 2 / MOST_LINES,
+            recording.sample_rate / recording.n_samples,
+        )
+        spectrum = spectrum_of(
+            recording, kind, band=band, resolution=step if kind == "amplitude" else 0.0
+        )
         if kind == "order":
-            step = max(ORDER_RESOLUTION, float(spectrum.position[1]), float(spectrum.position[-1]) / MOST_LINES)
+            step = max(
+                ORDER_RESOLUTION,
+                float(spectrum.position[1]),
+                float(spectrum.position[-1]) / MOST_LINES,
+            )
         group = np.floor(spectrum.position / step + 0.5).astype(int)
         starts = np.flatnonzero(np.diff(group, prepend=-1))
         return spectrum, step, np.maximum.reduceat(spectrum.amplitude, starts, axis=1)
 
-    def key(self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None) -> Key:
+    def key(
+        self, name: str, kind: LineSpectrumKind, band: tuple[float, float] | None = None
+    ) -> Key:
         """What a spectrum is kept by."""
         row = self._workspace.rows.get(name)
         return name, repr(row and row.stated), kind, band
@@ -86,12 +100,14 @@ class Figures:
         ratio: float | None = None,
         healthy: bool = False,
     ) -> dict[str, Any]:
-        """Spectrum of each channel with its marks, and the range of healthy recordings of the same point.
+        """Spectrum of each channel with its marks, and the range of healthy recordings of the same
+        point.
 
         Parameters
         ----------
         low, high : edges [Hz] of the band for the envelope; without them the kurtogram chooses.
-        bodies, ratio : of a bearing: number of rolling bodies, and their diameter over the pitch diameter.
+        bodies, ratio : of a bearing: number of rolling bodies, and their diameter over the pitch
+        diameter.
         healthy : whether healthy recordings are asked for.
         """
         band = None if low is None or high is None else (low, high)
@@ -106,8 +122,17 @@ class Figures:
             orders = defect_orders(bodies, ratio)
             for letters, order in zip(("BPFI", "BPFO", "2 BSF", "FTF"), orders, strict=True):
                 marks += [(unit * order, letters, False), (2 * unit * order, f"2 {letters}", False)]
-        result: dict[str, Any] = {"step": step, "amplitude": packed(amplitude), "lines": amplitude.shape[1]}
-        result |= {"unit": spectrum.unit, "channels": spectrum.channels, "shaft": shaft, "bands": spectrum.bands}
+        result: dict[str, Any] = {
+            "step": step,
+            "amplitude": packed(amplitude),
+            "lines": amplitude.shape[1],
+        }
+        result |= {
+            "unit": spectrum.unit,
+            "channels": spectrum.channels,
+            "shaft": shaft,
+            "bands": spectrum.bands,
+        }
         result |= {"marks": [mark for mark in marks if mark[0] <= step * amplitude.shape[1]]}
         if healthy:
             result |= self._healthy(name, kind, amplitude.shape)
@@ -126,42 +151,81 @@ class Figures:
                 continue
             lines = min(amplitude.shape[1], shape[1])
             if amplitude.shape[0] == shape[0] and lines > 0.9 * shape[1]:
-                spectra.append(np.pad(amplitude[:, :lines], ((0, 0), (0, shape[1] - lines)), constant_values=np.nan))
+                spectra.append(
+                    np.pad(
+                        amplitude[:, :lines],
+                        ((0, 0), (0, shape[1] - lines)),
+                        constant_values=np.nan,
+                    )
+                )
                 names.append(other)
         if not spectra:
             return {"healthy": []}
         low, middle, high = np.quantile(spectra, (0, 0.5, 1), axis=0)
-        return {"healthy": names, "low": packed(low), "middle": packed(middle), "high": packed(high)}
+        return {
+            "healthy": names,
+            "low": packed(low),
+            "middle": packed(middle),
+            "high": packed(high),
+        }
 
     def waterfall(self, name: Name, channel: int = 0, orders: bool = False) -> dict[str, Any]:
-        """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the greatest."""
+        """Level [dB] over time (or turns) and frequency (or order) as one byte each, 255 the
+        greatest.
+        """
         recording = self._workspace.recording(name)
         if not 0 <= channel < recording.n_channels:
-            raise InputError(f"{name} has {recording.n_channels} channels; there is no number {channel}.")
+            raise InputError(
+                f"{name} has {recording.n_channels} channels; there is no number {channel}."
+            )
         recording = recording.picked(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
         if orders:
             angle = stated_angle(recording)
-            recording = resampled_by_angle(recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max())))
+            recording = resampled_by_angle(
+                recording, angle, 2 * math.ceil(rate * math.pi / float(angle.speed.max()))
+            )
             rate = float(recording.attributes["samples_per_turn"])
         signal = recording.signal[0]
         length = min(2048, signal.size)
         starts = np.unique(np.linspace(0, signal.size - length, FRAMES).astype(int))
-        lines = np.stack([np.abs(tapered_transform(signal[start : start + length])) * 4 / length for start in starts])
+        lines = np.stack(
+            [
+                np.abs(tapered_transform(signal[start : start + length])) * 4 / length
+                for start in starts
+            ]
+        )
         group = max(1, math.ceil(lines.shape[1] / BANDS))
         lines = np.maximum.reduceat(lines, np.arange(0, lines.shape[1], group), axis=1)
         level = 20 * np.log10(np.maximum(lines, 1e-12 * max(float(lines.max()), 1e-300)))
         shades = np.clip(255 * (1 + (level - level.max()) / RANGE), 0, 255).astype(np.uint8)
-        result = {"frames": len(starts), "bands": lines.shape[1], "top": float(level.max()), "range": RANGE}
-        result |= {"end": float((starts[-1] + length) / rate), "high": group * lines.shape[1] * rate / length}
-        return {**result, "unit": recording.unit, "shades": base64.b64encode(shades.tobytes()).decode()}
+        result = {
+            "frames": len(starts),
+            "bands": lines.shape[1],
+            "top": float(level.max()),
+            "range": RANGE,
+        }
+        result |= {
+            "end": float((starts[-1] + length) / rate),
+            "high": group * lines.shape[1] * rate / length,
+        }
+        return {
+            **result,
+            "unit": recording.unit,
+            "shades": base64.b64encode(shades.tobytes()).decode(),
+        }
 
     def levels(self, name: Name) -> dict[str, Any]:
         """Root mean square of each channel along a recording."""
         recording = self._workspace.recording(name)
         level = level_track(recording, 120)
         step = recording.duration / level.shape[1]
-        return {"step": step, "lines": level.shape[1], "amplitude": packed(level), "unit": recording.unit}
+        return {
+            "step": step,
+            "lines": level.shape[1],
+            "amplitude": packed(level),
+            "unit": recording.unit,
+        }
 
     def samples(
         self,
@@ -171,19 +235,27 @@ class Figures:
         width: Annotated[int, Query(ge=1)] = 1,
         channel: Annotated[int | None, Query(ge=0)] = None,
     ) -> Response:
-        """Float32: channel by channel the least and greatest of each bin, or the samples of one channel."""
+        """Float32: channel by channel the least and greatest of each bin, or the samples of one
+        channel.
+        """
         recording = self._workspace.recording(name)
         if width >= BIN and width % BIN:
-            raise InputError(f"bins have less than {BIN} samples, or a multiple of them; {width} is none.")
+            raise InputError(
+                f"bins have less than {BIN} samples, or a multiple of them; {width} is none."
+            )
         if count * min(width, BIN) * (recording.n_channels if channel is None else 1) > MOST_VALUES:
             raise InputError(f"at most {MOST_VALUES} values are sent at once.")
         if channel is None:
             values = self._workspace.extremes(name, width, start, count)
         elif channel >= recording.n_channels or start >= recording.n_samples:
-            raise InputError(f"{name} has {recording.n_channels} channels of {recording.n_samples} samples.")
+            raise InputError(
+                f"{name} has {recording.n_channels} channels of {recording.n_samples} samples."
+            )
         else:
             values = recording.slice(start, min(start + count, recording.n_samples)).signal[channel]
-        return Response(np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream")
+        return Response(
+            np.ascontiguousarray(values, "<f4").tobytes(), media_type="application/octet-stream"
+        )
 
     def speed(self, name: Name, pistons: Annotated[int, Query(ge=1, le=100)]) -> dict[str, Any]:
         """Speed that the piston-pass lines show, and how clearly.
@@ -197,17 +269,26 @@ class Figures:
 
         recording = self._workspace.recording(name)
         stated = stated_speed(recording)
-        starts = (12.0, 30.0) if stated is None else (stated,)  # each looks from a third of it to three times it
-        best = max((shown_speed(recording, start, pistons) for start in starts), key=lambda speed: speed.shown_contrast)
+        starts = (
+            (12.0, 30.0) if stated is None else (stated,)
+        )  # each looks from a third of it to three times it
+        best = max(
+            (shown_speed(recording, start, pistons) for start in starts),
+            key=lambda speed: speed.shown_contrast,
+        )
         if not best.is_clear:
-            raise DataError(f"{name}: no lines of {pistons} pistons stand clear of the noise, so it shows no speed.")
+            raise DataError(
+                f"{name}: no lines of {pistons} pistons stand clear of the noise, so it shows no speed."
+            )
         sure = 1 - math.exp(-best.shown_contrast)
         return {"rpm": 60 * best.shown, "contrast": best.shown_contrast, "sure": sure}
 
     def comparison(self, first: Names, second: Names) -> dict[str, Any]:
-        """What differs between two groups of recordings: the levels that changed most, in spreads within the groups.
+        """What differs between two groups of recordings: the levels that changed most, in spreads
+        within the groups.
 
-        The spread of a level is the pooled standard deviation within both groups, `LEAST_CHANGE` at least.
+        The spread of a level is the pooled standard deviation within both groups, `LEAST_CHANGE` at
+        least.
 
         Raises
         ------
@@ -220,9 +301,13 @@ class Figures:
 
         if not first or not second:
             raise InputError("a comparison takes a recording on either side; choose them.")
-        recordings = {name: self._workspace.recording(name).unloaded() for name in {*first, *second}}
+        recordings = {
+            name: self._workspace.recording(name).unloaded() for name in {*first, *second}
+        }
         if len({(item.sample_rate, item.channels, item.unit) for item in recordings.values()}) > 1:
-            raise DataError("these recordings differ in sample rate, channels or unit; compare alike ones.")
+            raise DataError(
+                "these recordings differ in sample rate, channels or unit; compare alike ones."
+            )
         layout, notes = level_layout(list(recordings.values()))
         levels = {name: layout.measure(recording) for name, recording in recordings.items()}
         groups = [np.stack([levels[name] for name in names]) for names in (first, second)]

@@ -1,4 +1,6 @@
-"""The twin's room: lines over the measured ones, a calibration that can be stopped, windows, and new pumps."""
+"""The twin's room: lines over the measured ones, a calibration that can be stopped, windows, and
+new pumps.
+"""
 
 import math
 import threading
@@ -84,7 +86,9 @@ class _StoppedError(Exception):
 
 
 class TwinRoom:
-    """Twins of one workspace: pumps, calibrations beside its recordings, and what was calibrated here."""
+    """Twins of one workspace: pumps, calibrations beside its recordings, and what was calibrated
+    here.
+    """
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
@@ -99,12 +103,27 @@ class TwinRoom:
         from swashtwin.calibration import search_of
 
         folder, own = self._workspace.folder, self._workspace.calibration
-        files = [path for path in sorted(folder.glob("*")) if path.suffix in (".toml", ".json") and path.is_file()]
-        pumps = [path.name for path in files if path.name != INDEX_NAME and _begins(path, "rotating_group", "like =")]
-        calibrations = [path.name for path in files if _begins(path, '"format": "swashtwin calibration')]
+        files = [
+            path
+            for path in sorted(folder.glob("*"))
+            if path.suffix in (".toml", ".json") and path.is_file()
+        ]
+        pumps = [
+            path.name
+            for path in files
+            if path.name != INDEX_NAME and _begins(path, "rotating_group", "like =")
+        ]
+        calibrations = [
+            path.name for path in files if _begins(path, '"format": "swashtwin calibration')
+        ]
         if own is not None:
             calibrations = [own.name, *(name for name in calibrations if name != own.name)]
-        names = [RESULT] * (self.job.result is not None) + calibrations + pumps + list(available_pumps())
+        names = (
+            [RESULT] * (self.job.result is not None)
+            + calibrations
+            + pumps
+            + list(available_pumps())
+        )
         faults = [
             {"kind": kind, "label": typical.label, "dimensions": [
                 {**asdict(item), "typical": getattr(typical, item.name)} for item in search_of(typical).dimensions
@@ -112,7 +131,11 @@ class TwinRoom:
             for kind, typical in FAULT_KINDS.items() if typical is not None
         ]  # fmt: skip
         self._names = set(names)
-        return {"starts": names, "faults": faults, "letters": [LETTERS[name] for name in PARAMETERS]}
+        return {
+            "starts": names,
+            "faults": faults,
+            "letters": [LETTERS[name] for name in PARAMETERS],
+        }
 
     def _start(self, name: str) -> "tuple[Twin, Calibration | None]":
         """Twin of a start at its own operating point, and the calibration that made it."""
@@ -125,7 +148,9 @@ class TwinRoom:
         return self._loaded(path if is_file else name, path.stat().st_mtime_ns if is_file else 0)
 
     def _twin(self, setting: Setting) -> "tuple[Twin, Calibration | None]":
-        """The twin that a setting describes; of one that differs from the last in values only, the rest is kept."""
+        """The twin that a setting describes; of one that differs from the last in values only, the
+        rest is kept.
+        """
         twin, calibration = self._start(setting.start)
         recording = self._workspace.recording(setting.recording) if setting.recording else None
         condition = (recording and recording.condition) or twin.condition
@@ -143,7 +168,9 @@ class TwinRoom:
             item.name: getattr(twin.scales, item.name) * setting.scales.get(item.name, 1.0)
             for item in fields(twin.scales)
         }
-        moved = self._last[1].with_interfaces(Interfaces.from_values(values), replace(twin.scales, **factors))
+        moved = self._last[1].with_interfaces(
+            Interfaces.from_values(values), replace(twin.scales, **factors)
+        )
         return moved, calibration
 
     def lines(self, setting: Setting) -> dict[str, Any]:
@@ -167,7 +194,9 @@ class TwinRoom:
         try:
             if setting.recording:
                 facts = repr(self._workspace.rows[setting.recording].stated)
-                found = self._measured(setting.recording, facts, setting.start, setting.fault, by_shaft)
+                found = self._measured(
+                    setting.recording, facts, setting.start, setting.fault, by_shaft
+                )
             elif calibration is not None:
                 spectra = calibration.fits[0].spectra
                 found = spectra.channels, spectra.orders, spectra.measured, spectra.deviation
@@ -189,8 +218,12 @@ class TwinRoom:
         }  # fmt: skip
         return result
 
-    def _measure(self, name: str, _: str, start: str, fault: str, by_shaft: bool) -> tuple[Any, ...]:
-        """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the twin's class."""
+    def _measure(
+        self, name: str, _: str, start: str, fault: str, by_shaft: bool
+    ) -> tuple[Any, ...]:
+        """Channels, orders, amplitudes and deviations of a recording's lines, taken for one of the
+        twin's class.
+        """
         from swashtwin.calibration import measure, place_single_channels
 
         twin = self._start(start)[0]
@@ -199,11 +232,16 @@ class TwinRoom:
             raise DataError(f"{name} states no speed and pressure; state both in its facts.")
         its_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
         twin = replace(twin, condition=recording.condition, fault=its_fault)
-        lines = measure(twin, [recording.relabeled(twin.label)], BAND, "shaft" if by_shaft else "piston")
+        lines = measure(
+            twin, [recording.relabeled(twin.label)], BAND, "shaft" if by_shaft else "piston"
+        )
         return lines.channels, lines.orders, lines.amplitude, lines.deviation
 
-    def calibrate(self, setting: Setting, others: Annotated[bool, Body()] = False) -> dict[str, Any]:
-        """Start to calibrate the twin of a setting on its recording, and on those of the same machine, class and point.
+    def calibrate(
+        self, setting: Setting, others: Annotated[bool, Body()] = False
+    ) -> dict[str, Any]:
+        """Start to calibrate the twin of a setting on its recording, and on those of the same
+        machine, class and point.
 
         Raises
         ------
@@ -219,7 +257,9 @@ class TwinRoom:
         twin, _ = self._twin(setting)
         first = self._workspace.recording(setting.recording)
         if first.condition is None:
-            raise DataError(f"{setting.recording} states no speed and pressure; state both in its facts.")
+            raise DataError(
+                f"{setting.recording} states no speed and pressure; state both in its facts."
+            )
         names = [setting.recording, *(self._workspace.alike(setting.recording) if others else ())]
         found = [self._workspace.recording(name) for name in names]
         chosen = [item if item.label else item.relabeled(twin.label) for item in found]
@@ -233,13 +273,18 @@ class TwinRoom:
         def run() -> None:
             try:
                 job.result = calibrate(
-                    twin.at(first.condition or twin.condition), Recordings(chosen), progress=progress
+                    twin.at(first.condition or twin.condition),
+                    Recordings(chosen),
+                    progress=progress,
                 )
                 job.state = "done"
             except _StoppedError:
                 job.state = "stopped"
             except Exception as cause:
-                job.state, job.error = "failed", str(cause) if isinstance(cause, SwashTwinError) else repr(cause)
+                job.state, job.error = (
+                    "failed",
+                    str(cause) if isinstance(cause, SwashTwinError) else repr(cause),
+                )
 
         threading.Thread(target=run, daemon=True).start()
         return self.progress()
@@ -247,7 +292,13 @@ class TwinRoom:
     def progress(self) -> dict[str, Any]:
         """How far the calibration is."""
         job = self.job
-        return {"state": job.state, "done": job.done, "total": job.total, "loss": job.loss, "error": job.error}
+        return {
+            "state": job.state,
+            "done": job.done,
+            "total": job.total,
+            "loss": job.loss,
+            "error": job.error,
+        }
 
     def stop(self) -> dict[str, Any]:
         """Stop the calibration."""
@@ -265,7 +316,10 @@ class TwinRoom:
         return {"file": self._written(name, ".json", self.job.result.save)}
 
     def add_windows(
-        self, setting: Setting, count: Annotated[int, Body(ge=1, le=10_000)], name: Annotated[str, Body()]
+        self,
+        setting: Setting,
+        count: Annotated[int, Body(ge=1, le=10_000)],
+        name: Annotated[str, Body()],
     ) -> dict[str, Any]:
         """Make synthetic windows of the twin of a setting, and save them beside the recordings."""
         from swashtwin.learning import save_windows
@@ -273,37 +327,65 @@ class TwinRoom:
 
         twin, calibration = self._twin(setting)
         like = [
-            row.recording for row in self._workspace.rows.values() if row.recording is not None and row.state == "ready"
+            row.recording
+            for row in self._workspace.rows.values()
+            if row.recording is not None and row.state == "ready"
         ]
         like = [
-            recording for recording in like if recording.label and set(recording.channels) <= set(twin.pump.channels)
+            recording
+            for recording in like
+            if recording.label and set(recording.channels) <= set(twin.pump.channels)
         ]
-        is_moved = setting.values is not None or any(factor != 1 for factor in setting.scales.values())
+        is_moved = setting.values is not None or any(
+            factor != 1 for factor in setting.scales.values()
+        )
         windows = synthesize(
-            twin if calibration is None or is_moved else calibration, twin.fault, count=count, like=Recordings(like)
+            twin if calibration is None or is_moved else calibration,
+            twin.fault,
+            count=count,
+            like=Recordings(like),
         )
         path = self._written(name, ".safetensors", lambda target: save_windows(windows, target))
-        return {"file": path, "count": len(windows), "label": str(windows.label[0]), "notes": windows.notes}
+        return {
+            "file": path,
+            "count": len(windows),
+            "label": str(windows.label[0]),
+            "notes": windows.notes,
+        }
 
-    def add_pump(self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]) -> dict[str, Any]:
+    def add_pump(
+        self, name: Annotated[str, Body()], plate: Annotated[dict[str, str], Body()]
+    ) -> dict[str, Any]:
         """Write the file of a pump scaled to a nameplate beside the recordings."""
         try:
             pistons = int(plate.get("pistons", ""))
         except ValueError:
-            raise InputError(f"pistons ({plate.get('pistons')!r}) must be a whole number.") from None
-        told = {key: plate[key] for key in ("displacement", "speed", "pressure", "mass") if plate.get(key)}
+            raise InputError(
+                f"pistons ({plate.get('pistons')!r}) must be a whole number."
+            ) from None
+        told = {
+            key: plate[key]
+            for key in ("displacement", "speed", "pressure", "mass")
+            if plate.get(key)
+        }
         if missing := {"displacement", "speed", "pressure"} - told.keys():
             raise InputError(f"a nameplate states {', '.join(sorted(missing))} too.")
-        path = new_pump(name, nameplate=read_nameplate(pistons=pistons, **told), folder=self._workspace.folder)
+        path = new_pump(
+            name, nameplate=read_nameplate(pistons=pistons, **told), folder=self._workspace.folder
+        )
         return {"start": path.name, **self.starts()}
 
     def _written(self, name: str, suffix: str, write: Callable[[Path], object]) -> str:
         stem = name.strip().removesuffix(suffix)
         if not stem or file_name(stem) != stem:
-            raise InputError(f"{name[:100]!r} cannot name a file; use letters, digits, '-', '_' and '.'.")
+            raise InputError(
+                f"{name[:100]!r} cannot name a file; use letters, digits, '-', '_' and '.'."
+            )
         path = self._workspace.folder / f"{stem}{suffix}"
         if path.exists():
-            raise InputError(f"{path} exists already, and nothing is overwritten; choose another name.")
+            raise InputError(
+                f"{path} exists already, and nothing is overwritten; choose another name."
+            )
         write(path)
         return path.name
 

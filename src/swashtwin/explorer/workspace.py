@@ -1,4 +1,6 @@
-"""What is looked at: recordings of an index, a folder, a store or a file, each with its facts, level and findings."""
+"""What is looked at: recordings of an index, a folder, a store or a file, each with its facts,
+level and findings.
+"""
 
 import json
 import math
@@ -77,9 +79,20 @@ class Row:
         shown |= {key: self.stated.get(key) for key in ("label", "specimen", "file")}
         if (recording := self.recording) is not None:
             speed, pressure = stated_speed(recording), stated_pressure(recording)
-            shown |= {"label": recording.label, "specimen": recording.specimen, "id": recording.recording_id}
-            shown |= {"rpm": speed and 60 * speed, "mpa": None if math.isnan(pressure) else pressure / 1e6}
-            shown |= {"channels": recording.channels, "unit": recording.unit, "rate": recording.sample_rate}
+            shown |= {
+                "label": recording.label,
+                "specimen": recording.specimen,
+                "id": recording.recording_id,
+            }
+            shown |= {
+                "rpm": speed and 60 * speed,
+                "mpa": None if math.isnan(pressure) else pressure / 1e6,
+            }
+            shown |= {
+                "channels": recording.channels,
+                "unit": recording.unit,
+                "rate": recording.sample_rate,
+            }
             shown |= {"duration": recording.duration, "samples": recording.n_samples}
         return shown
 
@@ -89,8 +102,8 @@ class Workspace:
 
     Parameters
     ----------
-    source : an index, a folder with or without one, a store, a file of a measurement, or a calibration, beside whose
-        file an index may lie.
+    source : an index, a folder with or without one, a store, a file of a measurement, or a
+        calibration, beside whose file an index may lie.
 
     Raises
     ------
@@ -103,7 +116,9 @@ class Workspace:
         self.folder = source if source.is_dir() else source.parent
         self.calibration = source if source.suffix == ".json" else None
         is_index = source.is_dir() or source.suffix in (".toml", ".json")
-        self.index = (source if source.suffix == ".toml" else self.folder / INDEX_NAME) if is_index else None
+        self.index = (
+            (source if source.suffix == ".toml" else self.folder / INDEX_NAME) if is_index else None
+        )
         self.rows: dict[str, Row] = {}
         self.findings: list[dict[str, Any]] = []
         self.skipped: Sequence[str] = ()
@@ -117,14 +132,18 @@ class Workspace:
         self._worker: threading.Thread | None = None
         self._is_shown = False
         if self.index is None:
-            self._take({}, [Row(item.recording_id, recording=item) for item in load_recordings(source)])
+            self._take(
+                {}, [Row(item.recording_id, recording=item) for item in load_recordings(source)]
+            )
         elif source.is_dir() and not self.index.is_file():
             self.propose({})
         elif self.calibration is None or self.index.is_file():
             self.refresh()
 
     def propose(self, answers: Mapping[str, str]) -> None:
-        """Propose an index of the folder, in memory; `questions` are what neither the files nor `answers` say."""
+        """Propose an index of the folder, in memory; `questions` are what neither the files nor
+        `answers` say.
+        """
         self.questions = {}
 
         def ask(key: str, question: str) -> str | None:
@@ -162,7 +181,11 @@ class Workspace:
                 self.rows[row.name] = row
             for name, row in self.rows.items():
                 row.revision = self.revision
-                if (before := old.get(name)) is not None and before.stated == row.stated and before.stated:
+                if (
+                    (before := old.get(name)) is not None
+                    and before.stated == row.stated
+                    and before.stated
+                ):
                     self.rows[name] = before
                 else:
                     self._opened.pop(name, None)
@@ -189,21 +212,46 @@ class Workspace:
                 (report,) = inspect_recordings([recording]).recordings
                 findings, state = [asdict(finding) for finding in report.findings], "ready"
                 power = np.mean([track**2 for track in level_track(recording, SPARK)], axis=0)
-                levels = [float(f"{value:.4g}") if math.isfinite(value) else 0.0 for value in np.sqrt(power)]
+                levels = [
+                    float(f"{value:.4g}") if math.isfinite(value) else 0.0
+                    for value in np.sqrt(power)
+                ]
             except (SwashTwinError, OSError) as cause:
                 levels, state = [], "broken"
-                findings = [{"kind": "unreadable", "severity": "error", "channel": None, "message": str(cause)}]
+                findings = [
+                    {
+                        "kind": "unreadable",
+                        "severity": "error",
+                        "channel": None,
+                        "message": str(cause),
+                    }
+                ]
             with self._lock:
                 row.findings, row.levels, row.state = findings, levels, state
                 row.recording = None if recording is None else recording.unloaded()
                 self.revision += 1
                 row.revision = self.revision
             time.sleep(0)  # who looks at a figure goes first
-        ready = [row.recording for row in self.rows.values() if row.state == "ready" and row.recording is not None]
+        ready = [
+            row.recording
+            for row in self.rows.values()
+            if row.state == "ready" and row.recording is not None
+        ]
         try:
-            findings = [asdict(finding) for finding in inspect_recordings(Recordings(ready)).findings] if ready else []
+            findings = (
+                [asdict(finding) for finding in inspect_recordings(Recordings(ready)).findings]
+                if ready
+                else []
+            )
         except (SwashTwinError, OSError) as cause:
-            findings = [{"kind": "comparison", "severity": "warning", "channel": None, "message": str(cause)}]
+            findings = [
+                {
+                    "kind": "comparison",
+                    "severity": "warning",
+                    "channel": None,
+                    "message": str(cause),
+                }
+            ]
         with self._lock:
             self.findings = findings
             if self.revision > revision:
@@ -224,7 +272,11 @@ class Workspace:
             rows = [row.to_dict() for row in self.rows.values() if row.revision > since]
             waiting = sum(row.state == "waiting" for row in self.rows.values())
             facts: dict[str, Any] = {"revision": self.revision, "waiting": waiting, "rows": rows}
-            facts |= {"names": list(self.rows), "findings": self.findings, "skipped": list(self.skipped)}
+            facts |= {
+                "names": list(self.rows),
+                "findings": self.findings,
+                "skipped": list(self.skipped),
+            }
             facts |= {"source": str(self.source), "questions": self.questions}
             editable = self.index is not None and bool(self.rows)
             if not self._is_shown:  # the first picture does not wait for the inspection
@@ -235,7 +287,9 @@ class Workspace:
     def change(self, changes: Sequence[FactChange], *, undo: bool) -> None:
         """Write changed facts into the index."""
         if self.index is None:
-            raise InputError(f"{self.source} is no index, and facts are edited in one; explore its folder instead.")
+            raise InputError(
+                f"{self.source} is no index, and facts are edited in one; explore its folder instead."
+            )
         change_facts(self.index, changes, proposed=self._proposed, undo=undo)
         self.refresh()
 
@@ -255,8 +309,11 @@ class Workspace:
                 self._opened.popitem(last=False)
         return recording
 
-    def extremes(self, name: str, width: int, start: int, count: int) -> Float32[np.ndarray, "channel bin 2"]:
-        """Least and greatest sample of each of `count` bins of `width` samples from bin `start` on, fewer at the end.
+    def extremes(
+        self, name: str, width: int, start: int, count: int
+    ) -> Float32[np.ndarray, "channel bin 2"]:
+        """Least and greatest sample of each of `count` bins of `width` samples from bin `start` on,
+        fewer at the end.
 
         Parameters
         ----------
@@ -265,7 +322,11 @@ class Workspace:
         recording = self.recording(name)
         if width < BIN:
             first, last = start * width, min((start + count) * width, recording.n_samples)
-            signal = recording.slice(first, last).signal if first < last else np.zeros((recording.n_channels, 0))
+            signal = (
+                recording.slice(first, last).signal
+                if first < last
+                else np.zeros((recording.n_channels, 0))
+            )
             return _binned(np.stack([signal, signal], axis=-1), width)
         with self._lock:
             whole = self._extremes.get(name)
@@ -273,7 +334,9 @@ class Workspace:
             step = BIN << 14
             parts = [recording.slice(at, min(at + step, recording.n_samples)).signal
                      for at in range(0, recording.n_samples, step)]  # fmt: skip
-            whole = np.concatenate([_binned(np.stack([part, part], axis=-1), BIN) for part in parts], axis=1)
+            whole = np.concatenate(
+                [_binned(np.stack([part, part], axis=-1), BIN) for part in parts], axis=1
+            )
             with self._lock:
                 self._extremes[name] = whole
                 while len(self._extremes) > _OPEN:
@@ -282,7 +345,9 @@ class Workspace:
         return _binned(whole[:, start * ratio : (start + count) * ratio], ratio)
 
     def alike(self, name: str, *, healthy: bool = False) -> list[str]:
-        """Other recordings of the same machine, operating point and channels: of the same class, or healthy ones."""
+        """Other recordings of the same machine, operating point and channels: of the same class, or
+        healthy ones.
+        """
         own = self.rows[name].recording
         return [
             row.name
@@ -302,16 +367,26 @@ def _row(stated: Mapping[str, Any]) -> Row:
     try:
         return Row(name, stated, Entry.from_mapping(stated, name))
     except SwashTwinError as cause:
-        finding = {"kind": "unreadable", "severity": "error", "channel": None, "message": str(cause)}
+        finding = {
+            "kind": "unreadable",
+            "severity": "error",
+            "channel": None,
+            "message": str(cause),
+        }
         return Row(name, stated, state="broken", findings=[finding])
 
 
 def level_track(recording: Recording, count: int) -> Float64[np.ndarray, "channel part"]:
-    """Root mean square of each channel, its mean taken off, in `count` equal parts of a recording."""
+    """Root mean square of each channel, its mean taken off, in `count` equal parts of a
+    recording.
+    """
     edges = np.linspace(0, recording.n_samples, min(count, recording.n_samples) + 1).astype(int)
     is_short = recording.n_samples * recording.n_channels <= _AT_ONCE
     whole = recording.slice(0, recording.n_samples).signal if is_short else None
-    parts = (recording.slice(*ends).signal if whole is None else whole[:, slice(*ends)] for ends in pairwise(edges))
+    parts = (
+        recording.slice(*ends).signal if whole is None else whole[:, slice(*ends)]
+        for ends in pairwise(edges)
+    )
     return np.stack([part.std(axis=1) for part in parts], axis=1)
 
 
@@ -321,4 +396,6 @@ def _binned(extremes: np.ndarray, width: int) -> Float32[np.ndarray, "channel bi
     if width == 1 or not at.size:
         return extremes.astype(np.float32)
     least = np.fmin.reduceat(extremes[..., 0], at, axis=1)
-    return np.stack([least, np.fmax.reduceat(extremes[..., 1], at, axis=1)], axis=-1).astype(np.float32)
+    return np.stack([least, np.fmax.reduceat(extremes[..., 1], at, axis=1)], axis=-1).astype(
+        np.float32
+    )

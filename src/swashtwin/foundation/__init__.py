@@ -1,4 +1,6 @@
-"""What every room stands on: errors, units, seeds, files that are whole or absent, artifacts, compiled loops."""
+"""What every room stands on: errors, units, seeds, files that are whole or absent, artifacts,
+compiled loops.
+"""
 
 import lazy_loader
 

@@ -1,8 +1,10 @@
-"""Dataclasses as tables of a file, and artifacts: such a table and its arrays in one safetensors file.
+"""Dataclasses as tables of a file, and artifacts: such a table and its arrays in one safetensors
+file.
 
-The dataclass is the form of what is saved, and nothing else is written; msgspec converts and checks every entry.
-Trained classifiers, window sets and checkpoints are artifacts. Reading one runs no code. A SHA-256 over kind, version,
-card and arrays tells a damaged or edited file; it is no signature. A crash while writing leaves the file as it was.
+The dataclass is the form of what is saved, and nothing else is written; msgspec converts and checks
+every entry. Trained classifiers, window sets and checkpoints are artifacts. Reading one runs no
+code. A SHA-256 over kind, version, card and arrays tells a damaged or edited file; it is no
+signature. A crash while writing leaves the file as it was.
 """
 
 import difflib
@@ -61,7 +63,11 @@ def to_table(thing: Any, *, of_array: Callable[[Any], Any] = lambda array: array
 
 
 def from_table(
-    table: Any, form: Callable[..., T], where: str = "", *, to_array: Callable[[type, Any], Any] | None = None
+    table: Any,
+    form: Callable[..., T],
+    where: str = "",
+    *,
+    to_array: Callable[[type, Any], Any] | None = None,
 ) -> T:
     """What `to_table` made a table of.
 
@@ -76,7 +82,8 @@ def from_table(
     Raises
     ------
     InputError
-        An entry has another type than the form says, is missing or unknown, or the form itself refuses it.
+        An entry has another type than the form says, is missing or unknown, or the form itself
+        refuses it.
 
     Examples
     --------
@@ -93,7 +100,10 @@ def from_table(
 
 def _array_of_list(kind: type, values: Any) -> Any:
     names = [str(name) for name in getattr(kind, "dtypes", ())]
-    is_of = {word: bool(names) and all(name.startswith(word) for name in names) for word in ("float", "int", "bool")}
+    is_of = {
+        word: bool(names) and all(name.startswith(word) for name in names)
+        for word in ("float", "int", "bool")
+    }
     array = np.asarray(values, dtype=next((word for word, holds in is_of.items() if holds), None))
     return kind(array) if kind in (dict, tuple, list) else array
 
@@ -106,8 +116,15 @@ def _misfit(message: str, form: Any, table: Any) -> str:
         text = f"there is no entry {match[1]!r}{f'; did you mean {near[0]!r}?' if near else ''}"
     elif text.startswith("Invalid enum value"):
         kind = get_type_hints(form).get(path, None) if is_dataclass(form) else None
-        allowed = [word for part in (kind, *get_args(kind)) if get_origin(part) is Literal for word in get_args(part)]
-        text = f"{text[13:]} is none of {', '.join(map(repr, allowed))}" if allowed else f"i{text[1:]}"
+        allowed = [
+            word
+            for part in (kind, *get_args(kind))
+            if get_origin(part) is Literal
+            for word in get_args(part)
+        ]
+        text = (
+            f"{text[13:]} is none of {', '.join(map(repr, allowed))}" if allowed else f"i{text[1:]}"
+        )
     elif text.startswith("Expected"):
         text = re.sub("`([^`]*)`", _in_words, f"e{text[1:]}")
         if path and "[...]" not in path:
@@ -136,8 +153,12 @@ def _names(form: Any) -> set[str]:
 
 
 def parse_json(text: str) -> Any:
-    """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a number can be."""
-    return json.loads(text, parse_constant=_parse_float, parse_int=_parse_int, parse_float=_parse_float)
+    """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a
+    number can be.
+    """
+    return json.loads(
+        text, parse_constant=_parse_float, parse_int=_parse_int, parse_float=_parse_float
+    )
 
 
 def _parse_int(text: str) -> int:
@@ -162,8 +183,8 @@ _KEY = "swashtwin"
 def save_artifact(
     path: Path | str, kind: str, version: int, thing: Any, *, may_be_nan: Sequence[str] | None = ()
 ) -> Path:
-    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors of the file,
-    those of texts lists of the card.
+    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors
+    of the file, those of texts lists of the card.
 
     Parameters
     ----------
@@ -192,25 +213,38 @@ def save_artifact(
 
 
 def _with_names(card: Any, name: str, names: dict[str, int]) -> Any:
-    """A card whose arrays are named by where they stand in it; `names` is given the number of each."""
+    """A card whose arrays are named by where they stand in it; `names` is given the number of
+    each.
+    """
     if isinstance(card, dict):
         if [*card] == [_ARRAY]:
             names[name] = card[_ARRAY]
             return {_ARRAY: name}
-        return {key: _with_names(value, f"{name}.{key}" if name else str(key), names) for key, value in card.items()}
+        return {
+            key: _with_names(value, f"{name}.{key}" if name else str(key), names)
+            for key, value in card.items()
+        }
     if isinstance(card, (list, tuple)):
         return [_with_names(value, f"{name}.{index}", names) for index, value in enumerate(card)]
     return card
 
 
 def load_artifact(
-    path: Path | str, form: type[T], kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
+    path: Path | str,
+    form: type[T],
+    kind: str,
+    version: int,
+    *,
+    advice: str,
+    may_be_nan: Sequence[str] | None = (),
 ) -> T:
-    """What `save_artifact` wrote. An array must have the type and the number of axes that `form` says.
+    """What `save_artifact` wrote. An array must have the type and the number of axes that `form`
+    says.
 
     Parameters
     ----------
-    form : the dataclass; it refuses what contradicts itself (``__post_init__``) with a `ValueError`.
+    form : the dataclass; it refuses what contradicts itself (``__post_init__``) with a
+        `ValueError`.
     kind, version, may_be_nan : as in `save_artifact`; another kind or version is refused.
     advice : how to come by a good file, such as ``"save it again"``; ends each message.
 
@@ -219,14 +253,17 @@ def load_artifact(
     MissingFileError
         There is no such file.
     ArtifactError
-        The file is damaged, edited, something else, of another version, or holds what `form` refuses.
+        The file is damaged, edited, something else, of another version, or holds what `form`
+        refuses.
     """
     card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
     with refuse_misfits(path, kind):
         return from_table(
             card,
             form,
-            to_array=lambda _, entry: np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY]],
+            to_array=lambda _, entry: (
+                np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY]]
+            ),
         )
 
 
@@ -257,7 +294,12 @@ def write_artifact(
     saved = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     _require_finite(f"the {kind} is not saved to {path}", saved, may_be_nan)
     card = json.loads(json.dumps(dict(card)))
-    note = {"kind": kind, "version": version, "card": card, "sha256": _checksum(kind, version, card, saved)}
+    note = {
+        "kind": kind,
+        "version": version,
+        "card": card,
+        "sha256": _checksum(kind, version, card, saved),
+    }
     with replacing(Path(path)) as temporary:
         save_file(saved, temporary, metadata={_KEY: json.dumps(note, sort_keys=True)})
     return Path(path)
@@ -278,7 +320,8 @@ def read_artifact(
     MissingFileError
         There is no such file.
     ArtifactError
-        The file is damaged, edited, something else, of another version, or an array holds NaN or infinity.
+        The file is damaged, edited, something else, of another version, or an array holds NaN or
+        infinity.
     """
     if not Path(path).is_file():
         raise MissingFileError(f"{path} does not exist; {advice}.")
@@ -288,14 +331,24 @@ def read_artifact(
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as cause:
         reason = str(cause).splitlines()[0]
-        raise ArtifactError(f"{path} is damaged or no saved {kind} ({reason}); {advice}.") from cause
+        raise ArtifactError(
+            f"{path} is damaged or no saved {kind} ({reason}); {advice}."
+        ) from cause
     if _KEY not in metadata:
-        former = re.search(r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?", " ".join([*metadata, *metadata.values()]))
+        former = re.search(
+            r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?", " ".join([*metadata, *metadata.values()])
+        )
         what = f"has the former format {former[0]}" if former else "was not written by swashtwin"
-        raise ArtifactError(f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}.")
+        raise ArtifactError(
+            f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}."
+        )
     try:
         note = parse_json(metadata[_KEY])
-        identity, card, checksum = (str(note["kind"]), note["version"]), note["card"], note["sha256"]
+        identity, card, checksum = (
+            (str(note["kind"]), note["version"]),
+            note["card"],
+            note["sha256"],
+        )
     except (ValueError, KeyError, TypeError, RecursionError) as cause:
         raise ArtifactError(f"{path} is damaged: its card cannot be read; {advice}.") from cause
     if identity[0] != kind:
@@ -305,13 +358,17 @@ def read_artifact(
             f"{path} has version {str(identity[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
         )
     if checksum != _checksum(kind, version, card, arrays):
-        raise ArtifactError(f"{path} was changed after it was saved (its SHA-256 does not match); {advice}.")
+        raise ArtifactError(
+            f"{path} was changed after it was saved (its SHA-256 does not match); {advice}."
+        )
     _require_finite(str(path), arrays, may_be_nan)
     return card, arrays
 
 
 def artifact_kind(path: Path | str) -> str:
-    """Kind of the artifact in a file, empty where it is none; nothing else of it is read or checked."""
+    """Kind of the artifact in a file, empty where it is none; nothing else of it is read or
+    checked.
+    """
     try:
         with safe_open(path, framework="np") as file:
             note = parse_json((file.metadata() or {}).get(_KEY, "{}"))
@@ -322,7 +379,9 @@ def artifact_kind(path: Path | str) -> str:
 
 @contextmanager
 def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
-    """Within it, building an object from a card turns every misfit into an `ArtifactError` of one line."""
+    """Within it, building an object from a card turns every misfit into an `ArtifactError` of one
+    line.
+    """
     try:
         yield
     except ArtifactError:
@@ -336,7 +395,9 @@ def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
         ) from cause
 
 
-def _require_finite(where: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None) -> None:
+def _require_finite(
+    where: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None
+) -> None:
     for name, array in arrays.items():
         if may_be_nan is None or name in may_be_nan or array.dtype.kind != "f":
             continue

@@ -1,8 +1,8 @@
 """Everything swashtwin raises on purpose.
 
-Each error is a `SwashTwinError` and also the builtin error a caller would expect, so ``except ValueError`` still works.
-A message says what is wrong with which value, what would be right, and the likely slip; it is one line, so that the
-command line can print it as it is.
+Each error is a `SwashTwinError` and also the builtin error a caller would expect, so ``except
+ValueError`` still works. A message says what is wrong with which value, what would be right, and
+the likely slip; it is one line, so that the command line can print it as it is.
 """
 
 
@@ -11,8 +11,8 @@ class SwashTwinError(Exception):
 
     Parameters
     ----------
-    field : name of the argument that a caller should change, where the message does not say it; the command line shows
-        its option.
+    field : name of the argument that a caller should change, where the message does not say it; the
+        command line shows its option.
     """
 
     def __init__(self, message: str = "", *, field: str = "") -> None:

@@ -1,8 +1,9 @@
 """Files that are whole or not there, and folders that are filled piece by piece.
 
-A file is written beside its target under a hidden name and then takes the target's place. While that lasts a lock file
-of the same name is held, which the system releases when the process ends, however it ends. So what a killed process
-left is told from the work of a living one, and the next process that writes into the folder removes it.
+A file is written beside its target under a hidden name and then takes the target's place. While
+that lasts a lock file of the same name is held, which the system releases when the process ends,
+however it ends. So what a killed process left is told from the work of a living one, and the next
+process that writes into the folder removes it.
 """
 
 import hashlib
@@ -43,15 +44,18 @@ _LONGEST_NAME = 100
 _NAME = re.compile(re.escape(_HIDDEN) + r"[0-9a-f]{12}(?=\.)")
 
 _WAITS = (0.05, 0.2, 0.5, 1.0)
-"""Seconds between attempts to replace a file that a virus scanner or an indexer of Windows holds for a moment."""
+"""Seconds between attempts to replace a file that a virus scanner or an indexer of Windows holds
+for a moment.
+"""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Temporary path beside `path` that takes its place when the block ends well, and vanishes when it does not.
+    """Temporary path beside `path` that takes its place when the block ends well, and vanishes when
+    it does not.
 
-    A full disk, an interrupt, a kill or any other end leaves `path` as it was. The new file has the permissions that
-    the user's umask gives.
+    A full disk, an interrupt, a kill or any other end leaves `path` as it was. The new file has the
+    permissions that the user's umask gives.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +64,9 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary = path.parent / f"{name}.part{path.suffix}"
         try:
             yield temporary
-            shutil.copymode(path.parent / f"{name}.lock", temporary)  # some libraries let nobody else read their files
+            shutil.copymode(
+                path.parent / f"{name}.lock", temporary
+            )  # some libraries let nobody else read their files
             _replace(temporary, path)
         except BaseException:
             temporary.unlink(missing_ok=True)
@@ -74,7 +80,9 @@ def _held_name(folder: Path) -> Iterator[str]:
         lock = folder / f"{name}.lock"
         file = lock.open("xb")
         try:
-            if _is_locked(file) and lock.exists():  # else another process took it for a leftover before
+            if (
+                _is_locked(file) and lock.exists()
+            ):  # else another process took it for a leftover before
                 yield name
                 return
         finally:
@@ -97,9 +105,13 @@ def _is_locked(file: IO[bytes]) -> bool:
 @cache
 def _remove_leftovers(folder: Path) -> None:
     """Remove what killed processes left in a folder; once for each folder."""
-    for name in {match[0] for file in folder.glob(f"{_HIDDEN}*") if (match := _NAME.match(file.name))}:
+    for name in {
+        match[0] for file in folder.glob(f"{_HIDDEN}*") if (match := _NAME.match(file.name))
+    }:
         lock = folder / f"{name}.lock"
-        with suppress(OSError):  # a living process holds the lock, or Windows removes no file that it has open
+        with suppress(
+            OSError
+        ):  # a living process holds the lock, or Windows removes no file that it has open
             with lock.open("ab") as file:
                 if fcntl is not None:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -155,8 +167,8 @@ def read_text(path: Path) -> str:
 def file_name(text: str) -> str:
     """`text` as a name, without its suffix, that every system takes for a file.
 
-    Characters that lead out of a folder, hide a file or have a meaning in a shell become ``_``. A name that Windows
-    keeps for a device gets one too.
+    Characters that lead out of a folder, hide a file or have a meaning in a shell become ``_``. A
+    name that Windows keeps for a device gets one too.
 
     Examples
     --------
@@ -186,8 +198,12 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
     settings = json.loads(json.dumps({"version": VERSION, **settings}))
     path = folder / manifest
     if not path.is_file():
-        if folder.exists() and not (folder.is_dir() and all(_NAME.match(file.name) for file in folder.iterdir())):
-            raise InputError(f"{folder} is no folder of such recordings, and not empty; choose a new folder.")
+        if folder.exists() and not (
+            folder.is_dir() and all(_NAME.match(file.name) for file in folder.iterdir())
+        ):
+            raise InputError(
+                f"{folder} is no folder of such recordings, and not empty; choose a new folder."
+            )
         write_text(path, json.dumps(settings, indent=1))
         return
     try:
@@ -195,22 +211,29 @@ def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> Non
     except ValueError as cause:
         raise ArtifactError(f"{path} is damaged ({cause}); choose a new folder.") from cause
     if difference := first_difference(saved, settings):
-        raise InputError(f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it.")
+        raise InputError(
+            f"{folder} was made with other settings: {difference}. Choose a new folder, or remove it."
+        )
 
 
 def first_difference(before: Any, now: Any, name: str = "") -> str:
-    """First entry in which two tables differ, with both values, in words; empty where there is none."""
+    """First entry in which two tables differ, with both values, in words; empty where there is
+    none.
+    """
     if isinstance(before, Mapping) and isinstance(now, Mapping):
         differences = (
             first_difference(before.get(key), now.get(key), f"{name}.{key}" if name else key)
             for key in sorted({*before, *now})
         )
         return next(filter(None, differences), "")
-    return "" if before == now else f"{name} was {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
+    return (
+        "" if before == now else f"{name} was {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
+    )
 
 
 def require_disk_space(folder: Path, count: int, bytes_each: int) -> None:
-    """Refuse `count` files of `bytes_each` for which the disk of an existing `folder` has too little space.
+    """Refuse `count` files of `bytes_each` for which the disk of an existing `folder` has too
+    little space.
 
     Raises
     ------

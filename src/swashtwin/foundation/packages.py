@@ -51,7 +51,9 @@ def require_modules(*modules: str, extra: str, need: str) -> None:
 
 
 def _missing(module: str, extra: str, need: str) -> MissingExtraError:
-    return MissingExtraError(f'{need} needs {module}, which is not installed: pip install "swashtwin[{extra}]".')
+    return MissingExtraError(
+        f'{need} needs {module}, which is not installed: pip install "swashtwin[{extra}]".'
+    )
 
 
 _F = TypeVar("_F", bound=Callable)
@@ -60,8 +62,9 @@ _F = TypeVar("_F", bound=Callable)
 def compiled(function: _F) -> _F:
     """`function`, compiled by numba; the machine code is kept on disk where that can be written.
 
-    Give each such function ``@no_type_check`` beneath this decorator: the tests' run-time checker would otherwise wrap
-    it in something that cannot be compiled. Arguments are plain numbers and arrays.
+    Give each such function ``@no_type_check`` beneath this decorator: the tests' run-time checker
+    would otherwise wrap it in something that cannot be compiled. Arguments are plain numbers and
+    arrays.
     """
     import numba
 

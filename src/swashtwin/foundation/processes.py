@@ -1,4 +1,6 @@
-"""Processes that work side by side and end with their parent; how many threads and how much memory they take."""
+"""Processes that work side by side and end with their parent; how many threads and how much memory
+they take.
+"""
 
 import ctypes
 import os
@@ -30,7 +32,9 @@ def parallel(jobs: int, **options: Any) -> "Parallel":
     """
     from joblib import Parallel  # which loads numpy, and the shell's help needs none
 
-    return Parallel(n_jobs=jobs, backend="loky", initializer=end_with, initargs=(os.getpid(),), **options)
+    return Parallel(
+        n_jobs=jobs, backend="loky", initializer=end_with, initargs=(os.getpid(),), **options
+    )
 
 
 def end_with(parent: int) -> None:
@@ -63,7 +67,8 @@ def one_thread() -> Iterator[None]:
     """Within it this thread computes alone, since kernels this small only wait for each other
     (docs/explanation/method.md).
 
-    Only the calling thread's number of OpenMP threads changes; that of the process and of other threads stays.
+    Only the calling thread's number of OpenMP threads changes; that of the process and of other
+    threads stays.
     """
     if (torch := sys.modules.get("torch")) is not None:
         torch.get_num_threads()  # torch sets up a new thread when it is first asked, which would undo the limit
@@ -84,14 +89,16 @@ _FREED_BLOCK = (1 << 25) - (1 << 16)
 def keep_freed_memory() -> None:
     """Let this process keep freed arrays of up to 32 MB for the next ones.
 
-    Linux's malloc gives them back to the system and asks for their pages anew. Freeing a block teaches it to keep as
-    much (mallopt(3), M_MMAP_THRESHOLD). `return_memory` gives back what is not needed.
+    Linux's malloc gives them back to the system and asks for their pages anew. Freeing a block
+    teaches it to keep as much (mallopt(3), M_MMAP_THRESHOLD). `return_memory` gives back what is
+    not needed.
     """
     bytes(_FREED_BLOCK)
 
 
 def memory_limit() -> int:
-    """Bytes that the content of one file may take in memory: 4 GB, or what ``SWASHTWIN_MEMORY_GB`` says.
+    """Bytes that the content of one file may take in memory: 4 GB, or what ``SWASHTWIN_MEMORY_GB``
+    says.
 
     Raises
     ------
@@ -104,12 +111,15 @@ def memory_limit() -> int:
     except ValueError:
         gigabytes = 0.0
     if not 0 < gigabytes < 1e6:
-        raise InputError(f"{MEMORY_VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8.")
+        raise InputError(
+            f"{MEMORY_VARIABLE} = {text[:40]!r} must be a positive number of gigabytes, such as 8."
+        )
     return int(gigabytes * 1e9)
 
 
 def require_memory(name: object, size: float, *, reason: str = "is read whole and takes") -> None:
-    """Refuse content of `size` bytes that would take more memory than `memory_limit`, before any is taken.
+    """Refuse content of `size` bytes that would take more memory than `memory_limit`, before any is
+    taken.
 
     Parameters
     ----------
@@ -131,7 +141,8 @@ def require_memory(name: object, size: float, *, reason: str = "is read whole an
 
 
 def return_memory() -> None:
-    """Give freed memory back to the system, which a process of many days otherwise keeps in ever smaller pieces.
+    """Give freed memory back to the system, which a process of many days otherwise keeps in ever
+    smaller pieces.
 
     Where the C library cannot (it is glibc's malloc_trim), nothing happens.
     """

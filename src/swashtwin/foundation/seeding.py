@@ -1,7 +1,8 @@
 """One seed, many independent random streams, addressed by purpose.
 
-Two parts of a program that draw from streams of different purposes never shift each other's numbers, so adding a draw
-in one place leaves every other figure as it was. Same seed and same machine: same bits.
+Two parts of a program that draw from streams of different purposes never shift each other's
+numbers, so adding a draw in one place leaves every other figure as it was. Same seed and same
+machine: same bits.
 """
 
 import hashlib
@@ -10,7 +11,8 @@ import numpy as np
 
 
 def derive_seed(seed: int, *purpose: object) -> int:
-    """Seed in [0, 2**63) that depends on `seed` and on every word of `purpose`, and on nothing else.
+    """Seed in [0, 2**63) that depends on `seed` and on every word of `purpose`, and on nothing
+    else.
 
     Examples
     --------

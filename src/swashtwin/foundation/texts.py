@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 CONTROLS = "\x00-\x1f\x7f-\x9f\u200b\u200e\u200f\u2028-\u202e\u2060-\u2069\ufeff"
-"""Control characters, line ends, and marks that turn the direction of writing or take no room, as ranges of `re`."""
+"""Control characters, line ends, and marks that turn the direction of writing or take no room, as
+ranges of `re`.
+"""
 _CONTROLS = re.compile(f"[{CONTROLS}]+")
 _HIDDEN = re.compile(f"[{CONTROLS}\ud800-\udfff\ufffe\uffff]")
 """These, and what XML does not allow."""
@@ -40,7 +42,9 @@ def spreadsheet_text(text: str) -> str:
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table as text with commas: every number with all its digits, no text that a spreadsheet takes for a formula."""
+    """A table as text with commas: every number with all its digits, no text that a spreadsheet
+    takes for a formula.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in (header, *rows):
@@ -49,12 +53,18 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def json_text(value: Any, *, indent: int | None = None, ensure_ascii: bool = False) -> str:
-    """Mappings, lists, paths, texts and numbers as JSON, with null for NaN and infinity, which JSON does not have."""
-    return json.dumps(finite_values(value), indent=indent, ensure_ascii=ensure_ascii, allow_nan=False)
+    """Mappings, lists, paths, texts and numbers as JSON, with null for NaN and infinity, which JSON
+    does not have.
+    """
+    return json.dumps(
+        finite_values(value), indent=indent, ensure_ascii=ensure_ascii, allow_nan=False
+    )
 
 
 def finite_values(value: Any) -> Any:
-    """The same with None for NaN and infinity, which JSON does not have; lists for tuples, texts for paths."""
+    """The same with None for NaN and infinity, which JSON does not have; lists for tuples, texts
+    for paths.
+    """
     if isinstance(value, Mapping):
         return {str(name): finite_values(entry) for name, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -96,6 +106,10 @@ def escape_controls(text: str, *, keep: str = "") -> str:
 
 
 def _code(character: str) -> str:
-    """Its escape sequence; from 127 on one that JSON knows as well, whose writers leave these as they are."""
+    """Its escape sequence; from 127 on one that JSON knows as well, whose writers leave these as
+    they are.
+    """
     number = ord(character)
-    return character.encode("unicode_escape").decode("ascii") if number < 0x7F else f"\\u{number:04x}"
+    return (
+        character.encode("unicode_escape").decode("ascii") if number < 0x7F else f"\\u{number:04x}"
+    )

@@ -12,11 +12,11 @@ class TorchStream(TorchDispatchMode):
     """Within it, every random number that torch draws in this thread is of a generator of its own.
 
     Weights, dropout and noise of any module draw the numbers that they would draw right after
-    ``torch.manual_seed(seed)``, whatever other threads do. The process's generator is neither read nor changed. A call
-    that names a generator keeps it.
+    ``torch.manual_seed(seed)``, whatever other threads do. The process's generator is neither read
+    nor changed. A call that names a generator keeps it.
 
-    Limits: kernels of a GPU that draw inside a fused operation (attention or a recurrent network with dropout) cannot
-    take a generator.
+    Limits: kernels of a GPU that draw inside a fused operation (attention or a recurrent network
+    with dropout) cannot take a generator.
 
     Parameters
     ----------
@@ -52,24 +52,39 @@ class TorchStream(TorchDispatchMode):
 
     @classmethod
     def _should_skip_dynamo(cls) -> bool:
-        """No: to skip it torch would import its compiler, which takes longer than a whole diagnosis."""
+        """No: to skip it torch would import its compiler, which takes longer than a whole
+        diagnosis.
+        """
         return False
 
     def __torch_dispatch__(
-        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Mapping[str, Any] | None = None
+        self,
+        func: Any,
+        types: Any,
+        args: tuple[Any, ...] = (),
+        kwargs: Mapping[str, Any] | None = None,
     ) -> Any:
         """Result of an operation; one that draws takes the generator."""
         kwargs = dict(kwargs or {})
-        if torch.Tag.nondeterministic_seeded not in func.tags or kwargs.get("generator") is not None:
+        if (
+            torch.Tag.nondeterministic_seeded not in func.tags
+            or kwargs.get("generator") is not None
+        ):
             return func(*args, **kwargs)
         name = func.overloadpacket.__name__
         tensors = [value for value in args if isinstance(value, Tensor)]
-        generator = self.generator(kwargs.get("device") or (tensors[0].device if tensors else "cpu"))
+        generator = self.generator(
+            kwargs.get("device") or (tensors[0].device if tensors else "cpu")
+        )
         if name == "native_dropout":
             return _dropout(*args, generator=generator)
         if name in ("randn_like", "rand_like"):
             empty = torch.empty_like(args[0], **kwargs)
-            return empty.normal_(generator=generator) if name == "randn_like" else empty.uniform_(generator=generator)
+            return (
+                empty.normal_(generator=generator)
+                if name == "randn_like"
+                else empty.uniform_(generator=generator)
+            )
         if any(argument.name == "generator" for argument in func._schema.arguments):
             return func(*args, **{**kwargs, "generator": generator})
         if hasattr(func.overloadpacket, "generator"):
@@ -77,8 +92,12 @@ class TorchStream(TorchDispatchMode):
         return func(*args, **kwargs)
 
 
-def _dropout(x: Tensor, share: float, train: bool | None, *, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """What ``aten.native_dropout`` gives, a fused kernel that takes no generator: the result, and what was kept."""
+def _dropout(
+    x: Tensor, share: float, train: bool | None, *, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """What ``aten.native_dropout`` gives, a fused kernel that takes no generator: the result, and
+    what was kept.
+    """
     if train is False or share == 0:
         return x.clone(), torch.ones_like(x, dtype=torch.bool)
     mask = torch.empty_like(x).bernoulli_(1 - share, generator=generator)

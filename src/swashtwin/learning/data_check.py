@@ -1,4 +1,6 @@
-"""Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with it."""
+"""Is a data set sound, and is there enough of it? What can be trained, tested and calibrated with
+it.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -98,7 +100,10 @@ class DataCheck:
             enough = f"not enough: no {' and no '.join(use.name for use in required if use.state == 'no')}"
         if self.is_sound:
             return f"The data are sound{' and' if self.is_enough else ', but'} {enough}."
-        findings = [*self.inspection.findings, *(f for report in self.inspection.recordings for f in report.findings)]
+        findings = [
+            *self.inspection.findings,
+            *(f for report in self.inspection.recordings for f in report.findings),
+        ]
         errors = plural(sum(finding.severity == "error" for finding in findings), "finding")
         return f"The data are not sound ({errors} to mend); the usable recordings are {enough}."
 
@@ -131,7 +136,9 @@ def check_recordings(
     unreadable : what `load_recordings` reported of files that are not among the recordings.
     progress : called with the number of recordings that are done, and of all.
     """
-    inspection = inspect_recordings(recordings, window=window, unreadable=unreadable, progress=progress)
+    inspection = inspect_recordings(
+        recordings, window=window, unreadable=unreadable, progress=progress
+    )
     unfit = {
         report.recording_id
         for report in inspection.recordings
@@ -141,9 +148,13 @@ def check_recordings(
     copies = repeated_recordings(manifest_of(usable))
     usable = [recording for recording in usable if recording.recording_id not in copies]
     counts = _counts(usable)
-    labels, conditions = (dict.fromkeys(getattr(count, part) for count in counts) for part in ("label", "condition"))
+    labels, conditions = (
+        dict.fromkeys(getattr(count, part) for count in counts) for part in ("label", "condition")
+    )
     labeled = [recording for recording in usable if recording.label and not recording.synthetic]
-    lost = {recording.label for recording in recordings if recording.label} - {item.label for item in labeled}
+    lost = {recording.label for recording in recordings if recording.label} - {
+        item.label for item in labeled
+    }
     cells = {(count.label, count.condition) for count in counts}
     origins = Counter(recording.attributes.get("origin", "") for recording in recordings)
     every = ((label, condition) for label in labels if label for condition in conditions)
@@ -170,7 +181,9 @@ def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
     """Classes that stand on one specimen only, which has no other class."""
     pairs = {(str(recording.label), recording.specimen or "") for recording in labeled}
     classes, specimens = (Counter(pair[part] for pair in pairs) for part in (0, 1))
-    alone = sorted(label for label, name in pairs if name and classes[label] == specimens[name] == 1)
+    alone = sorted(
+        label for label, name in pairs if name and classes[label] == specimens[name] == 1
+    )
     return [
         f"{label}: measured on one specimen only, which has no other class. Whatever is special about that machine "
         "tells the class, and no test on these recordings can show that it is the fault; measure the class on another "
@@ -181,7 +194,10 @@ def _one_machine_each(labeled: Sequence[Recording]) -> list[str]:
 
 def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
     names = [recording.recording_id for recording in recordings]
-    facts = ([stated(recording) for recording in recordings] for stated in (stated_angular_speed, stated_pressure))
+    facts = (
+        [stated(recording) for recording in recordings]
+        for stated in (stated_angular_speed, stated_pressure)
+    )
     cells: dict[tuple[str, str], list[Recording]] = {}
     for recording, words in zip(recordings, condition_words(names, *facts), strict=True):
         cells.setdefault((recording.label or "", words), []).append(recording)
@@ -203,9 +219,17 @@ def _uses(labeled: Sequence[Recording], error_rate: float) -> Iterator[Use]:
     for name, is_required, (state, reason) in (
         ("training of a classifier", not is_healthy_only, _training(classes)),
         (_DETECTION, is_healthy_only, _detection(healthy)),
-        ("test on recordings that were not trained on", not is_healthy_only, _test(labeled, "recording")),
+        (
+            "test on recordings that were not trained on",
+            not is_healthy_only,
+            _test(labeled, "recording"),
+        ),
         ("test on specimens that were not trained on", False, _test(labeled, "specimen")),
-        ("test at operating conditions that were not trained at", False, _test(labeled, "condition")),
+        (
+            "test at operating conditions that were not trained at",
+            False,
+            _test(labeled, "condition"),
+        ),
         ("calibrated confidence", False, _confidence(labeled, error_rate)),
         ("calibration of a twin", False, _calibration(labeled)),
     ):
@@ -225,7 +249,9 @@ def _training(classes: Counter[str]) -> Answer:
 
 
 def _detection(n_healthy: int) -> Answer:
-    """Whether an anomaly detector can be made, at the false-alarm rate that is usual or at a higher one."""
+    """Whether an anomaly detector can be made, at the false-alarm rate that is usual or at a higher
+    one.
+    """
     count = plural(n_healthy, "healthy recording")
     if n_healthy < LEAST_HEALTHY:
         return "no", f"{count}; {LEAST_HEALTHY} are needed at least."
@@ -268,13 +294,19 @@ def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
     if allowed == error_rate:
         return "yes", f"train calibrates it with its folds; {after}, {needed} are needed."
     lacking = f"--error-rate {error_rate:g} needs {needed} recordings; {after}"
-    return ("no", f"{lacking}.") if left < 4 else ("partly", f"{lacking}, which allow --error-rate {allowed:g}.")
+    return (
+        ("no", f"{lacking}.")
+        if left < 4
+        else ("partly", f"{lacking}, which allow --error-rate {allowed:g}.")
+    )
 
 
 def _calibration(labeled: Sequence[Recording]) -> Answer:
     healthy = [recording for recording in labeled if is_healthy(recording.label)]
     stated = [recording for recording in healthy if recording.condition is not None]
-    long = [item for item in stated if item.duration * (stated_speed(item) or 0) >= _CALIBRATION_TURNS]
+    long = [
+        item for item in stated if item.duration * (stated_speed(item) or 0) >= _CALIBRATION_TURNS
+    ]
     if not healthy:
         return "no", "no recording of a healthy pump (normal)."
     if not stated:
@@ -283,6 +315,8 @@ def _calibration(labeled: Sequence[Recording]) -> Answer:
     if not long:
         return "no", f"no healthy recording covers {_CALIBRATION_TURNS} revolutions; record longer."
     specimens = {recording.specimen for recording in long if recording.specimen}
-    choice = f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
+    choice = (
+        f" of {len(specimens)} specimens: choose one with --specimen" if len(specimens) > 1 else ""
+    )
     reason = f"{plural(len(long), 'healthy recording')} with speed and pressure{choice}."
     return "yes" if len(long) == len(healthy) else "partly", reason

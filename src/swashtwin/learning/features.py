@@ -16,12 +16,15 @@ from swashtwin.signals import (
 )
 
 _LEAST_SHIFT, _ALIKE = 3.0, 0.25
-"""A channel as a whole moved where the median change of its bands is at least so many dB, and the bands differ from it
-by so little, relative to it, in the median."""
+"""A channel as a whole moved where the median change of its bands is at least so many dB, and the
+bands differ from it by so little, relative to it, in the median.
+"""
 
 
 def line_powers(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch line"]:
-    """Mean square of each line of the spectrum but the first, mean removed, Hann taper; of the signal's precision."""
+    """Mean square of each line of the spectrum but the first, mean removed, Hann taper; of the
+    signal's precision.
+    """
     length = signal.shape[-1]
     spectrum = tapered_transform(signal)[..., 1:]
     power = spectrum.real**2 + spectrum.imag**2
@@ -53,12 +56,17 @@ def up_to(
     """
     position = np.clip(edge - 0.5, 0, sums.shape[-1] - 1)
     line = np.minimum(position.astype(np.int64), sums.shape[-1] - 2)
-    left, right = (sums[..., at] if edge.ndim == 1 else np.take_along_axis(sums, at, -1) for at in (line, line + 1))
+    left, right = (
+        sums[..., at] if edge.ndim == 1 else np.take_along_axis(sums, at, -1)
+        for at in (line, line + 1)
+    )
     return np.asarray(left + (position - line) * (right - left))
 
 
 def between(
-    sums: Float64[np.ndarray, "*batch edge"], low: Float[np.ndarray, " band"], high: Float[np.ndarray, " band"]
+    sums: Float64[np.ndarray, "*batch edge"],
+    low: Float[np.ndarray, " band"],
+    high: Float[np.ndarray, " band"],
 ) -> Float64[np.ndarray, "*batch band"]:
     """Power between two edges, in lines (`up_to`)."""
     return up_to(sums, high) - up_to(sums, low)
@@ -86,8 +94,8 @@ def feature_values(
 ) -> Float64[np.ndarray, "window feature"]:
     """Vibration features of each window, channel after channel: 82 each, named by `feature_names`.
 
-    12 statistics of the time signal, the energies of 32 logarithmic frequency bands, 6 statistics of the envelope, and
-    the energies of 32 logarithmic bands of the envelope's spectrum.
+    12 statistics of the time signal, the energies of 32 logarithmic frequency bands, 6 statistics
+    of the envelope, and the energies of 32 logarithmic bands of the envelope's spectrum.
     """
     parts = []
     for samples in signal.transpose(1, 0, 2).astype(np.float64):
@@ -112,17 +120,22 @@ def feature_names(channels: Sequence[str]) -> tuple[str, ...]:
 
 def window_powers(windows: WindowSet) -> list[Float64[np.ndarray, "window line"]]:
     """`line_powers` of each window, channel by channel."""
-    return [line_powers(windows.signal[:, index].astype(np.float64)) for index in range(windows.n_channels)]
+    return [
+        line_powers(windows.signal[:, index].astype(np.float64))
+        for index in range(windows.n_channels)
+    ]
 
 
 def level_features(
     windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
 ) -> Float64[np.ndarray, "window feature"]:
-    """Levels of each window, channel after channel, by which `TrainingReference` tells what is like the training.
+    """Levels of each window, channel after channel, by which `TrainingReference` tells what is like
+    the training.
 
-    Per channel: the logarithm of the deviation, four numbers of the waveform's shape that no gain changes, log10 of the
-    mean power in up to 72 equal bands of the lowest twelfth of the spectrum, and `band_energies` in 48 bands. All are
-    decades or shares, so that none needs a scale. `powers` are `window_powers`, where they are at hand.
+    Per channel: the logarithm of the deviation, four numbers of the waveform's shape that no gain
+    changes, log10 of the mean power in up to 72 equal bands of the lowest twelfth of the spectrum,
+    and `band_energies` in 48 bands. All are decades or shares, so that none needs a scale. `powers`
+    are `window_powers`, where they are at hand.
     """
     parts = []
     powers = window_powers(windows) if powers is None else powers
@@ -130,10 +143,17 @@ def level_features(
         moving = windows.signal[:, index].astype(np.float64)
         moving -= moving.mean(axis=1, keepdims=True)
         square = moving * moving
-        pairs = (moving, moving), (square, moving), (square, square)  # products, for a power takes ten times as long
+        pairs = (
+            (moving, moving),
+            (square, moving),
+            (square, square),
+        )  # products, for a power takes ten times as long
         second, third, fourth = (np.einsum("wt,wt->w", *pair) / windows.length for pair in pairs)
         deviation = np.maximum(np.sqrt(second), 1e-15)
-        peak, magnitude = np.maximum(moving.max(axis=1), -moving.min(axis=1)), np.abs(moving).mean(axis=1)
+        peak, magnitude = (
+            np.maximum(moving.max(axis=1), -moving.min(axis=1)),
+            np.abs(moving).mean(axis=1),
+        )
         shape = (
             np.log10(deviation),
             third / deviation**3,
@@ -142,16 +162,27 @@ def level_features(
             magnitude / deviation,
         )
         lowest = powers[index][:, : max(1, round(_LINE_SHARE * powers[index].shape[1]))]
-        edges = np.linspace(0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False).astype(np.int64)
+        edges = np.linspace(
+            0, lowest.shape[1], min(_N_LINES, lowest.shape[1]), endpoint=False
+        ).astype(np.int64)
         mean = np.add.reduceat(lowest, edges, axis=1) / np.diff([*edges, lowest.shape[1]])
-        parts += [np.column_stack(shape), np.log10(np.maximum(mean, 1e-30)), band_levels(powers[index], _N_LEVEL_BANDS)]
+        parts += [
+            np.column_stack(shape),
+            np.log10(np.maximum(mean, 1e-30)),
+            band_levels(powers[index], _N_LEVEL_BANDS),
+        ]
     return np.concatenate(parts, axis=1)
 
 
 def level_spectrum(
     features: Float[np.ndarray, "row feature"], n_channels: int, length: int, sample_rate: float
-) -> tuple[Float64[np.ndarray, " band"], Float64[np.ndarray, " band"], Float64[np.ndarray, "row channel band"]]:
-    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` or their means hold.
+) -> tuple[
+    Float64[np.ndarray, " band"],
+    Float64[np.ndarray, " band"],
+    Float64[np.ndarray, "row channel band"],
+]:
+    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` or their
+    means hold.
 
     The narrow bands of the lowest twelfth of the spectrum, then the logarithmic bands above them.
     """
@@ -172,10 +203,14 @@ def level_spectrum(
 def band_energies(
     signal: Float[np.ndarray, "window time"], n_bands: int = N_BANDS
 ) -> Float64[np.ndarray, "window band"]:
-    """log10 of the mean square in each of the `band_shares`, mean removed, Hann taper [log10 of the unit squared]."""
+    """log10 of the mean square in each of the `band_shares`, mean removed, Hann taper [log10 of the
+    unit squared].
+    """
     return band_levels(line_powers(signal), n_bands)
 
 
-def band_levels(power: Float64[np.ndarray, "window line"], n_bands: int) -> Float64[np.ndarray, "window band"]:
+def band_levels(
+    power: Float64[np.ndarray, "window line"], n_bands: int
+) -> Float64[np.ndarray, "window band"]:
     """`band_energies` from the powers of `line_powers`."""
     return np.log10(np.maximum(power @ band_shares(power.shape[1], n_bands), 1e-30))

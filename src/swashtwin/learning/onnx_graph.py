@@ -1,4 +1,6 @@
-"""The graph of a network that numpy computes, in operations of ONNX; no torch is needed to build it."""
+"""The graph of a network that numpy computes, in operations of ONNX; no torch is needed to build
+it.
+"""
 
 import math
 from typing import Any
@@ -29,11 +31,15 @@ class Graph:
         from onnx import numpy_helper
 
         name = f"constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.asarray(value, dtype=dtype or self.dtype), name))
+        self.constants.append(
+            numpy_helper.from_array(np.asarray(value, dtype=dtype or self.dtype), name)
+        )
         return name
 
     def __call__(self, kind: str, *inputs: Any, **attributes: Any) -> str:
-        """Name of the result of an operation; numbers and arrays among its inputs become constants."""
+        """Name of the result of an operation; numbers and arrays among its inputs become
+        constants.
+        """
         from onnx import helper
 
         names = [item if isinstance(item, str) else self.constant(item) for item in inputs]
@@ -46,7 +52,9 @@ class Graph:
         return self.reduced("Mean", x)
 
     def reduced(self, kind: str, x: str, keep: int = 1) -> str:
-        """Mean, sum or greatest entry over the last axis, which stays as one entry where it is to be kept."""
+        """Mean, sum or greatest entry over the last axis, which stays as one entry where it is to
+        be kept.
+        """
         return self(f"Reduce{kind}", x, self.constant([-1], np.int64), keepdims=keep)
 
     def part(self, x: str, first: int, last: int | None = None, axis: int = -1) -> str:
@@ -59,22 +67,30 @@ class Graph:
         return self("Mul", self("Log", x), 1 / math.log(10))
 
     def analytic(self, spectrum: str, length: int, first: int, last: int) -> str:
-        """Analytic signal of the lines `first` to `last` of a transform; its two parts are a further axis."""
+        """Analytic signal of the lines `first` to `last` of a transform; its two parts are a
+        further axis.
+        """
         n_lines = length // 2 + 1
         line = np.arange(n_lines)
         weight = np.where((line >= first) & (line <= last), 2.0, 0.0)
         if length % 2 == 0:
             weight[-1] /= 2  # the line at half the rate stands for itself alone
         gap = self.constant([0, 0, 0, 0, 0, 0, length - n_lines, 0], np.int64)
-        return self("DFT", self("Pad", self("Mul", spectrum, weight[:, None]), gap), axis=2, inverse=1)
+        return self(
+            "DFT", self("Pad", self("Mul", spectrum, weight[:, None]), gap), axis=2, inverse=1
+        )
 
     def transform(self, x: str) -> str:
-        """One-sided transform over the last axis; the real and imaginary parts are a further axis."""
+        """One-sided transform over the last axis; the real and imaginary parts are a further
+        axis.
+        """
         return self("DFT", self("Unsqueeze", x, self.constant([-1], np.int64)), axis=2, onesided=1)
 
 
 def onnx_model(classifier: FittedClassifier) -> Any:
-    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` for others."""
+    """The ONNX model of a classifier on levels or of trees (see `export_onnx`); an `InputError` for
+    others.
+    """
     from onnx import TensorProto, helper
 
     layout, network = classifier.layout, classifier.network
@@ -92,7 +108,9 @@ def onnx_model(classifier: FittedClassifier) -> Any:
         _answer_of_trees(graph, classifier, network)
     else:
         raise InputError(f"the network {network.name!r} cannot be written as ONNX.")
-    output = helper.make_tensor_value_info("probability", TensorProto.FLOAT, ["window", len(classifier.classes)])
+    output = helper.make_tensor_value_info(
+        "probability", TensorProto.FLOAT, ["window", len(classifier.classes)]
+    )
     whole = helper.make_graph(graph.nodes, "classifier", inputs, [output], graph.constants)
     return helper.make_model(whole, opset_imports=domains, ir_version=9)
 
@@ -104,7 +122,9 @@ def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: Level
     layout, turns = classifier.layout, None
     if network.uses_speed:
         stated = graph("Mul", "speed", 1 / (2 * math.pi * layout.sample_rate))
-        turns = graph("Where", graph("IsNaN", stated), network.settings["turns"] or math.nan, stated)
+        turns = graph(
+            "Where", graph("IsNaN", stated), network.settings["turns"] or math.nan, stated
+        )
     features = _levels(graph, network, _scaled(graph, classifier), layout.length, turns)
     weights = network.weights
     encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
@@ -112,13 +132,17 @@ def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: Level
     for head in network.settings["heads"]:
         inner = graph("Gemm", encoded, weights[head], weights[f"{head}.bias"], transB=1)
         if head == "hidden":
-            inner = graph("Gemm", graph("Relu", inner), weights["output"], weights["output.bias"], transB=1)
+            inner = graph(
+                "Gemm", graph("Relu", inner), weights["output"], weights["output.bias"], transB=1
+            )
         answers.append(graph("Softmax", inner, axis=-1))
     graph.nodes.append(helper.make_node("Mean", answers, ["probability"]))
 
 
 def _answer_of_trees(graph: Graph, classifier: FittedClassifier, network: ExtraTrees) -> None:
-    """`ExtraTrees.probabilities`: features of double precision, rounded as the trees compare them."""
+    """`ExtraTrees.probabilities`: features of double precision, rounded as the trees compare
+    them.
+    """
     from onnx import TensorProto, helper
 
     x = graph("Cast", _scaled(graph, classifier), to=TensorProto.DOUBLE)
@@ -169,19 +193,31 @@ def _scaled(graph: Graph, classifier: FittedClassifier) -> str:
 def _levels(graph: Graph, network: LevelNetwork, x: str, length: int, turns: str | None) -> str:
     """`LevelNetwork.represent_at`."""
     x = graph("Sub", x, graph.mean(x))
-    deviation = graph("Max", graph("Sqrt", graph.mean(graph("Mul", x, x))), levels_of.LEAST_DEVIATION)
+    deviation = graph(
+        "Max", graph("Sqrt", graph.mean(graph("Mul", x, x))), levels_of.LEAST_DEVIATION
+    )
     x = graph("Div", x, deviation)
     counts = levels_of.line_counts(turns is not None)
-    parts = _spectrum_levels(graph, x, length, turns, counts[0], levels_of.LINE_SHARE, levels_of.BANDS)
+    parts = _spectrum_levels(
+        graph, x, length, turns, counts[0], levels_of.LINE_SHARE, levels_of.BANDS
+    )
     spectrum = graph.transform(x)
     for above in levels_of.ENVELOPE_FROM:
-        analytic = graph.analytic(spectrum, length, math.floor(above * (length // 2)) + 1, length // 2)
+        analytic = graph.analytic(
+            spectrum, length, math.floor(above * (length // 2)) + 1, length // 2
+        )
         square = graph.reduced("Sum", graph("Mul", analytic, analytic), keep=0)
         envelope = graph("Sqrt", graph("Add", square, 1e-12))
         mean = graph.mean(envelope)
         moving = graph("Sub", envelope, mean)
         parts += _spectrum_levels(
-            graph, moving, length, turns, counts[1], levels_of.ENVELOPE_SHARE, levels_of.ENVELOPE_BANDS
+            graph,
+            moving,
+            length,
+            turns,
+            counts[1],
+            levels_of.ENVELOPE_SHARE,
+            levels_of.ENVELOPE_BANDS,
         )
         parts.append(graph.log10(graph("Add", mean, levels_of.FLOOR)))
     levels = graph("Concat", *parts, axis=-1)
@@ -202,7 +238,9 @@ def _spectrum_levels(
         first, last = levels_of.narrow_edges(n_lines, n_narrow, share)
         line = np.arange(last[-1])[:, None]
         narrow = graph(
-            "MatMul", graph.part(power, 0, int(last[-1])), ((line >= first) & (line < last)) / (last - first)
+            "MatMul",
+            graph.part(power, 0, int(last[-1])),
+            ((line >= first) & (line < last)) / (last - first),
         )
     else:
         narrow = _order_powers(graph, power, graph("Mul", turns, float(length)), n_lines, n_narrow)
@@ -221,8 +259,12 @@ def _spectrum_levels(
     ]
 
 
-def _order_powers(graph: Graph, power: str, lines_per_order: str, n_lines: int, n_orders: int) -> str:
-    """Mean power of the lines within half an order of each order; that of the last line beyond the spectrum."""
+def _order_powers(
+    graph: Graph, power: str, lines_per_order: str, n_lines: int, n_orders: int
+) -> str:
+    """Mean power of the lines within half an order of each order; that of the last line beyond the
+    spectrum.
+    """
     per_order = graph("Unsqueeze", lines_per_order, graph.constant([1, 2], np.int64))
     edges = []
     for offset in (0.5, 1.5):
@@ -233,7 +275,9 @@ def _order_powers(graph: Graph, power: str, lines_per_order: str, n_lines: int, 
     overlap = graph("Relu", graph("Sub", graph("Min", high, line + 1), graph("Max", low, line)))
     width = graph("Sub", high, low)
     mean = graph("Div", graph("MatMul", power, overlap), graph("Max", width, 1e-6))
-    return graph("Where", graph("Less", width, levels_of.NARROWEST), graph.part(power, n_lines - 1), mean)
+    return graph(
+        "Where", graph("Less", width, levels_of.NARROWEST), graph.part(power, n_lines - 1), mean
+    )
 
 
 def _features(graph: Graph, x: str, length: int) -> str:
@@ -241,7 +285,9 @@ def _features(graph: Graph, x: str, length: int) -> str:
     moving = graph("Sub", x, graph.mean(x))
     analytic = graph.analytic(graph.transform(moving), length, 1, (length - 1) // 2)
     turned = graph("Squeeze", graph.part(analytic, 1), graph.constant([-1], np.int64))
-    envelope = graph("Sqrt", graph("Add", graph("Mul", moving, moving), graph("Mul", turned, turned)))
+    envelope = graph(
+        "Sqrt", graph("Add", graph("Mul", moving, moving), graph("Mul", turned, turned))
+    )
     statistics = [_time_statistics(graph, x), _time_statistics(graph, envelope)]
     parts = [
         *statistics[0].values(), _band_levels(graph, x, length),
@@ -263,7 +309,9 @@ def _time_statistics(graph: Graph, x: str) -> dict[str, str]:
 
     def ratio(above: str, below: str) -> str:
         is_zero = graph("Equal", below, 0.0)
-        return graph("Where", is_zero, 0.0, graph("Div", above, graph("Where", is_zero, 1.0, below)))
+        return graph(
+            "Where", is_zero, 0.0, graph("Div", above, graph("Where", is_zero, 1.0, below))
+        )
 
     columns = (
         mean, deviation, rms, peak, graph("Add", graph.reduced("Max", x), graph.reduced("Max", graph("Neg", x))),
@@ -279,6 +327,10 @@ def _band_levels(graph: Graph, x: str, length: int) -> str:
     taper = hann_taper(length)
     moving = graph("Mul", graph("Sub", x, graph.mean(x)), taper)
     lines = graph.part(graph.transform(moving), 1, axis=2)
-    power = graph("Mul", graph.reduced("Sum", graph("Mul", lines, lines), keep=0), 2 / (length * np.sum(taper**2)))
+    power = graph(
+        "Mul",
+        graph.reduced("Sum", graph("Mul", lines, lines), keep=0),
+        2 / (length * np.sum(taper**2)),
+    )
     banded = graph("MatMul", power, band_shares(length // 2, features_of.N_BANDS))
     return graph.log10(graph("Max", banded, 1e-30))

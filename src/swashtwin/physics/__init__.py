@@ -1,4 +1,6 @@
-"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, and the twin made of them."""
+"""A pump's equations: chambers, films, loads, faults, dynamics, solvers, and the twin made of
+them.
+"""
 
 import lazy_loader
 

@@ -1,9 +1,10 @@
 """Pressure of every chamber of a pump over the shaft angle.
 
-Each chamber follows dp/dtheta = B / (omega V) [Q_suction - Q_discharge - G (p - p_case)] - B / V dV/dtheta, and the
-outlet line follows the sum of the flows into it less that of its relief valve (docs/explanation/physics.md, section 5).
-Backward Euler over a uniform grid of the shaft angle; each step is solved by Newton's method, whose matrix is an arrow
-(chambers meet only in the line), with a step halved wherever it changes sign. The loop over the angles is compiled.
+Each chamber follows dp/dtheta = B / (omega V) [Q_suction - Q_discharge - G (p - p_case)] - B / V
+dV/dtheta, and the outlet line follows the sum of the flows into it less that of its relief valve
+(docs/explanation/physics.md, section 5). Backward Euler over a uniform grid of the shaft angle;
+each step is solved by Newton's method, whose matrix is an arrow (chambers meet only in the line),
+with a step halved wherever it changes sign. The loop over the angles is compiled.
 """
 
 import math
@@ -22,7 +23,9 @@ AIR_FLOOR = 5e4
 ATMOSPHERE = 1e5
 """Pressure [Pa] at which the fraction of free air is stated."""
 TOLERANCE = 1.0
-"""Newton step [Pa] after which a pressure is solved: the next one would be smaller by orders of magnitude."""
+"""Newton step [Pa] after which a pressure is solved: the next one would be smaller by orders of
+magnitude.
+"""
 ITERATIONS = 60
 """Newton iterations of one step before it counts as failed."""
 
@@ -30,22 +33,31 @@ ITERATIONS = 60
 @compiled
 @no_type_check
 def march(over_angle, over_pistons, constants, revolutions, iterations, chamber, line):
-    """Fill `chamber` (angle, piston) and `line` (angle) of the last of `revolutions`; the step that failed, or 0.
+    """Fill `chamber` (angle, piston) and `line` (angle) of the last of `revolutions`; the step that
+    failed, or 0.
 
-    Element k of both belongs to the shaft angle 2 pi (k + 1) / angles. The number of angles must be a multiple of the
-    pistons'. The tables:
+    Element k of both belongs to the shaft angle 2 pi (k + 1) / angles. The number of angles must be
+    a multiple of the pistons'. The tables:
 
-    - `over_angle` (angle, 6), of a piston that stands there: flow over the root of the pressure difference through
-      the suction and the discharge port [m^3/(s Pa^0.5)], time of a step over the volume [s/m^3], growth of the volume
-      [m^3/s], leakage to the case [m^3/(s Pa)], leakage along the piston over its clearance cubed [1/(s Pa)];
-    - `over_pistons` (2, piston): cube of the clearance [m^3], leakage of a single chamber [m^3/(s Pa)];
-    - `constants` (8): pressures in the suction port, of the outlet line at the start, and in the case [Pa]; 1 over the
-      bulk modulus [1/Pa]; fraction of free air times `ATMOSPHERE` [Pa]; time of a step times bulk modulus over the
-      line's volume [Pa s/m^3]; flow of the relief valve over the pressure above cracking [m^3/(s Pa)]; that pressure
-      [Pa].
+    - `over_angle` (angle, 6), of a piston that stands there: flow over the root of the pressure
+      difference through the suction and the discharge port [m^3/(s Pa^0.5)], time of a step over
+      the volume [s/m^3], growth of the volume [m^3/s], leakage to the case [m^3/(s Pa)], leakage
+      along the piston over its clearance cubed [1/(s Pa)];
+    - `over_pistons` (2, piston): cube of the clearance [m^3], leakage of a single chamber [m^3/(s
+      Pa)];
+    - `constants` (8): pressures in the suction port, of the outlet line at the start, and in the
+      case [Pa]; 1 over the bulk modulus [1/Pa]; fraction of free air times `ATMOSPHERE` [Pa]; time
+      of a step times bulk modulus over the line's volume [Pa s/m^3]; flow of the relief valve over
+      the pressure above cracking [m^3/(s Pa)]; that pressure [Pa].
     """
     n_angles, n_pistons = chamber.shape
-    suction, discharge, case, softness, air = constants[0], constants[1], constants[2], constants[3], constants[4]
+    suction, discharge, case, softness, air = (
+        constants[0],
+        constants[1],
+        constants[2],
+        constants[3],
+        constants[4],
+    )
     pressure, step, work = np.empty(n_pistons), np.empty((5, n_pistons)), np.empty((5, n_pistons))
     for j in range(n_pistons):
         rising = math.sin(2 * math.pi * j / n_pistons) < -1e-9
@@ -71,8 +83,15 @@ def march(over_angle, over_pistons, constants, revolutions, iterations, chamber,
 @compiled
 @no_type_check
 def _newton(step, constants, iterations, work, pressure, line_before):
-    """Solve one step into `pressure`; the outlet line's pressure, or not a number where it does not converge."""
-    suction, line_compliance, relief, cracking = constants[0], constants[5], constants[6], constants[7]
+    """Solve one step into `pressure`; the outlet line's pressure, or not a number where it does not
+    converge.
+    """
+    suction, line_compliance, relief, cracking = (
+        constants[0],
+        constants[5],
+        constants[6],
+        constants[7],
+    )
     residual, diagonal, through, damping, before = work[0], work[1], work[2], work[3], work[4]
     damping[:], before[:] = 1.0, 0.0
     n_pistons, line = pressure.size, line_before
@@ -81,7 +100,11 @@ def _newton(step, constants, iterations, work, pressure, line_before):
         for j in range(n_pistons):
             flow_in, slope_in = orifice(step[0, j], suction - pressure[j])
             flow_out, slope_out = orifice(step[1, j], pressure[j] - line)
-            residual[j] = pressure[j] - step[4, j] - step[2, j] * (flow_in - flow_out - step[3, j] * pressure[j])
+            residual[j] = (
+                pressure[j]
+                - step[4, j]
+                - step[2, j] * (flow_in - flow_out - step[3, j] * pressure[j])
+            )
             diagonal[j] = 1 + step[2, j] * (slope_in + slope_out + step[3, j])
             through[j] = -step[2, j] * slope_out
             from_chamber = -line_compliance * slope_out / diagonal[j]
@@ -90,7 +113,9 @@ def _newton(step, constants, iterations, work, pressure, line_before):
             pushed += from_chamber * residual[j]
             answered += from_chamber * through[j]
         excess = line - cracking
-        line_residual = line - line_before - line_compliance * (flow_sum - relief * max(excess, 0.0))
+        line_residual = (
+            line - line_before - line_compliance * (flow_sum - relief * max(excess, 0.0))
+        )
         line_own = 1 + line_compliance * (slope_sum + relief * (excess > 0))
         line_change = (pushed - line_residual) / (line_own - answered)
         moved, least = 0.0, 1.0

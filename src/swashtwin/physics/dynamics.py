@@ -1,16 +1,19 @@
 """The 13 degrees of freedom: M, C and K, affine in the six interface values.
 
-Three rigid bodies, after the paper (DOI 10.1177/00202940261419020); the equations are our own derivation
-(docs/explanation/physics.md, section 2), for the paper's are not public as text. Degrees of freedom, in this order::
+Three rigid bodies, after the paper (DOI 10.1177/00202940261419020); the equations are our own
+derivation (docs/explanation/physics.md, section 2), for the paper's are not public as text. Degrees
+of freedom, in this order::
 
     x_F y_F z_F a_F b_F | x_C y_C z_C a_C b_C | x_P y_P z_P
 
-F is the shell, C the rotor, P the retainer; a and b are small rotations about x and y. z runs along the shaft
-from the swash plate toward the valve plate, and y in the direction in which the swash plate rises. The retainer is kept
-parallel to the swash plate (it takes the shell's rotations), which keeps every interface blind to rigid motion.
+F is the shell, C the rotor, P the retainer; a and b are small rotations about x and y. z runs along
+the shaft from the swash plate toward the valve plate, and y in the direction in which the swash
+plate rises. The retainer is kept parallel to the swash plate (it takes the shell's rotations),
+which keeps every interface blind to rigid motion.
 
-Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2: it enters K as k g g^T.
-Because the pistons are equal and equally spaced, their sum does not depend on the shaft angle: K and C are constant.
+Each spring-damper between two bodies is a coefficient vector g with the energy 1/2 k (g . q)^2: it
+enters K as k g g^T. Because the pistons are equal and equally spaced, their sum does not depend on
+the shaft angle: K and C are constant.
 """
 
 import math
@@ -52,7 +55,8 @@ SHELL = slice(Dof.SHELL_X, Dof.SHELL_TILT_Y + 1)
 """Degrees of freedom of the shell, which the sensors sit on."""
 
 Topology = Literal["T1", "T2"]
-"""T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in series.
+"""T1 (default): slippers move with the retainer, so that swash plate, retainer and rotor are in
+series.
 T2: slippers are rigid with the rotor."""
 
 _AXES = np.eye(3)
@@ -65,22 +69,29 @@ class Structure:
     mass: Float[Tensor, "13 13"]
     """Masses and inertias [kg, kg m^2]."""
     interface_shapes: Float[Tensor, "3 13 13"]
-    """Outer products of the slipper-swash, block-valve and piston-bore interfaces; times a stiffness, part of K."""
+    """Outer products of the slipper-swash, block-valve and piston-bore interfaces; times a
+    stiffness, part of K.
+    """
     mount_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the mounting [N/m]."""
     bearing_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the bearings [N/m]."""
     support_parts: Float[Tensor, "7 13 13"]
-    """Parts of the stiffness of mounting (along x, y, z, and in tilt) and bearings (first, second, and all further
-    ones, the axial one included) [N/m]."""
+    """Parts of the stiffness of mounting (along x, y, z, and in tilt) and bearings (first, second,
+    and all further ones, the axial one included) [N/m].
+    """
     spring_stiffness: Float[Tensor, "13 13"]
     """Stiffness of the central spring [N/m]."""
     fixed_damping: Float[Tensor, "13 13"]
     """Damping of mounting and bearings [N s/m]."""
     slipper_vector: Float[Tensor, " 13"]
-    """Coefficients g0 of the slippers' mean normal approach to the swash plate; forces of a defect act along it."""
+    """Coefficients g0 of the slippers' mean normal approach to the swash plate; forces of a defect
+    act along it.
+    """
     lateral_vector: Float[Tensor, " 13"]
-    """Coefficients of the pistons' lateral displacement in the bores along y; forces of a bore defect act along it."""
+    """Coefficients of the pistons' lateral displacement in the bores along y; forces of a bore
+    defect act along it.
+    """
     sensor_rows: Float[Tensor, "sensor 13"]
     """Acceleration read by each sensor per acceleration of each coordinate."""
 
@@ -95,7 +106,8 @@ class Structure:
 
         Parameters
         ----------
-        mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as the pump file says.
+        mount, bearing : factors on the mounting's and the bearings' stiffness, 1 where they are as
+        the pump file says.
         parts : further factors on each of `support_parts`; None is 1.
         """
         stiffness = (
@@ -108,7 +120,11 @@ class Structure:
             return stiffness
         mounts, bearings = (parts - 1)[..., None, None].split((4, 3), dim=-3)
         mounting = _column(mount) * (mounts * self.support_parts[:4]).sum(dim=-3)
-        return stiffness + mounting + _column(bearing) * (bearings * self.support_parts[4:]).sum(dim=-3)
+        return (
+            stiffness
+            + mounting
+            + _column(bearing) * (bearings * self.support_parts[4:]).sum(dim=-3)
+        )
 
     def damping(self, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 13 13"]:
         """C [N s/m] for interface `values` in the order of `pump.PARAMETERS`."""
@@ -122,7 +138,9 @@ class Structure:
         """The same matrices on `device` in `dtype`; itself where they are so already."""
         if self.mass.device == torch.device(device) and self.mass.dtype == dtype:
             return self
-        return Structure(**{item.name: getattr(self, item.name).to(device, dtype) for item in fields(self)})
+        return Structure(
+            **{item.name: getattr(self, item.name).to(device, dtype) for item in fields(self)}
+        )
 
 
 def _column(factor: Tensor | float) -> Tensor | float:
@@ -134,11 +152,17 @@ def moved(tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]) -> Shape
     return tensor.to(like.device, like.dtype.to_complex() if tensor.is_complex() else like.dtype)
 
 
-def displacement_rows(pump: Pump, body: str, point: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 13"]:
-    """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each coordinate."""
+def displacement_rows(
+    pump: Pump, body: str, point: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "3 13"]:
+    """Displacement of the point `point` [m] of body ``"F"``, ``"C"`` or ``"P"`` per unit of each
+    coordinate.
+    """
     first = {"F": Dof.SHELL_X, "C": Dof.ROTOR_X, "P": Dof.RETAINER_X}[body]
     center = {"F": pump.positions.shell, "C": pump.positions.rotor, "P": 0.0}[body]
-    rotation = Dof.ROTOR_TILT_X if body == "C" else Dof.SHELL_TILT_X  # the retainer turns with the swash plate
+    rotation = (
+        Dof.ROTOR_TILT_X if body == "C" else Dof.SHELL_TILT_X
+    )  # the retainer turns with the swash plate
     x, y, z = point[0], point[1], point[2] - center
     rows = np.zeros((3, N_DOF))
     rows[:, first : first + 3] = np.eye(3)
@@ -155,11 +179,15 @@ def _between(
 
 
 def piston_points(pump: Pump, angle: float = 0.0) -> Float[np.ndarray, "piston 3"]:
-    """Slipper centers on the swash plane [m] when piston 0 is `angle` [rad] past top dead center."""
+    """Slipper centers on the swash plane [m] when piston 0 is `angle` [rad] past top dead
+    center.
+    """
     group = pump.rotating_group
     phi = angle + 2 * np.pi * np.arange(group.piston_count) / group.piston_count
     radius, slope = group.pitch_radius, math.tan(group.swash_angle)
-    return np.stack([radius * np.sin(phi), radius * np.cos(phi), radius * slope * np.cos(phi)], axis=1)
+    return np.stack(
+        [radius * np.sin(phi), radius * np.cos(phi), radius * slope * np.cos(phi)], axis=1
+    )
 
 
 def swash_normal(pump: Pump) -> Float[np.ndarray, " 3"]:
@@ -168,10 +196,16 @@ def swash_normal(pump: Pump) -> Float[np.ndarray, " 3"]:
     return np.array([0.0, -math.sin(angle), math.cos(angle)])
 
 
-def slipper_swash_shape(pump: Pump, topology: str, angle: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Outer-product matrix (13, 13) of the slippers' normal contact, and its mean coefficient vector (13,)."""
+def slipper_swash_shape(
+    pump: Pump, topology: str, angle: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outer-product matrix (13, 13) of the slippers' normal contact, and its mean coefficient
+    vector (13,).
+    """
     body = "P" if topology == "T1" else "C"
-    rows = [_between(pump, swash_normal(pump), body, "F", point) for point in piston_points(pump, angle)]
+    rows = [
+        _between(pump, swash_normal(pump), body, "F", point) for point in piston_points(pump, angle)
+    ]
     stacked = np.array(rows)
     return stacked.T @ stacked / len(rows), stacked.mean(axis=0)
 
@@ -180,7 +214,10 @@ def block_valve_shape(pump: Pump) -> np.ndarray:
     """Outer-product matrix (13, 13) of the valve plate film, a ring of axial springs."""
     axial = _between(pump, _AXES[2], "C", "F", np.array([0.0, 0.0, pump.positions.valve_plate]))
     shape = np.outer(axial, axial)
-    for rotor, shell in ((Dof.ROTOR_TILT_X, Dof.SHELL_TILT_X), (Dof.ROTOR_TILT_Y, Dof.SHELL_TILT_Y)):
+    for rotor, shell in (
+        (Dof.ROTOR_TILT_X, Dof.SHELL_TILT_X),
+        (Dof.ROTOR_TILT_Y, Dof.SHELL_TILT_Y),
+    ):
         tilt = np.zeros(N_DOF)
         tilt[rotor], tilt[shell] = 1.0, -1.0
         shape += pump.valve_plate.film_radius**2 / 2 * np.outer(tilt, tilt)
@@ -188,7 +225,9 @@ def block_valve_shape(pump: Pump) -> np.ndarray:
 
 
 def piston_bore_shape(pump: Pump, angle: float = 0.0) -> np.ndarray:
-    """Outer-product matrix (13, 13) of the pistons in their bores, axial at each piston and lateral in the mean."""
+    """Outer-product matrix (13, 13) of the pistons in their bores, axial at each piston and lateral
+    in the mean.
+    """
     points = piston_points(pump, angle)
     rows = [_between(pump, _AXES[2], "P", "C", point) for point in points]
     shape = np.transpose(rows) @ np.array(rows) / len(rows)
@@ -213,15 +252,21 @@ def _mount(pump: Pump) -> tuple[np.ndarray, np.ndarray]:
         damping += 2 * mount.damping_ratio * math.sqrt(value * total) * np.outer(row, row)
     for rotation in (Dof.SHELL_TILT_X, Dof.SHELL_TILT_Y):
         parts[3, rotation, rotation] += mount.stiffness_tilt
-        damping[rotation, rotation] += 2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
+        damping[rotation, rotation] += (
+            2 * mount.damping_ratio * math.sqrt(mount.stiffness_tilt * inertia)
+        )
     return parts, damping
 
 
 def _bearings(pump: Pump) -> np.ndarray:
-    """Stiffness parts of the first, the second, and all further bearings, the axial one included (3, 13, 13)."""
+    """Stiffness parts of the first, the second, and all further bearings, the axial one included
+    (3, 13, 13).
+    """
     bearings = pump.bearings
     parts = np.zeros((3, N_DOF, N_DOF))
-    for index, (position, value) in enumerate(zip(bearings.positions, bearings.stiffnesses, strict=True)):
+    for index, (position, value) in enumerate(
+        zip(bearings.positions, bearings.stiffnesses, strict=True)
+    ):
         for axis in (0, 1):
             row = _between(pump, _AXES[axis], "C", "F", np.array([0.0, 0.0, position]))
             parts[min(index, 2)] += value * np.outer(row, row)
@@ -241,20 +286,30 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
     if topology not in ("T1", "T2"):
         raise InputError(f"topology {topology!r} is unknown; choose 'T1' or 'T2'.")
     masses = pump.masses
-    diagonal = [masses.shell] * 3 + [masses.shell_inertia] * 2 + [masses.rotor] * 3 + [masses.rotor_inertia] * 2
+    diagonal = (
+        [masses.shell] * 3
+        + [masses.shell_inertia] * 2
+        + [masses.rotor] * 3
+        + [masses.rotor_inertia] * 2
+    )
     slipper_shape, slipper_vector = slipper_swash_shape(pump, topology)
     mounts, mount_damping = _mount(pump)
     bearings = _bearings(pump)
     mount_stiffness, bearing_stiffness = mounts.sum(axis=0), bearings.sum(axis=0)
     spring = _between(pump, _AXES[2], "P", "C", np.zeros(3))
-    rows = [np.array(s.direction) @ displacement_rows(pump, "F", np.array(s.position)) for s in pump.sensors]
+    rows = [
+        np.array(s.direction) @ displacement_rows(pump, "F", np.array(s.position))
+        for s in pump.sensors
+    ]
 
     def tensor(array: np.ndarray) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float64)
 
     return Structure(
         mass=tensor(np.diag(diagonal + [masses.retainer] * 3)),
-        interface_shapes=tensor(np.stack([slipper_shape, block_valve_shape(pump), piston_bore_shape(pump)])),
+        interface_shapes=tensor(
+            np.stack([slipper_shape, block_valve_shape(pump), piston_bore_shape(pump)])
+        ),
         mount_stiffness=tensor(mount_stiffness),
         bearing_stiffness=tensor(bearing_stiffness),
         support_parts=tensor(np.concatenate([mounts, bearings])),
@@ -267,13 +322,21 @@ def assemble(pump: Pump, topology: str = "T1") -> Structure:
 
 
 def off_axis_vector(pump: Pump, topology: str, angle: float) -> Float[np.ndarray, " 13"]:
-    """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a moment.
+    """Coefficients of what a slipper at shaft angle `angle` [rad] loads beyond the mean contact: a
+    moment.
 
-    T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact there, less its mean.
+    T1: the axial piston-bore element at the defect, less its mean. T2: the slipper's contact there,
+    less its mean.
     """
     group = pump.rotating_group
-    point = np.array([math.sin(angle), math.cos(angle), math.tan(group.swash_angle) * math.cos(angle)])
+    point = np.array(
+        [math.sin(angle), math.cos(angle), math.tan(group.swash_angle) * math.cos(angle)]
+    )
     point = group.pitch_radius * point
     if topology == "T1":
-        return _between(pump, _AXES[2], "P", "C", point) - _between(pump, _AXES[2], "P", "C", np.zeros(3))
-    return _between(pump, swash_normal(pump), "C", "F", point) - slipper_swash_shape(pump, topology)[1]
+        return _between(pump, _AXES[2], "P", "C", point) - _between(
+            pump, _AXES[2], "P", "C", np.zeros(3)
+        )
+    return (
+        _between(pump, swash_normal(pump), "C", "F", point) - slipper_swash_shape(pump, topology)[1]
+    )

@@ -1,14 +1,16 @@
-"""What faults impose: displacements over the shaft angle and as order lines, and changes at ports and leaks.
+"""What faults impose: displacements over the shaft angle and as order lines, and changes at ports
+and leaks.
 
 Sources and equations: the paper for the swash plate defect (DOI 10.1177/00202940261419020),
-docs/explanation/physics.md, sections 3 and 5, for the others. Lines are exact Fourier coefficients, not transforms of
-samples: a half-sine entry has jumps of velocity, so its lines fall slowly and would fold. Their clock is the shaft
-angle theta, 0 at top dead center of piston 0, and piston j stands at theta + 2 pi j / n; line k - 1 is X_k of x(t) = Re
-sum_k X_k exp(i k theta), and the mean is left out.
+docs/explanation/physics.md, sections 3 and 5, for the others. Lines are exact Fourier coefficients,
+not transforms of
+samples: a half-sine entry has jumps of velocity, so its lines fall slowly and would fold. Their
+clock is the shaft angle theta, 0 at top dead center of piston 0, and piston j stands at theta + 2
+pi j / n; line k - 1 is X_k of x(t) = Re sum_k X_k exp(i k theta), and the mean is left out.
 
-A slipper's way through a recess, entry, dwell and exit, is written over the angle that it has turned instead of time,
-so that chamber pressures and excitation share one clock. It stands in the middle of its stages where it stands in the
-middle of the recess.
+A slipper's way through a recess, entry, dwell and exit, is written over the angle that it has
+turned instead of time, so that chamber pressures and excitation share one clock. It stands in the
+middle of its stages where it stands in the middle of the recess.
 """
 
 import math
@@ -34,7 +36,9 @@ from swashtwin.pump import (
 )
 
 CONTACT_CUTOFF = 4000.0
-"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film; an estimate."""
+"""Frequency [Hz] above which a slipper's contact no longer follows a recess that strains no film;
+an estimate.
+"""
 
 
 @singledispatch
@@ -68,9 +72,10 @@ class Stages:
 def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     """Stages of one slipper of `pump` in `defect`.
 
-    With a the slipper's diameter and b the defect's length, (l1, l2, l3) is (a/2, b - a/2, b) for ``entry="centre"``
-    and (a, b, a + b) for ``entry="edge"``. Where b < a, which the paper excludes, a and b change places in l1 and l2,
-    and the slipper bridges the recess (`SwashPlateDefect.effective_depth`).
+    With a the slipper's diameter and b the defect's length, (l1, l2, l3) is (a/2, b - a/2, b) for
+    ``entry="centre"`` and (a, b, a + b) for ``entry="edge"``. Where b < a, which the paper
+    excludes, a and b change places in l1 and l2, and the slipper bridges the recess
+    (`SwashPlateDefect.effective_depth`).
 
     Raises
     ------
@@ -79,7 +84,11 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     """
     radius, slipper = pump.rotating_group.pitch_radius, pump.rotating_group.slipper_diameter
     shorter = min(slipper, defect.length)
-    rise, total = (shorter / 2, defect.length) if defect.entry == "centre" else (shorter, slipper + defect.length)
+    rise, total = (
+        (shorter / 2, defect.length)
+        if defect.entry == "centre"
+        else (shorter, slipper + defect.length)
+    )
     if total >= 2 * math.pi * radius:
         raise InputError(
             f"SwashPlateDefect.length ({defect.length * 1e3:.4g} mm) fills the slippers' whole track of "
@@ -89,11 +98,14 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     return Stages(rise=rise / radius, total=total / radius, depth=defect.effective_depth(slipper))
 
 
-def following(defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]) -> Float[np.ndarray, " line"]:
-    """Share of a recess that slippers follow at `frequency` [Hz]: 2^-(f / corner)^fall, half of it at the corner.
+def following(
+    defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]
+) -> Float[np.ndarray, " line"]:
+    """Share of a recess that slippers follow at `frequency` [Hz]: 2^-(f / corner)^fall, half of it
+    at the corner.
 
-    With the fall of 2 it is a Gaussian, with less it is nearer to a first or second order's fall. Without a corner it
-    is exp(-(f / `CONTACT_CUTOFF`)^2), or all of it where films are strained.
+    With the fall of 2 it is a Gaussian, with less it is nearer to a first or second order's fall.
+    Without a corner it is exp(-(f / `CONTACT_CUTOFF`)^2), or all of it where films are strained.
     """
     if defect.corner:
         return np.exp2(-((frequency / defect.corner) ** defect.fall))
@@ -101,14 +113,18 @@ def following(defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]) -
 
 
 def ridden(defect: SwashPlateDefect) -> SwashPlateDefect:
-    """The same recess but for how its force is felt: all such share one ride, and the same pressures."""
+    """The same recess but for how its force is felt: all such share one ride, and the same
+    pressures.
+    """
     return replace(defect, corner=0.0, fall=2.0, gain=1.0)
 
 
 def slipper_profile(
     pump: Pump, defect: SwashPlateDefect, angle: Float[np.ndarray, "*batch"]
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """Displacement H [m] of a slipper whose piston stands at shaft `angle` [rad], and its slope dH/dphi [m/rad]."""
+    """Displacement H [m] of a slipper whose piston stands at shaft `angle` [rad], and its slope
+    dH/dphi [m/rad].
+    """
     stage = stages(pump, defect)
     offset = np.mod(angle - defect.angle + math.pi, 2 * math.pi) - math.pi
     inward = np.clip(stage.total / 2 - np.abs(offset), 0.0, stage.rise) / stage.rise
@@ -135,9 +151,14 @@ def angle_ahead(pump: Pump, index: int, name: str) -> float:
 
 
 def slipper_displacements(
-    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect, time: Float[np.ndarray, " time"]
+    pump: Pump,
+    condition: OperatingCondition,
+    defect: SwashPlateDefect,
+    time: Float[np.ndarray, " time"],
 ) -> Float[np.ndarray, "piston time"]:
-    """Displacement H_j(t) [m] of each slipper in the recess at `time` [s] since top dead center of piston 0."""
+    """Displacement H_j(t) [m] of each slipper in the recess at `time` [s] since top dead center of
+    piston 0.
+    """
     count = pump.rotating_group.piston_count
     ahead = 2 * math.pi * np.arange(count)[:, None] / count
     return slipper_profile(pump, defect, condition.speed * time + ahead)[0]
@@ -148,8 +169,12 @@ def _integral(rate: Float[np.ndarray, " line"], length: float) -> Complex[np.nda
     return length * np.exp(0.5j * rate * length) * np.sinc(rate * length / (2 * math.pi))
 
 
-def _profile_lines(pump: Pump, defect: SwashPlateDefect, orders: Float[np.ndarray, " line"]) -> np.ndarray:
-    """Lines [m] of one slipper that stands in the middle of the recess at angle 0; real, for its path is symmetric."""
+def _profile_lines(
+    pump: Pump, defect: SwashPlateDefect, orders: Float[np.ndarray, " line"]
+) -> np.ndarray:
+    """Lines [m] of one slipper that stands in the middle of the recess at angle 0; real, for its
+    path is symmetric.
+    """
     stage = stages(pump, defect)
     if defect.edge == "half_sine":
         rate = math.pi / (2 * stage.rise)
@@ -173,9 +198,9 @@ def displacement_lines(
 ) -> Complex[np.ndarray, " line"]:
     """Order lines [m] of the total displacement H.
 
-    Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of n: the lines of a
-    healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied here; what slippers do not follow is left
-    out where films are strained (`following`).
+    Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of
+    n: the lines of a healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied
+    here; what slippers do not follow is left out where films are strained (`following`).
 
     Parameters
     ----------
@@ -186,13 +211,21 @@ def displacement_lines(
     combined = combined_lines(pump, orders, scatter)
     if defect.strains_films:
         combined = combined * following(defect, orders * condition.shaft_frequency)
-    return combined * np.exp(-1j * orders * defect.angle) * _profile_lines(pump, defect, orders.astype(float))
+    return (
+        combined
+        * np.exp(-1j * orders * defect.angle)
+        * _profile_lines(pump, defect, orders.astype(float))
+    )
 
 
 def combined_lines(
-    pump: Pump, orders: Int[np.ndarray, " line"], scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None
+    pump: Pump,
+    orders: Int[np.ndarray, " line"],
+    scatter: Sequence[float] | Float[np.ndarray, " slipper"] | None,
 ) -> Complex[np.ndarray, " line"]:
-    """Sum over the slippers of the lines of a slipper at piston 0 over its own; see `displacement_lines`."""
+    """Sum over the slippers of the lines of a slipper at piston 0 over its own; see
+    `displacement_lines`.
+    """
     count = pump.rotating_group.piston_count
     if scatter is None:
         return np.where(orders % count == 0, float(count), 0.0).astype(complex)
@@ -204,17 +237,22 @@ def combined_lines(
 
 
 def bore_lines(pump: Pump, defect: BoreDefect, n_lines: int) -> Complex[np.ndarray, " line"]:
-    """Order lines [m] of the lateral displacement H_c of the piston in the damaged bore, felt once a revolution.
+    """Order lines [m] of the lateral displacement H_c of the piston in the damaged bore, felt once
+    a revolution.
 
-    H_c = depth cos(pi (phi - angle) / (2 half_width)) where the bore's angle phi is within `half_width` of the
-    defect's.
+    H_c = depth cos(pi (phi - angle) / (2 half_width)) where the bore's angle phi is within
+    `half_width` of the defect's.
     """
     if defect.half_width > math.pi:
-        raise InputError(f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg.")
+        raise InputError(
+            f"BoreDefect.half_width ({math.degrees(defect.half_width):.4g} deg) must not exceed 180 deg."
+        )
     orders = _orders(n_lines).astype(float)
     middle = defect.angle - angle_ahead(pump, defect.bore, "BoreDefect.bore")
     turned = orders * defect.half_width / math.pi
-    cosine = defect.half_width * (np.sinc(0.5 - turned) + np.sinc(0.5 + turned))  # its integral with cos(k u)
+    cosine = defect.half_width * (
+        np.sinc(0.5 - turned) + np.sinc(0.5 + turned)
+    )  # its integral with cos(k u)
     return defect.depth / math.pi * np.exp(-1j * orders * middle) * cosine
 
 
@@ -232,7 +270,9 @@ class PortChange:
 
 @singledispatch
 def port_change(fault: Fault | None, angle: Float[np.ndarray, " angle"]) -> PortChange:
-    """How a fault changes the ports at a bore's shaft `angle` [rad]; not at all, unless registered otherwise."""
+    """How a fault changes the ports at a bore's shaft `angle` [rad]; not at all, unless registered
+    otherwise.
+    """
     return PortChange()
 
 
@@ -244,12 +284,16 @@ def _(fault: GrooveErosion, angle: Float[np.ndarray, " angle"]) -> PortChange:
 @port_change.register(DamScratch)
 def _(fault: DamScratch, angle: Float[np.ndarray, " angle"]) -> PortChange:
     from_bottom = np.mod(angle, 2 * math.pi) - math.pi
-    return PortChange(discharge_opening=fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2))
+    return PortChange(
+        discharge_opening=fault.area * np.exp(-0.5 * (from_bottom / fault.width) ** 2)
+    )
 
 
 @dataclass(frozen=True)
 class AddedLeakage:
-    """What a fault adds to the gaps through which the chambers leak; each value for all pistons, or one for each."""
+    """What a fault adds to the gaps through which the chambers leak; each value for all pistons, or
+    one for each.
+    """
 
     piston_clearance: float | Float[np.ndarray, " piston"] = 0.0
     """Added to the radial clearance of the pistons [m]."""
@@ -261,7 +305,8 @@ class AddedLeakage:
 
 @singledispatch
 def added_leakage(fault: Fault | None, pump: Pump) -> AddedLeakage:
-    """What a fault adds to the gaps through which chambers leak; nothing, unless registered otherwise.
+    """What a fault adds to the gaps through which chambers leak; nothing, unless registered
+    otherwise.
 
     Raises
     ------
@@ -273,12 +318,16 @@ def added_leakage(fault: Fault | None, pump: Pump) -> AddedLeakage:
 
 @added_leakage.register(PistonWear)
 def _(fault: PistonWear, pump: Pump) -> AddedLeakage:
-    return AddedLeakage(piston_clearance=_at_piston(pump, fault.piston, fault.clearance, "PistonWear.piston"))
+    return AddedLeakage(
+        piston_clearance=_at_piston(pump, fault.piston, fault.clearance, "PistonWear.piston")
+    )
 
 
 @added_leakage.register(SealingLandScratch)
 def _(fault: SealingLandScratch, pump: Pump) -> AddedLeakage:
-    return AddedLeakage(conductance=_at_piston(pump, fault.bore, fault.conductance, "SealingLandScratch.bore"))
+    return AddedLeakage(
+        conductance=_at_piston(pump, fault.bore, fault.conductance, "SealingLandScratch.bore")
+    )
 
 
 @added_leakage.register(ValvePlateWear)

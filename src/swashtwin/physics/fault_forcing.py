@@ -1,8 +1,8 @@
 """Forces of a fault on the 13 degrees of freedom, line by line.
 
-Displacements in `excitation` become forces through the interfaces that they strain, so these forces depend on the
-interface values; the pressures' forces (`loads`) do not. Equations: docs/explanation/physics.md, sections 2.4, 2.5 and
-5.
+Displacements in `excitation` become forces through the interfaces that they strain, so these forces
+depend on the interface values; the pressures' forces (`loads`) do not. Equations:
+docs/explanation/physics.md, sections 2.4, 2.5 and 5.
 """
 
 import math
@@ -17,7 +17,13 @@ from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
 from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
-from swashtwin.physics.excitation import bore_lines, displacement_lines, following, recess_of, ridden
+from swashtwin.physics.excitation import (
+    bore_lines,
+    displacement_lines,
+    following,
+    recess_of,
+    ridden,
+)
 from swashtwin.physics.lost_contact import riding_lines
 from swashtwin.physics.periodic import PeriodicTerm
 from swashtwin.pump import (
@@ -36,13 +42,19 @@ Frequency: TypeAlias = Float[np.ndarray, " line"]
 Lines: TypeAlias = Complex[np.ndarray, " line"]
 
 
-def excitation_lines(pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int) -> Lines:
-    """Lines 0...`n_lines` of a fault's displacement [m], zero where it has none; without the mean."""
+def excitation_lines(
+    pump: Pump, condition: OperatingCondition, fault: Fault | None, n_lines: int
+) -> Lines:
+    """Lines 0...`n_lines` of a fault's displacement [m], zero where it has none; without the
+    mean.
+    """
     return np.concatenate([[0.0], motion_lines(fault, pump, condition, n_lines)])
 
 
 @singledispatch
-def motion_lines(fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int) -> Lines:
+def motion_lines(
+    fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int
+) -> Lines:
     """Lines 1...`n_lines` of a fault's displacement [m], which `fault_action` takes.
 
     Unless registered otherwise, those of its recess (`recess_of`), or zero.
@@ -74,7 +86,10 @@ def interface_factors(fault: Fault | None, pump: Pump) -> Interfaces:
 def _(fault: ValvePlateWear, pump: Pump) -> Interfaces:
     """A thicker film is softer: K_v with (h0 / h)^exponent, C_v with the cube."""
     ratio = pump.valve_plate.film / (pump.valve_plate.film + fault.film_increase)
-    return replace(UNCHANGED, block_valve=Interface(damping=ratio**3, stiffness=ratio**fault.stiffness_exponent))
+    return replace(
+        UNCHANGED,
+        block_valve=Interface(damping=ratio**3, stiffness=ratio**fault.stiffness_exponent),
+    )
 
 
 def wear_factors(pump: Pump, fault: Fault | None) -> Float[np.ndarray, " 6"]:
@@ -82,7 +97,9 @@ def wear_factors(pump: Pump, fault: Fault | None) -> Float[np.ndarray, " 6"]:
     return np.array(interface_factors(fault, pump).values())
 
 
-def worn_values(pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 6"]:
+def worn_values(
+    pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6"]
+) -> Float[Tensor, "*batch 6"]:
     """Interface values as a fault leaves them."""
     return values * torch.as_tensor(wear_factors(pump, fault)).to(values)
 
@@ -91,9 +108,9 @@ def worn_values(pump: Pump, fault: Fault | None, values: Float[Tensor, "*batch 6
 class FaultAction:
     """How a fault acts at any interface values, on one twin or on a batch.
 
-    Force lines = (K_sw X + C_sw V) film + (K_Hz X + C_Hz V) bore + direct g0, where X is the displacement, V its rate,
-    and g0 the slippers' mean normal approach. Interface values multiply complex lines as real numbers only, which gives
-    the same bits in any batch.
+    Force lines = (K_sw X + C_sw V) film + (K_Hz X + C_Hz V) bore + direct g0, where X is the
+    displacement, V its rate, and g0 the slippers' mean normal approach. Interface values multiply
+    complex lines as real numbers only, which gives the same bits in any batch.
     """
 
     motion: Complex[Tensor, "*batch line"]
@@ -119,13 +136,18 @@ class FaultAction:
     ) -> Complex[Tensor, "*fault line 13"]:
         """Force lines [N, N m] at the frequencies of the displacement's lines, times `gain`."""
         strained = (values * gain[..., None])[..., None]
-        force = (self.direct * gain[..., None] if self.pushes else self.direct)[..., None] * slipper_vector
+        force = (self.direct * gain[..., None] if self.pushes else self.direct)[
+            ..., None
+        ] * slipper_vector
         if self.strains:
             for vector, damping, stiffness in (
                 (self.film, Value.SLIPPER_SWASH_DAMPING, Value.SLIPPER_SWASH_STIFFNESS),
                 (self.bore, Value.PISTON_BORE_DAMPING, Value.PISTON_BORE_STIFFNESS),
             ):
-                film = strained[..., stiffness, :] * self.motion + strained[..., damping, :] * self.rate
+                film = (
+                    strained[..., stiffness, :] * self.motion
+                    + strained[..., damping, :] * self.rate
+                )
                 force = force + film[..., None] * vector[..., None, :]
         return force
 
@@ -138,7 +160,12 @@ class FaultAction:
 
 @singledispatch
 def fault_action(
-    fault: Fault | None, pump: Pump, structure: Structure, topology: str, frequency: Frequency, lines: Lines
+    fault: Fault | None,
+    pump: Pump,
+    structure: Structure,
+    topology: str,
+    frequency: Frequency,
+    lines: Lines,
 ) -> FaultAction:
     """Action of a fault whose displacement `lines` are given at `frequency` [rad/s], float64.
 
@@ -150,7 +177,12 @@ def fault_action(
     slipper, motion = structure.slipper_vector, idle.motion
     share, tilt = 1 / pump.rotating_group.piston_count, math.cos(pump.rotating_group.swash_angle)
     if not recess.strains_films:
-        inertia = pump.masses.piston_slipper / tilt * frequency**2 * following(recess, frequency / (2 * np.pi))
+        inertia = (
+            pump.masses.piston_slipper
+            / tilt
+            * frequency**2
+            * following(recess, frequency / (2 * np.pi))
+        )
         return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)
     factor = recess.gain * (share if recess.contact == "shared" else 1.0)
     if not recess.off_axis:
@@ -158,11 +190,15 @@ def fault_action(
     arm = torch.as_tensor(off_axis_vector(pump, topology, recess.angle))
     if topology == "T2":
         return replace(idle, film=-factor * (slipper + arm), strains=True)
-    return replace(idle, film=-factor * slipper, bore=recess.gain * share / tilt * arm, strains=True)
+    return replace(
+        idle, film=-factor * slipper, bore=recess.gain * share / tilt * arm, strains=True
+    )
 
 
 def no_action(structure: Structure, frequency: Frequency, lines: Lines) -> FaultAction:
-    """The displacement `lines` at `frequency` [rad/s] straining nothing; `replace` adds what they strain or push."""
+    """The displacement `lines` at `frequency` [rad/s] straining nothing; `replace` adds what they
+    strain or push.
+    """
     motion, rate = torch.as_tensor(lines), torch.as_tensor(1j * frequency * lines)
     zero = torch.zeros_like(structure.slipper_vector)
     return FaultAction(motion, rate, film=zero, bore=zero, direct=torch.zeros_like(motion))
@@ -170,7 +206,12 @@ def no_action(structure: Structure, frequency: Frequency, lines: Lines) -> Fault
 
 @fault_action.register(BoreDefect)
 def _(
-    fault: BoreDefect, pump: Pump, structure: Structure, topology: str, frequency: Frequency, lines: Lines
+    fault: BoreDefect,
+    pump: Pump,
+    structure: Structure,
+    topology: str,
+    frequency: Frequency,
+    lines: Lines,
 ) -> FaultAction:
     share = 1 / pump.rotating_group.piston_count
     bore = pump.coupling.lateral_ratio * share * structure.lateral_vector
@@ -186,13 +227,21 @@ def fault_forces(
     frequency: Frequency,
     lines: Lines,
 ) -> Complex[Tensor, "*fault line 13"]:
-    """Force lines [N, N m] of a fault whose displacement `lines` are given at `frequency` [rad/s]."""
-    action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(lambda part: moved(part, values))
-    return action.forces(values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1]))
+    """Force lines [N, N m] of a fault whose displacement `lines` are given at `frequency`
+    [rad/s].
+    """
+    action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(
+        lambda part: moved(part, values)
+    )
+    return action.forces(
+        values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1])
+    )
 
 
 @singledispatch
-def turning_terms(fault: Fault | None, pump: Pump, values: Float[Tensor, "*batch 6"]) -> list[PeriodicTerm]:
+def turning_terms(
+    fault: Fault | None, pump: Pump, values: Float[Tensor, "*batch 6"]
+) -> list[PeriodicTerm]:
     """Parts of K that a fault lets turn with the shaft; none, unless registered otherwise."""
     return []
 
@@ -202,9 +251,17 @@ def _(fault: TiltedBlockFace, pump: Pump, values: Float[Tensor, "*batch 6"]) -> 
     axial, tilt = values.new_zeros(2, N_DOF, dtype=values.dtype.to_complex())
     axial[Dof.ROTOR_Z], axial[Dof.SHELL_Z] = 1, -1
     tilt[Dof.ROTOR_TILT_X], tilt[Dof.SHELL_TILT_X] = 1, -1
-    tilt[Dof.ROTOR_TILT_Y], tilt[Dof.SHELL_TILT_Y] = 1j, -1j  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
+    tilt[Dof.ROTOR_TILT_Y], tilt[Dof.SHELL_TILT_Y] = (
+        1j,
+        -1j,
+    )  # Re((a + i b) exp(i wt)) = a cos wt - b sin wt
     pair = torch.outer(axial, tilt) + torch.outer(tilt, axial)
-    scale = values[..., Value.BLOCK_VALVE_STIFFNESS, None, None] * fault.variation * pump.valve_plate.film_radius / 2
+    scale = (
+        values[..., Value.BLOCK_VALVE_STIFFNESS, None, None]
+        * fault.variation
+        * pump.valve_plate.film_radius
+        / 2
+    )
     return [PeriodicTerm(1, scale * pair)]
 
 
@@ -213,8 +270,8 @@ def active_orders(
 ) -> Int[np.ndarray, " active"]:
     """Orders from 1 at which pressures or fault excite anything.
 
-    A pump with equal pistons and a swash plate defect answers at multiples of the piston count only (and at 1, from
-    unbalance); leaving the others out makes a steady state several times cheaper.
+    A pump with equal pistons and a swash plate defect answers at multiples of the piston count only
+    (and at 1, from unbalance); leaving the others out makes a steady state several times cheaper.
     """
     push, motion = np.abs(pressure[1:]).max(axis=1), np.abs(lines[1:])
     return 1 + np.flatnonzero((push > 1e-7 * push.max()) | (motion > 1e-7 * motion.max()))

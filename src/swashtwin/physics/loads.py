@@ -1,9 +1,11 @@
-"""Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13 degrees of freedom.
+"""Chamber pressures of a pump, healthy or faulty, and the forces with which they act on the 13
+degrees of freedom.
 
-These loads do not depend on the six interface values: a twin computes them once for each operating point. Equations and
-expected effects of each fault: docs/explanation/physics.md, sections 2.4 and 5. Pressures act on the piston, slipper
-and valve plate faults; a swash plate defect acts on them only with ``contact="physical"`` or ``"lift_off"``; the other
-faults leave them as in a healthy pump.
+These loads do not depend on the six interface values: a twin computes them once for each operating
+point. Equations and expected effects of each fault: docs/explanation/physics.md, sections 2.4 and
+5. Pressures act on the piston, slipper and valve plate faults; a swash plate defect acts on them
+only with ``contact="physical"`` or ``"lift_off"``; the other faults leave them as in a healthy
+pump.
 """
 
 import math
@@ -17,13 +19,26 @@ from jaxtyping import Complex, Float
 from swashtwin.foundation import InputError, SwashTwinError
 from swashtwin.physics.chambers import ATMOSPHERE, ITERATIONS, march
 from swashtwin.physics.dynamics import N_DOF, Dof
-from swashtwin.physics.excitation import added_leakage, port_change, recess_of, ridden, slipper_profile
-from swashtwin.physics.films import open_slipper_leakage, piston_leakage, slipper_leakage, valve_plate_leakage
+from swashtwin.physics.excitation import (
+    added_leakage,
+    port_change,
+    recess_of,
+    ridden,
+    slipper_profile,
+)
+from swashtwin.physics.films import (
+    open_slipper_leakage,
+    piston_leakage,
+    slipper_leakage,
+    valve_plate_leakage,
+)
 from swashtwin.pump import Fault, OperatingCondition, Pump
 from swashtwin.signals import fourier_lines
 
 CRACKING_SHARE = 0.95
-"""Share of the relief valve's override by which its cracking pressure lies below the set discharge pressure."""
+"""Share of the relief valve's override by which its cracking pressure lies below the set discharge
+pressure.
+"""
 
 
 @dataclass(frozen=True)
@@ -42,7 +57,9 @@ class LoadCase:
     def __post_init__(self) -> None:
         count = self.pump.rotating_group.piston_count
         if self.piston_clearances is not None and len(self.piston_clearances) != count:
-            raise InputError(f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons.")
+            raise InputError(
+                f"piston_clearances has {len(self.piston_clearances)} values for {count} pistons."
+            )
         added_leakage(self.fault, self.pump)  # refuses a piston that there is not
 
 
@@ -51,7 +68,9 @@ class ChamberPressures:
     """Pressures over one revolution, once they repeat."""
 
     angle: Float[np.ndarray, " step"]
-    """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at 2 pi."""
+    """Shaft angle [rad] of each step, 0 at top dead center of piston 0; a uniform grid that ends at
+    2 pi.
+    """
     chamber: Float[np.ndarray, "piston step"]
     """Pressure in each chamber [Pa]."""
     discharge: Float[np.ndarray, " step"]
@@ -63,10 +82,11 @@ class ChamberPressures:
 def port_openings(
     pump: Pump, fault: Fault | None, angle: Float[np.ndarray, " angle"]
 ) -> tuple[Float[np.ndarray, " angle"], Float[np.ndarray, " angle"]]:
-    """Areas [m^2] by which a bore at shaft `angle` [rad] opens onto the suction and the discharge port.
+    """Areas [m^2] by which a bore at shaft `angle` [rad] opens onto the suction and the discharge
+    port.
 
-    A kidney opens and closes linearly. Ahead of it lies a triangular relief groove of depth s tan(slope), s from its
-    tip.
+    A kidney opens and closes linearly. Ahead of it lies a triangular relief groove of depth s
+    tan(slope), s from its tip.
     """
     plate = pump.valve_plate
     change = port_change(fault, angle)
@@ -74,11 +94,19 @@ def port_openings(
 
     def port(opens: float, closes: float) -> np.ndarray:
         length = closes - opens + advance
-        turned = np.mod(angle - opens + advance + plate.groove_angle, 2 * math.pi) - plate.groove_angle
+        turned = (
+            np.mod(angle - opens + advance + plate.groove_angle, 2 * math.pi) - plate.groove_angle
+        )
         ramp = np.clip(np.minimum(turned, length - turned) / plate.port_ramp, 0, 1)
         kidney = plate.port_area_ratio * pump.rotating_group.piston_area * ramp
-        along = pump.rotating_group.pitch_radius * np.clip(turned + plate.groove_angle, 0, plate.groove_angle)
-        groove = widening * (along * math.tan(plate.groove_slope)) ** 2 * math.tan(plate.groove_flank / 2)
+        along = pump.rotating_group.pitch_radius * np.clip(
+            turned + plate.groove_angle, 0, plate.groove_angle
+        )
+        groove = (
+            widening
+            * (along * math.tan(plate.groove_slope)) ** 2
+            * math.tan(plate.groove_flank / 2)
+        )
         return np.where(turned < length / 2, np.maximum(kidney, groove), kidney)
 
     suction = port(plate.suction_open, plate.suction_close)
@@ -101,7 +129,9 @@ def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarr
         swept = swept + group.piston_area * slope / math.cos(group.swash_angle)
         film = group.slipper_film + float(height.max())
         lifted = open_slipper_leakage(pump, film, viscosity, condition.discharge_pressure)
-        slipper = slipper + recess.leakage * max(0.0, lifted - float(slipper[0])) * height / height.max()
+        slipper = (
+            slipper + recess.leakage * max(0.0, lifted - float(slipper[0])) * height / height.max()
+        )
     film = pump.valve_plate.film + added_leakage(fault, pump).valve_plate_film
     guide = group.piston_guide_length - lift * (1 - np.cos(angle)) / 2
     orifice = pump.oil.discharge_coefficient * math.sqrt(2 / pump.oil.density)
@@ -125,7 +155,9 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
     )
     step_time = 2 * math.pi / steps / condition.speed
     # the relief valve lets all that is displaced through at full override
-    relief = pump.rotating_group.displacement * condition.shaft_frequency / pump.line.relief_override
+    relief = (
+        pump.rotating_group.displacement * condition.shaft_frequency / pump.line.relief_override
+    )
     cracking = condition.discharge_pressure - CRACKING_SHARE * pump.line.relief_override
     constants = np.array(
         [
@@ -146,7 +178,10 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
     if case.piston_clearances is not None:
         clearance = np.array(case.piston_clearances, dtype=float)
     over_pistons = np.stack(
-        [(clearance + leakage.piston_clearance) ** 3, np.zeros(group.piston_count) + leakage.conductance]
+        [
+            (clearance + leakage.piston_clearance) ** 3,
+            np.zeros(group.piston_count) + leakage.conductance,
+        ]
     )
     failed = march(over_angle, over_pistons, constants, revolutions, ITERATIONS, chamber, discharge)
     if failed:
@@ -160,7 +195,9 @@ def _solved(case: LoadCase, steps: int, revolutions: int) -> tuple[np.ndarray, n
             f"{name} leaks all it displaces and cannot hold its discharge pressure; raise the speed, or lower "
             "discharge_pressure or oil_temperature."
         )
-    chamber.flags.writeable = discharge.flags.writeable = False  # remembered, and shared by who asks again
+    chamber.flags.writeable = discharge.flags.writeable = (
+        False  # remembered, and shared by who asks again
+    )
     return chamber.T, discharge, flow
 
 
@@ -170,13 +207,16 @@ def _whole(steps: int, case: LoadCase) -> int:
     return -(-steps // count) * count
 
 
-def chamber_pressures(case: LoadCase, *, steps: int = 1792, revolutions: int = 2) -> ChamberPressures:
+def chamber_pressures(
+    case: LoadCase, *, steps: int = 1792, revolutions: int = 2
+) -> ChamberPressures:
     """Periodic pressures of a case.
 
     Parameters
     ----------
     steps : steps per revolution, rounded up to a multiple of the number of pistons.
-    revolutions : how many to integrate; the last is returned, and the second already repeats to 3e-4.
+    revolutions : how many to integrate; the last is returned, and the second already repeats to
+        3e-4.
 
     Raises
     ------
@@ -186,7 +226,9 @@ def chamber_pressures(case: LoadCase, *, steps: int = 1792, revolutions: int = 2
         The pressures cannot be solved for.
     """
     if steps < 180 or revolutions < 1:
-        raise InputError(f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1.")
+        raise InputError(
+            f"steps ({steps}) must be at least 180 and revolutions ({revolutions}) at least 1."
+        )
     steps = _whole(steps, case)
     return ChamberPressures(_end_angles(steps), *_solved(case, steps, revolutions))
 
@@ -212,7 +254,13 @@ def generalized_forces(
 def _resultants(pump: Pump, force: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
     """Sum of the piston forces [N], and their moments about x and y over the shaft angle [N m]."""
     radius = pump.rotating_group.pitch_radius
-    return np.stack([force.sum(axis=0), radius * (force * cosine).sum(axis=0), radius * (force * sine).sum(axis=0)])
+    return np.stack(
+        [
+            force.sum(axis=0),
+            radius * (force * cosine).sum(axis=0),
+            radius * (force * sine).sum(axis=0),
+        ]
+    )
 
 
 def _shares(pump: Pump) -> np.ndarray:
@@ -220,7 +268,10 @@ def _shares(pump: Pump) -> np.ndarray:
     balance, tangent = pump.valve_plate.balance_ratio, math.tan(pump.rotating_group.swash_angle)
     shares = np.zeros((N_DOF, 3))
     shares[[Dof.SHELL_Z, Dof.ROTOR_Z, Dof.RETAINER_Z], 0] = balance, 1 - balance, -1.0
-    shares[[Dof.SHELL_TILT_X, Dof.ROTOR_TILT_X], 1] = balance - 1 - tangent**2, 1 - balance + tangent**2
+    shares[[Dof.SHELL_TILT_X, Dof.ROTOR_TILT_X], 1] = (
+        balance - 1 - tangent**2,
+        1 - balance + tangent**2,
+    )
     shares[[Dof.SHELL_TILT_Y, Dof.ROTOR_TILT_Y], 2] = 1 - balance, balance - 1
     return shares
 
@@ -235,18 +286,21 @@ def _turned(count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
 def force_lines(
     case: LoadCase, n_lines: int, *, topology: Literal["T1", "T2"] = "T1", steps: int = 1792
 ) -> Complex[np.ndarray, "order 13"]:
-    """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N, N m].
+    """Order lines of the forces of chamber pressures and unbalance on the 13 degrees of freedom [N,
+    N m].
 
-    Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0 + Re sum_k X_k
-    exp(i k theta), where theta is 0 at top dead center of piston 0. The last `CACHED_POINTS` operating points are
-    cached.
+    Entry k holds the complex amplitude at k times the shaft frequency, entry 0 the mean: x(t) = X_0
+    + Re sum_k X_k exp(i k theta), where theta is 0 at top dead center of piston 0. The last
+    `CACHED_POINTS` operating points are cached.
 
     Parameters
     ----------
     n_lines : highest order.
-    topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then takes the piston force.
-    steps : steps per revolution, at least; as many more as the lines need. Euler's method is of first order: with 1792
-        steps the lines up to 5 n are off by 1 % of their sum (7 % of the smallest), with 896 by twice that.
+    topology : T1, slippers ride on the retainer; T2, they are rigid with the rotor, which then
+        takes the piston force.
+    steps : steps per revolution, at least; as many more as the lines need. Euler's method is of
+        first order: with 1792 steps the lines up to 5 n are off by 1 % of their sum (7 % of the
+        smallest), with 896 by twice that.
 
     Raises
     ------
@@ -255,7 +309,9 @@ def force_lines(
     """
     if n_lines < 1:
         raise InputError(f"n_lines ({n_lines}) must be at least 1.")
-    lines = _all_force_lines(_pressing(case), _whole(max(steps, 2 * n_lines + 2), case))[: n_lines + 1].copy()
+    lines = _all_force_lines(_pressing(case), _whole(max(steps, 2 * n_lines + 2), case))[
+        : n_lines + 1
+    ].copy()
     if topology == "T2":
         lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
         lines[:, Dof.RETAINER_Z] = 0
@@ -263,7 +319,9 @@ def force_lines(
 
 
 def _pressing(case: LoadCase) -> LoadCase:
-    """The case without a fault that leaves its pressures alone: cases of equal pressures become equal."""
+    """The case without a fault that leaves its pressures alone: cases of equal pressures become
+    equal.
+    """
     recess = recess_of(case.fault)
     if recess is not None and not recess.strains_films:
         return replace(case, fault=ridden(recess))
@@ -285,7 +343,9 @@ def _all_force_lines(case: LoadCase, steps: int) -> Complex[np.ndarray, "order 1
     resultants = _resultants(case.pump, force, *_turned(len(force), steps))
     to_zero = np.exp(-1j * np.arange(steps // 2 + 1) * (2 * math.pi / steps))
     lines = (fourier_lines(resultants) * to_zero).T @ _shares(case.pump).T
-    unbalance = case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
+    unbalance = (
+        case.pump.masses.rotor * case.pump.masses.rotor_eccentricity * case.condition.speed**2
+    )
     lines[1, Dof.ROTOR_X] += unbalance
     lines[1, Dof.ROTOR_Y] -= 1j * unbalance
     lines.flags.writeable = False

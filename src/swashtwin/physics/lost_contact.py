@@ -1,27 +1,33 @@
-"""Parts that lose contact and strike: slippers that ride through a recess, and a piston in the play of its joint.
+"""Parts that lose contact and strike: slippers that ride through a recess, and a piston in the play
+of its joint.
 
-**Riding.** No film holds a slipper down. Over the swash plate's surface H the displacement s of a slipper obeys
+**Riding.** No film holds a slipper down. Over the swash plate's surface H the displacement s of a
+slipper obeys
 
     s <= H    and    m s'' <= F cos(gamma),    one of them with equality,
 
-F being the force along the shaft that presses it on: of its chamber, of its share in the central spring and of its own
-acceleration on the tilted plane. Where the surface falls away faster than F moves the slipper, or throws it off at the
-end of the recess, its contact force (F - m s'' / cos gamma) / cos gamma is zero until it lands. It does not rebound:
-the film damps m within C_sw / n, in less than a microsecond. Ours; docs/explanation/physics.md, section 2.5.
+F being the force along the shaft that presses it on: of its chamber, of its share in the central
+spring and of its own acceleration on the tilted plane. Where the surface falls away faster than F
+moves the slipper, or throws it off at the end of the recess, its contact force (F - m s'' / cos
+gamma) / cos gamma is zero until it lands. It does not rebound: the film damps m within C_sw / n, in
+less than a microsecond. Ours; docs/explanation/physics.md, section 2.5.
 
-**A loose slipper.** Its piston has its own displacement u along the shaft, relative to its slipper and positive toward
-the valve plate, between u = 0, where pressure presses it on, and u = clearance, where the retainer pulls it:
+**A loose slipper.** Its piston has its own displacement u along the shaft, relative to its slipper
+and positive toward the valve plate, between u = 0, where pressure presses it on, and u = clearance,
+where the retainer pulls it:
 
     m u'' = -A (p - p_case) + m R tan(gamma) omega^2 cos(phi) - friction + stop forces
     p' = B(p) / V [Q_suction - Q_discharge - G (p - p_case) - V' + A u']
 
-with the chamber's own pressure p, whose ports are the orifices of `chambers`: while a port is barely open the pressure
-may be megapascals away from a tight joint's, where a linearized port would be wrong. Friction opposes the piston's
-sliding. A stop is a spring of such stiffness that an impact lasts `LooseSlipper.pulse`, with a damper for its
-restitution, and can only push; without bounce, as in the default, it is critically damped, which leaves e^-2 of the
-speed. The other chambers, the outlet line and the 13 degrees of freedom are taken as they would be with a tight joint.
-What is returned is the difference to the same joint without clearance: the extra load -m u'' along the shaft at the
-slipper's place, for the piston's mass moves with the retainer in the model, and what the extra pressure does anywhere.
+with the chamber's own pressure p, whose ports are the orifices of `chambers`: while a port is
+barely open the pressure may be megapascals away from a tight joint's, where a linearized port would
+be wrong. Friction opposes the piston's sliding. A stop is a spring of such stiffness that an impact
+lasts `LooseSlipper.pulse`, with a damper for its restitution, and can only push; without bounce, as
+in the default, it is critically damped, which leaves e^-2 of the speed. The other chambers, the
+outlet line and the 13 degrees of freedom are taken as they would be with a tight joint. What is
+returned is the difference to the same joint without clearance: the extra load -m u'' along the
+shaft at the slipper's place, for the piston's mass moves with the retainer in the model, and what
+the extra pressure does anywhere.
 """
 
 import math
@@ -43,13 +49,17 @@ from swashtwin.pump import Fault, LooseSlipper, OperatingCondition, Pump, SwashP
 from swashtwin.signals import fourier_lines
 
 STEPS = 16384
-"""Time steps of a revolution. At 860 rev/min one is 4 microseconds; a loaded slipper falls by 0.07 mm in 80."""
+"""Time steps of a revolution. At 860 rev/min one is 4 microseconds; a loaded slipper falls by 0.07
+mm in 80.
+"""
 
 
 def pressing_force(
     pump: Pump, condition: OperatingCondition, angle: Float[np.ndarray, " angle"]
 ) -> Float[np.ndarray, " angle"]:
-    """Force along the shaft that presses a slipper on [N] at shaft `angle` [rad], as in a healthy pump, not below 0."""
+    """Force along the shaft that presses a slipper on [N] at shaft `angle` [rad], as in a healthy
+    pump, not below 0.
+    """
     group, tight = pump.rotating_group, chamber_pressures(LoadCase(pump, condition))
     pressure = np.interp(angle, tight.angle, tight.chamber[0], period=2 * math.pi)
     lift = group.pitch_radius * math.tan(group.swash_angle) * condition.speed**2
@@ -59,8 +69,12 @@ def pressing_force(
 
 
 @lru_cache(maxsize=64)
-def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) -> Float[np.ndarray, " step"]:
-    """Displacement s [m] of a slipper in `defect` over `STEPS` shaft angles from 0; pressed, it lands once a turn."""
+def ride(
+    pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect
+) -> Float[np.ndarray, " step"]:
+    """Displacement s [m] of a slipper in `defect` over `STEPS` shaft angles from 0; pressed, it
+    lands once a turn.
+    """
     angle = 2 * math.pi * np.arange(STEPS) / STEPS
     mass, tilt = pump.masses.piston_slipper, math.cos(pump.rotating_group.swash_angle)
     first = int((defect.angle - stages(pump, defect).total / 2) / (2 * math.pi) * STEPS) - 1
@@ -73,7 +87,9 @@ def ride(pump: Pump, condition: OperatingCondition, defect: SwashPlateDefect) ->
 @compiled
 @no_type_check
 def _path(surface, falls):
-    """Displacement [m] over a `surface` [m], where it is free to fall by `falls` [m] more in each step."""
+    """Displacement [m] over a `surface` [m], where it is free to fall by `falls` [m] more in each
+    step.
+    """
     path = np.zeros(surface.size)
     for k in range(1, surface.size - 1):
         path[k + 1] = min(2 * path[k] - path[k - 1] + falls[k], surface[k + 1])
@@ -88,17 +104,23 @@ def riding_lines(
     *,
     scatter: Float[np.ndarray, " slipper"] | None = None,
 ) -> Complex[np.ndarray, " line"]:
-    """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of `displacement_lines`."""
+    """Order lines 1...`n_lines` [m] of the total displacement of all slippers, in place of
+    `displacement_lines`.
+    """
     lines = fourier_lines(ride(pump, condition, defect))[1 : n_lines + 1]
     return combined_lines(pump, np.arange(1, n_lines + 1), scatter) * lines
 
 
 FRICTION = 20.0
-"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled [estimate]."""
+"""Friction [N] of a piston in its bore, which adds to its inertia where a loose slipper is pulled
+[estimate].
+"""
 STEPS_PER_PULSE = 100
 """Time steps of the march during one impact."""
 START = 1.5 * math.pi
-"""Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is pressed on."""
+"""Shaft angle of the loose piston [rad] where the march starts: under pressure, so that it is
+pressed on.
+"""
 MOST_REVOLUTIONS = 20
 """Revolutions after which a motion that has not repeated is given up; two are usual."""
 SLIDING = 0.01
@@ -109,7 +131,9 @@ ITERATIONS = 80
 
 @dataclass(frozen=True, eq=False)
 class LooseMotion:
-    """One revolution of a loose piston, on a uniform grid of its own shaft angle that starts at `START`."""
+    """One revolution of a loose piston, on a uniform grid of its own shaft angle that starts at
+    `START`.
+    """
 
     angle: Float[np.ndarray, " step"]
     """Its shaft angle [rad]."""
@@ -126,14 +150,18 @@ class LooseMotion:
 
 
 def _damping_ratio(restitution: float) -> float:
-    """Ratio of a damped spring that only pushes and returns `restitution` of a speed: exp(-2 x / tan x), cos x."""
+    """Ratio of a damped spring that only pushes and returns `restitution` of a speed: exp(-2 x /
+    tan x), cos x.
+    """
     if not 0 <= restitution <= 1:
         raise InputError(f"LooseSlipper.restitution ({restitution:g}) must lie in 0...1.")
     if restitution <= math.exp(-2):
         return 1.0
     if restitution == 1:
         return 0.0
-    return math.cos(brentq(lambda x: 2 * x / math.tan(x) + math.log(restitution), 1e-6, math.pi / 2))
+    return math.cos(
+        brentq(lambda x: 2 * x / math.tan(x) + math.log(restitution), 1e-6, math.pi / 2)
+    )
 
 
 def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
@@ -145,7 +173,9 @@ def _steps(condition: OperatingCondition, fault: LooseSlipper) -> int:
     return int(2 ** max(14, math.ceil(math.log2(STEPS_PER_PULSE * condition.period / fault.pulse))))
 
 
-def _tables(pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray) -> np.ndarray:
+def _tables(
+    pump: Pump, condition: OperatingCondition, fault: LooseSlipper, angle: np.ndarray
+) -> np.ndarray:
     """What `_rattle` needs at every shaft angle of the loose piston."""
     group, viscosity = pump.rotating_group, pump.oil.viscosity_at(condition.oil_temperature)
     lift, speed = group.pitch_radius * math.tan(group.swash_angle), condition.speed
@@ -189,9 +219,13 @@ def loose_motion(pump: Pump, condition: OperatingCondition, fault: LooseSlipper)
 
 
 @lru_cache(maxsize=2)
-def _tight(pump: Pump, condition: OperatingCondition, fault: LooseSlipper) -> tuple[np.ndarray, np.ndarray]:
+def _tight(
+    pump: Pump, condition: OperatingCondition, fault: LooseSlipper
+) -> tuple[np.ndarray, np.ndarray]:
     """`_tables`, and the motion of a joint without play, which are those of any clearance."""
-    tables = np.ascontiguousarray(_tables(pump, condition, fault, _angles(_steps(condition, fault))))
+    tables = np.ascontiguousarray(
+        _tables(pump, condition, fault, _angles(_steps(condition, fault)))
+    )
     return tables, _march(pump, condition, tables, fault)
 
 
@@ -199,15 +233,24 @@ def _angles(steps: int) -> np.ndarray:
     return START + 2 * math.pi * np.arange(steps) / steps
 
 
-def _march(pump: Pump, condition: OperatingCondition, tables: np.ndarray, fault: LooseSlipper) -> np.ndarray:
+def _march(
+    pump: Pump, condition: OperatingCondition, tables: np.ndarray, fault: LooseSlipper
+) -> np.ndarray:
     """Displacement, velocity and pressure over the revolution that repeats."""
-    area, oil, mass, clearance = pump.rotating_group.piston_area, pump.oil, pump.masses.piston_slipper, fault.clearance
+    area, oil, mass, clearance = (
+        pump.rotating_group.piston_area,
+        pump.oil,
+        pump.masses.piston_slipper,
+        fault.clearance,
+    )
     stop, step = mass * (math.pi / fault.pulse) ** 2, condition.period / tables.shape[1]
     damper = 2 * _damping_ratio(fault.restitution) * math.sqrt(stop * mass)
     motion = np.empty((3, tables.shape[1]))
     pressed = area * (condition.discharge_pressure - condition.case_pressure) / stop
     start = np.array([-pressed, 0.0, condition.discharge_pressure])
-    scale = np.array([pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure])
+    scale = np.array(
+        [pressed + clearance, (pressed + clearance) * condition.speed, condition.discharge_pressure]
+    )
     for _ in range(MOST_REVOLUTIONS):
         end = _rattle(
             step, clearance, stop, damper, mass, area, FRICTION, oil.bulk_modulus,
@@ -245,8 +288,9 @@ def _rattle(
 ):
     """Fill displacement, velocity and pressure from `start`; the state at the revolution's end.
 
-    Rows of `tables`: volume [m^3], its growth [m^3/s], suction and discharge opening, leakage, outlet pressure, rigid
-    velocity [m/s], rigid acceleration [m/s^2]. Velocities first, then displacements and, implicitly, the pressure.
+    Rows of `tables`: volume [m^3], its growth [m^3/s], suction and discharge opening, leakage,
+    outlet pressure, rigid velocity [m/s], rigid acceleration [m/s^2]. Velocities first, then
+    displacements and, implicitly, the pressure.
     """
     steps = tables.shape[1]
     u, v, p = start[0], start[1], start[2]
@@ -268,7 +312,9 @@ def _rattle(
             inward, falling = orifice(tables[2, k], suction - p)
             outward, rising = orifice(tables[3, k], p - tables[5, k])
             flow = inward - outward - tables[4, k] * (p - case) - tables[1, k] + area * v
-            change = (before + compliance * flow - p) / (1 + compliance * (falling + rising + tables[4, k]))
+            change = (before + compliance * flow - p) / (
+                1 + compliance * (falling + rising + tables[4, k])
+            )
             damping = 0.5 * damping if change * last < 0 else min(1.0, 1.5 * damping)
             last = change
             p = max(p + damping * change, FLOOR)
@@ -281,7 +327,8 @@ def _rattle(
 def contact_lines(
     fault: Fault | None, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str
 ) -> Complex[np.ndarray, "line 13"] | None:
-    """Lines 0...`n_lines` [N, N m] of forces that a fault's contacts add whatever the interface values are.
+    """Lines 0...`n_lines` [N, N m] of forces that a fault's contacts add whatever the interface
+    values are.
 
     None, unless registered otherwise.
     """
@@ -290,13 +337,19 @@ def contact_lines(
 
 @contact_lines.register(LooseSlipper)
 def loose_slipper_lines(
-    fault: LooseSlipper, pump: Pump, condition: OperatingCondition, n_lines: int, topology: str = "T1"
+    fault: LooseSlipper,
+    pump: Pump,
+    condition: OperatingCondition,
+    n_lines: int,
+    topology: str = "T1",
 ) -> Complex[np.ndarray, "line 13"]:
-    """Order lines 0...`n_lines` [N, N m] of what a loose slipper adds to the forces of a pump without one.
+    """Order lines 0...`n_lines` [N, N m] of what a loose slipper adds to the forces of a pump
+    without one.
 
     Parameters
     ----------
-    topology : T1, the piston's inertia acts on the retainer; T2, on the rotor, with which its slippers are rigid.
+    topology : T1, the piston's inertia acts on the retainer; T2, on the rotor, with which its
+        slippers are rigid.
     """
     motion = loose_motion(pump, condition, fault)
     group, steps = pump.rotating_group, len(motion.angle)
@@ -308,7 +361,9 @@ def loose_slipper_lines(
     lines = _lines(_on_slipper(pump, inertia, motion.angle + half), motion.angle[0] + half, n_lines)
     pressed = generalized_forces(pump, pressing[None], motion.angle[None])
     lines += _lines(pressed, motion.angle[0], n_lines)
-    lines *= np.exp(1j * np.arange(n_lines + 1) * angle_ahead(pump, fault.slipper, "LooseSlipper.slipper"))[:, None]
+    lines *= np.exp(
+        1j * np.arange(n_lines + 1) * angle_ahead(pump, fault.slipper, "LooseSlipper.slipper")
+    )[:, None]
     if topology == "T2":
         lines[:, Dof.ROTOR_Z] += lines[:, Dof.RETAINER_Z]
         lines[:, Dof.RETAINER_Z] = 0
@@ -316,10 +371,15 @@ def loose_slipper_lines(
 
 
 def _on_slipper(pump: Pump, force: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Load of an axial `force` on one slipper toward the swash plate, with the side load it causes in the bore."""
+    """Load of an axial `force` on one slipper toward the swash plate, with the side load it causes
+    in the bore.
+    """
     group = pump.rotating_group
     slope = math.tan(group.swash_angle) ** 2
-    upward, sideward = group.pitch_radius * force * np.cos(angle), group.pitch_radius * force * np.sin(angle)
+    upward, sideward = (
+        group.pitch_radius * force * np.cos(angle),
+        group.pitch_radius * force * np.sin(angle),
+    )
     loads = np.zeros((force.size, N_DOF))
     loads[:, Dof.SHELL_TILT_X] = -(1 + slope) * upward
     loads[:, Dof.SHELL_TILT_Y] = sideward

@@ -1,4 +1,6 @@
-"""Motion of a linear system under forces at complex frequencies, with exact derivatives of any order."""
+"""Motion of a linear system under forces at complex frequencies, with exact derivatives of any
+order.
+"""
 
 import math
 from typing import Any, no_type_check
@@ -11,13 +13,17 @@ from torch import Tensor
 from swashtwin.foundation import InputError, compiled
 
 ROWS = 8192
-"""Systems that are factored at once where pivots are needed; 22 MB of matrices in double precision."""
+"""Systems that are factored at once where pivots are needed; 22 MB of matrices in double
+precision.
+"""
 LANES = 32
 """Systems that are eliminated side by side, so that the vector unit is full."""
 GROWTH = 1e3
 """Growth of an entry beyond its natural size at which elimination without pivots is given up."""
 ROUNDING = 1e-14
-"""Entry, or difference between K_ij and K_ji, that is nothing but rounding; in units of the root of K_ii K_jj."""
+"""Entry, or difference between K_ij and K_ji, that is nothing but rounding; in units of the root of
+K_ii K_jj.
+"""
 
 
 def receptance(
@@ -29,13 +35,15 @@ def receptance(
 ) -> Complex[Tensor, "*#batch line n"]:
     """Displacement amplitudes X = (M s^2 + C s + K)^-1 F at each complex frequency s [1/s].
 
-    Differentiable with respect to every argument, any number of times: the backward pass is a call of this very
-    function, and what it keeps is forces and motions, never a matrix a line. Leading axes broadcast.
+    Differentiable with respect to every argument, any number of times: the backward pass is a call
+    of this very function, and what it keeps is forces and motions, never a matrix a line. Leading
+    axes broadcast.
 
-    In double precision on a CPU, symmetric systems are solved by compiled elimination without pivots, coordinates that
-    nothing couples apart from each other. That is safe for K and C positive definite; a line at which entries grow by
-    more than 1e3 is solved again with pivots, and so is every system that is not symmetric. Elsewhere
-    `torch.linalg.solve` does the work, `ROWS` matrices at a time.
+    In double precision on a CPU, symmetric systems are solved by compiled elimination without
+    pivots, coordinates that nothing couples apart from each other. That is safe for K and C
+    positive definite; a line at which entries grow by more than 1e3 is solved again with pivots,
+    and so is every system that is not symmetric. Elsewhere `torch.linalg.solve` does the work,
+    `ROWS` matrices at a time.
 
     Raises
     ------
@@ -47,19 +55,27 @@ def receptance(
 
 class _Receptance(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor) -> Tensor:
+    def forward(
+        ctx: Any, mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor
+    ) -> Tensor:
         motion = _solve(mass, damping, stiffness, s, force)
         ctx.save_for_backward(mass, damping, stiffness, s, force, motion)
         return motion
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        """With a = (M s^2 + C s + K)^-H g: the gradients are a for F, -Re(conj(a) x^T) for K, and so on."""
+        """With a = (M s^2 + C s + K)^-H g: the gradients are a for F, -Re(conj(a) x^T) for K, and
+        so on.
+        """
         mass, damping, stiffness, s, force, motion = ctx.saved_tensors
         of_mass, of_damping, of_stiffness, of_s, of_force = ctx.needs_input_grad
         adjoint = receptance(mass.mT, damping.mT, stiffness.mT, s.conj(), grads[0])
         left, velocity = -adjoint.mH, s[..., None] * motion
-        turned = (velocity @ (2 * mass.mT).to(s.dtype) + motion @ damping.mT.to(s.dtype)) if of_s else motion
+        turned = (
+            (velocity @ (2 * mass.mT).to(s.dtype) + motion @ damping.mT.to(s.dtype))
+            if of_s
+            else motion
+        )
         return (
             (left @ (s[..., None] * velocity)).real.sum_to_size(mass.shape) if of_mass else None,
             (left @ velocity).real.sum_to_size(damping.shape) if of_damping else None,
@@ -84,33 +100,52 @@ def _solve(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: T
 
 
 def _flat(tensor: Tensor, batch: tuple[int, ...], tail: int) -> Tensor:
-    """One leading axis, of length 1 where all of the batch share the values, which lie in memory in their order."""
+    """One leading axis, of length 1 where all of the batch share the values, which lie in memory in
+    their order.
+    """
     shape = tensor.shape[-tail:]
     if math.prod(tensor.shape[:-tail]) > 1:
         tensor = tensor.expand(*batch, *shape)
     return tensor.reshape(-1, *shape).resolve_conj().resolve_neg().contiguous()
 
 
-def _solve_compiled(mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor, motion: Tensor) -> None:
+def _solve_compiled(
+    mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor, motion: Tensor
+) -> None:
     failed = torch.ones(motion.shape[:2], dtype=torch.bool)
     tidied = [torch.empty_like(part) for part in (mass[None], damping, stiffness)]
-    if all(tidy(part.numpy(), out.numpy()) for part, out in zip((mass[None], damping, stiffness), tidied, strict=True)):
+    if all(
+        tidy(part.numpy(), out.numpy())
+        for part, out in zip((mass[None], damping, stiffness), tidied, strict=True)
+    ):
         failed[:] = False
         m, c, k = (part.numpy() for part in tidied)
         solve_symmetric(m[0], c, k, s.numpy(), force.numpy(), motion.numpy(), failed.numpy())
     if failed.any():
-        _solve_pivoted(mass, damping, stiffness, s, force, motion, failed.flatten().nonzero().squeeze(-1))
+        _solve_pivoted(
+            mass, damping, stiffness, s, force, motion, failed.flatten().nonzero().squeeze(-1)
+        )
 
 
 def _solve_pivoted(
-    mass: Tensor, damping: Tensor, stiffness: Tensor, s: Tensor, force: Tensor, motion: Tensor, rows: Tensor
+    mass: Tensor,
+    damping: Tensor,
+    stiffness: Tensor,
+    s: Tensor,
+    force: Tensor,
+    motion: Tensor,
+    rows: Tensor,
 ) -> None:
-    """Fill in those `rows` of `motion`, batch and line counted as one, so many at a time that memory stays bounded."""
+    """Fill in those `rows` of `motion`, batch and line counted as one, so many at a time that
+    memory stays bounded.
+    """
     out = motion.flatten(0, 1)
     for chunk in rows.split(ROWS):
         batch, line = chunk // motion.shape[1], chunk % motion.shape[1]
         at = s[batch % len(s), line][:, None, None]
-        dynamic = stiffness[batch % len(stiffness)] + at * damping[batch % len(damping)] + at**2 * mass
+        dynamic = (
+            stiffness[batch % len(stiffness)] + at * damping[batch % len(damping)] + at**2 * mass
+        )
         try:
             out[chunk] = torch.linalg.solve(dynamic, force[batch % len(force), line])
         except torch.linalg.LinAlgError as failure:  # type: ignore[attr-defined]
@@ -123,7 +158,9 @@ def _solve_pivoted(
 @compiled
 @no_type_check
 def tidy(matrices, tidied):
-    """Whether every matrix is symmetric to rounding, and finite; `tidied` gets them without entries of that size."""
+    """Whether every matrix is symmetric to rounding, and finite; `tidied` gets them without entries
+    of that size.
+    """
     for b in range(matrices.shape[0]):
         for i in range(matrices.shape[1]):
             for j in range(i + 1):
@@ -138,7 +175,9 @@ def tidy(matrices, tidied):
 @compiled
 @no_type_check
 def coupled_groups(mass, damping, stiffness, order, ends):
-    """Count of the groups of coordinates that no matrix of the batch couples; fills in members and ends of each."""
+    """Count of the groups of coordinates that no matrix of the batch couples; fills in members and
+    ends of each.
+    """
     n = mass.shape[0]
     coupled, group = np.zeros((n, n), np.bool_), np.arange(n)
     _couple(mass, coupled)
@@ -170,7 +209,9 @@ def _couple(matrix, coupled):
 @compiled
 @no_type_check
 def _join(coupled, group):
-    """Give each coordinate the least coordinate of its group; passes over all couplings until nothing changes."""
+    """Give each coordinate the least coordinate of its group; passes over all couplings until
+    nothing changes.
+    """
     before = -1
     while before != group.sum():
         before = group.sum()
@@ -203,21 +244,27 @@ def _fill(mass, damping, stiffness, re, im, size, at, sr, si, members):
 @compiled
 @no_type_check
 def _eliminate(re, im, yr, yi, size, n):
-    """L below the diagonal, inverse pivots on it, what L was before its division above; y becomes L^-1 y."""
+    """L below the diagonal, inverse pivots on it, what L was before its division above; y becomes
+    L^-1 y.
+    """
     for j in range(n):
         for k in range(LANES):
             inverse = 1 / (re[j, j, k] * re[j, j, k] + im[j, j, k] * im[j, j, k])
             re[j, j, k] = re[j, j, k] * inverse
             im[j, j, k] = -im[j, j, k] * inverse
         for i in range(j + 1, n):
-            for k in range(LANES):  # short loops over few arrays, which the compiler turns into vector code
+            for k in range(
+                LANES
+            ):  # short loops over few arrays, which the compiler turns into vector code
                 re[j, i, k] = re[i, j, k]
                 im[j, i, k] = im[i, j, k]
             for k in range(LANES):
                 re[i, j, k] = re[j, i, k] * re[j, j, k] - im[j, i, k] * im[j, j, k]
                 im[i, j, k] = re[j, i, k] * im[j, j, k] + im[j, i, k] * re[j, j, k]
             for k in range(LANES):
-                product = (abs(re[i, j, k]) + abs(im[i, j, k])) * (abs(re[j, i, k]) + abs(im[j, i, k]))
+                product = (abs(re[i, j, k]) + abs(im[i, j, k])) * (
+                    abs(re[j, i, k]) + abs(im[j, i, k])
+                )
                 size[i, k] = size[i, k] if product <= size[i, k] else -1.0
             for t in range(j + 1, i + 1):
                 for k in range(LANES):
@@ -246,7 +293,9 @@ def _substitute(re, im, yr, yi, n):
 @compiled
 @no_type_check
 def solve_symmetric(mass, damping, stiffness, s, force, motion, failed):
-    """Fill in `motion`, and mark in `failed` the systems that need pivots; a leading axis of 1 is shared by all."""
+    """Fill in `motion`, and mark in `failed` the systems that need pivots; a leading axis of 1 is
+    shared by all.
+    """
     n_batch, n_lines, n = motion.shape
     order, ends = np.empty(n, np.int64), np.empty(n, np.int64)
     count = coupled_groups(mass, damping, stiffness, order, ends)

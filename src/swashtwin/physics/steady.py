@@ -1,14 +1,17 @@
-"""Steady state of M x'' + C x' + K x = Q, line by line: of the equations themselves, and of the paper's recursion.
+"""Steady state of M x'' + C x' + K x = Q, line by line: of the equations themselves, and of the
+paper's recursion.
 
 Forces and motions are one-sided complex amplitudes of the shaft orders ``k = 0, 1, ...``, with
-``x(t) = X_0 + Re sum_k X_k exp(i k omega t)``. `HarmonicBalance` is exact for the equations; `RK4` is the periodic
-steady state that the fourth-order Runge-Kutta recursion reaches at its step (docs/explanation/simulator.md);
-`periodic.periodic_steady_state` adds parts of K and C that turn with the shaft to either.
+``x(t) = X_0 + Re sum_k X_k exp(i k omega t)``. `HarmonicBalance` is exact for the equations; `RK4`
+is the periodic steady state that the fourth-order Runge-Kutta recursion reaches at its step
+(docs/explanation/simulator.md); `periodic.periodic_steady_state` adds parts of K and C that turn
+with the shaft to either.
 
-Everything takes leading batch axes, follows the device and the precision of what it is given, and has exact derivatives
-that keep forces and motions, never a matrix a line. A batch gives each of its members what it would get alone. Single
-precision is off by up to 1e-4 of the largest motion in a line (2e-6 in the median of lines): the damping of a film
-exceeds what decides the motion by orders of magnitude.
+Everything takes leading batch axes, follows the device and the precision of what it is given, and
+has exact derivatives that keep forces and motions, never a matrix a line. A batch gives each of its
+members what it would get alone. Single precision is off by up to 1e-4 of the largest motion in a
+line (2e-6 in the median of lines): the damping of a film exceeds what decides the motion by orders
+of magnitude.
 """
 
 from dataclasses import dataclass
@@ -31,7 +34,9 @@ REACH = 6.0
 """No point of RK4's stability region is farther from the origin than this."""
 
 
-def state_matrix(mass: Mass, damping: Matrices, stiffness: Matrices) -> Float[Tensor, "*#batch 26 26"]:
+def state_matrix(
+    mass: Mass, damping: Matrices, stiffness: Matrices
+) -> Float[Tensor, "*#batch 26 26"]:
     """A of x' = A x + B u for the state (displacements, velocities)."""
     damping, stiffness = torch.broadcast_tensors(damping, stiffness)
     lower = -torch.linalg.solve(mass, torch.cat([stiffness, damping], dim=-1))
@@ -42,7 +47,8 @@ def state_matrix(mass: Mass, damping: Matrices, stiffness: Matrices) -> Float[Te
 def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
     """Largest time step [s] at which RK4 stays bounded, for each of the batch; on the CPU.
 
-    Found by bisection on the amplification factor |1 + z + z^2/2 + z^3/6 + z^4/24| of every eigenvalue.
+    Found by bisection on the amplification factor |1 + z + z^2/2 + z^3/6 + z^4/24| of every
+    eigenvalue.
 
     Raises
     ------
@@ -62,13 +68,15 @@ def rk4_limits(state: Float[Tensor, "*batch 26 26"]) -> Float[Tensor, "*batch"]:
 def rk4_poles(
     turn: Float[np.ndarray, "*batch"],
 ) -> tuple[Complex[np.ndarray, "*batch 4"], Complex[np.ndarray, "*batch 4"]]:
-    """Poles r and weights b with which RK4's answer to F exp(i w t) is X = sum_i b_i (M s^2 + C s + K)^-1 F, s = r_i/h.
+    """Poles r and weights b with which RK4's answer to F exp(i w t) is X = sum_i b_i (M s^2 + C s +
+    K)^-1 F, s = r_i/h.
 
-    A step multiplies the state by R(Z) = 1 + Z + Z^2/2 + Z^3/6 + Z^4/24, Z = h A, and adds h n(Z) u with
-    n(Z) = [1 + 4 y + z + (1 + 2 y) Z + (1 + y) Z^2/2 + Z^3/4] / 6, z = exp(i w h), y = exp(i w h/2). In steady state
-    (z - R(Z)) x = h n(Z) u. R has one degree more than n, so that the partial fractions are first-order systems: r_i
-    are the four roots of R(r) = z, and b_i = n(r_i) / R'(r_i). One root is near i w h, the others are RK4's own. They
-    keep apart for every w, for where R' vanishes R is below 0.6, and |z| is 1: nothing is ill-conditioned.
+    A step multiplies the state by R(Z) = 1 + Z + Z^2/2 + Z^3/6 + Z^4/24, Z = h A, and adds h n(Z) u
+    with n(Z) = [1 + 4 y + z + (1 + 2 y) Z + (1 + y) Z^2/2 + Z^3/4] / 6, z = exp(i w h), y = exp(i w
+    h/2). In steady state (z - R(Z)) x = h n(Z) u. R has one degree more than n, so that the partial
+    fractions are first-order systems: r_i are the four roots of R(r) = z, and b_i = n(r_i) /
+    R'(r_i). One root is near i w h, the others are RK4's own. They keep apart for every w, for
+    where R' vanishes R is below 0.6, and |z| is 1: nothing is ill-conditioned.
 
     Parameters
     ----------
@@ -86,7 +94,9 @@ def rk4_poles(
 @compiled
 @no_type_check
 def _find_poles(beyond, poles):
-    """Fill in the four roots of r + r^2/2 + r^3/6 + r^4/24 = `beyond`, by Aberth's simultaneous Newton iteration."""
+    """Fill in the four roots of r + r^2/2 + r^3/6 + r^4/24 = `beyond`, by Aberth's simultaneous
+    Newton iteration.
+    """
     for line in range(beyond.shape[0]):
         r = poles[line]
         r[0], r[1], r[2], r[3] = 0.3 + 0.2j, -2.785 + 0.1j, -0.6 + 2.9j, -0.7 - 2.8j
@@ -109,7 +119,9 @@ def _find_poles(beyond, poles):
 @compiled
 @no_type_check
 def _find_limits(rates, limits):
-    """Fill in the largest step at which no growth factor of a row of eigenvalues exceeds 1, or 0 for none."""
+    """Fill in the largest step at which no growth factor of a row of eigenvalues exceeds 1, or 0
+    for none.
+    """
     for row in range(rates.shape[0]):
         farthest = REACH / np.abs(rates[row]).max()
         low, high = 0.0, farthest
@@ -128,9 +140,16 @@ class SteadySolver(Protocol):
     """What turns force lines into motion lines."""
 
     def steady_state(
-        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+        self,
+        mass: Mass,
+        damping: Matrices,
+        stiffness: Matrices,
+        frequency: Frequencies,
+        force: Lines,
     ) -> Lines:
-        """Displacement lines [m, rad] under `force` lines [N, N m] at angular frequencies `frequency` [rad/s]."""
+        """Displacement lines [m, rad] under `force` lines [N, N m] at angular frequencies
+        `frequency` [rad/s].
+        """
         ...
 
 
@@ -139,7 +158,12 @@ class HarmonicBalance:
     """Exact steady state: X_k = (K + i w_k C - w_k^2 M)^-1 Q_k."""
 
     def steady_state(
-        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+        self,
+        mass: Mass,
+        damping: Matrices,
+        stiffness: Matrices,
+        frequency: Frequencies,
+        force: Lines,
     ) -> Lines:
         """Displacement lines; see `SteadySolver`."""
         return receptance(mass, damping, stiffness, 1j * frequency, force)
@@ -149,17 +173,26 @@ class HarmonicBalance:
 class RK4:
     """Steady state of the classical fourth-order Runge-Kutta recursion, the paper's solver.
 
-    Exact for the recursion: its answer to a line is that of four receptances (`rk4_poles`). Differentiable
-    with respect to matrices and forces; step and frequencies are taken as given.
+    Exact for the recursion: its answer to a line is that of four receptances (`rk4_poles`).
+    Differentiable with respect to matrices and forces; step and frequencies are taken as given.
     """
 
     step: float | None = None
-    """Time step [s]; None takes, for each of a batch, 0.8 of its stability limit at the values given."""
+    """Time step [s]; None takes, for each of a batch, 0.8 of its stability limit at the values
+    given.
+    """
 
     def steady_state(
-        self, mass: Mass, damping: Matrices, stiffness: Matrices, frequency: Frequencies, force: Lines
+        self,
+        mass: Mass,
+        damping: Matrices,
+        stiffness: Matrices,
+        frequency: Frequencies,
+        force: Lines,
     ) -> Lines:
-        """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability limit."""
+        """Displacement lines; see `SteadySolver`. Raises `StabilityError` above the stability
+        limit.
+        """
         state = state_matrix(mass.detach(), damping.detach(), stiffness.detach())
         if self.step is None:
             step = 0.8 * rk4_limits(state)[..., None]
@@ -174,5 +207,7 @@ class RK4:
         poles, weights = rk4_poles((frequency.detach().cpu().double() * step).numpy())
         s = torch.as_tensor(poles).to(force) / step[..., None].to(force.device)
         share = torch.as_tensor(weights).to(force)[..., None] * force[..., None, :]
-        motion = receptance(mass, damping, stiffness, s.to(force).flatten(-2), share.flatten(-3, -2))
+        motion = receptance(
+            mass, damping, stiffness, s.to(force).flatten(-2), share.flatten(-3, -2)
+        )
         return motion.unflatten(-2, (-1, 4)).sum(dim=-2)

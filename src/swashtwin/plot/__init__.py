@@ -1,4 +1,5 @@
-"""Figures for notebooks and papers, in the style of the reports: each function gives a Matplotlib figure.
+"""Figures for notebooks and papers, in the style of the reports: each function gives a Matplotlib
+figure.
 
 Examples
 --------

@@ -26,14 +26,17 @@ from swashtwin.signals import LineSpectrum, LineSpectrumKind, spectrum_of
 
 
 @figure_style()
-def confusion(counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes: Sequence[str]) -> Figure:
-    """Share of each actual class (row) that was given each class (column), in percent; rows add up to 100.
+def confusion(
+    counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes: Sequence[str]
+) -> Figure:
+    """Share of each actual class (row) that was given each class (column), in percent; rows add up
+    to 100.
 
     Parameters
     ----------
-    counts : windows, or recordings, by actual (row) and predicted class (column), such as `Scores.confusion`; or
-        several such arrays by (row of the grid, column of the grid). A column beyond the classes counts those without
-        a verdict.
+    counts : windows, or recordings, by actual (row) and predicted class (column), such as
+        `Scores.confusion`; or several such arrays by (row of the grid, column of the grid). A
+        column beyond the classes counts those without a verdict.
     classes : name of each class, in the order of the rows.
 
     Raises
@@ -49,12 +52,19 @@ def confusion(counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes
     """
     matrices = counts if isinstance(counts, Mapping) else {("", ""): np.asarray(counts)}
     for matrix in matrices.values():
-        if np.ndim(matrix) != 2 or len(matrix) != len(classes) or np.shape(matrix)[1] < len(classes):
+        if (
+            np.ndim(matrix) != 2
+            or len(matrix) != len(classes)
+            or np.shape(matrix)[1] < len(classes)
+        ):
             raise InputError(
                 f"a matrix of the shape {np.shape(matrix)} does not fit {len(classes)} classes; its rows are the "
                 "actual classes, its columns the predicted ones."
             )
-    down, across = list(dict.fromkeys(key[0] for key in matrices)), list(dict.fromkeys(key[1] for key in matrices))
+    down, across = (
+        list(dict.fromkeys(key[0] for key in matrices)),
+        list(dict.fromkeys(key[1] for key in matrices)),
+    )
     figure, axes = panels(len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True)
     for (row, column), matrix in matrices.items():
         panel = axes[down.index(row), across.index(column)]
@@ -68,7 +78,9 @@ def confusion(counts: np.ndarray | Mapping[tuple[str, str], np.ndarray], classes
         panel.set_ylabel("actual class")
     for panel in axes[-1]:
         panel.set_xlabel("predicted class")
-        panel.set_xticks(range(len(columns)), columns, rotation=45, ha="right", rotation_mode="anchor")
+        panel.set_xticks(
+            range(len(columns)), columns, rotation=45, ha="right", rotation_mode="anchor"
+        )
     return figure
 
 
@@ -77,7 +89,9 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
     total = counts.sum(axis=1, keepdims=True)
     share = counts / np.maximum(total, 1)
     edges = np.arange(len(counts) + 1) - 0.5
-    panel.pcolormesh(np.arange(counts.shape[1] + 1) - 0.5, edges, share, cmap="Blues", vmin=0, vmax=1.1)
+    panel.pcolormesh(
+        np.arange(counts.shape[1] + 1) - 0.5, edges, share, cmap="Blues", vmin=0, vmax=1.1
+    )
     panel.set(aspect="equal", ylim=(edges[-1], edges[0]))
     panel.grid(False)
     for i, row in enumerate(counts):
@@ -87,7 +101,9 @@ def _draw_matrix(panel: Axes, counts: Num[np.ndarray, "actual predicted"]) -> No
                 text = f"{100 * share[i, j]:.0f}" if share[i, j] >= 0.01 else "<1"
                 panel.text(j, i, text, ha="center", va="center", color=color, fontsize=9)
         if not total[i, 0]:
-            panel.text(len(row) / 2 - 0.5, i, "none", ha="center", va="center", fontsize=8, color=ON_SHADE)
+            panel.text(
+                len(row) / 2 - 0.5, i, "none", ha="center", va="center", fontsize=8, color=ON_SHADE
+            )
 
 
 MOST_POINTS = 3000
@@ -107,13 +123,14 @@ def spectrum(
 ) -> Figure:
     """A spectrum of each channel, with the lines that are expected of the shaft and of the pistons.
 
-    The axis ends a little beyond the last line of the pistons; where their number is not known, with the spectrum.
+    The axis ends a little beyond the last line of the pistons; where their number is not known,
+    with the spectrum.
 
     Parameters
     ----------
     source : recording, or what `swashtwin.signals.spectrum_of` gave.
-    kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of the shaft's
-        frequency.
+    kind : of a recording: ``amplitude`` or ``envelope`` over frequency, ``order`` over multiples of
+        the shaft's frequency.
     pistons : of a recording: number of pistons, to mark their lines.
 
     Raises
@@ -127,14 +144,20 @@ def spectrum(
     >>> spectrum(Recording(wave, 1000.0, "a")).axes[0].get_xlabel()
     'frequency [Hz]'
     """
-    spectrum = spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    spectrum = (
+        spectrum_of(source, kind, pistons=pistons) if isinstance(source, Recording) else source
+    )
     start, last = spectrum.position[1], float(spectrum.position[-1])
-    end = min(1.1 * max((mark.at for mark in spectrum.marks if mark.of_pistons), default=last), last)
+    end = min(
+        1.1 * max((mark.at for mark in spectrum.marks if mark.of_pistons), default=last), last
+    )
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     count = len(spectrum.channels)
     figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
-    for panel, name, row, number in zip(axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True):
+    for panel, name, row, number in zip(
+        axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True
+    ):
         x, y = _thin_out(spectrum.position[is_shown], row[is_shown])
         panel.plot(x, y, color=MEASURED, linewidth=0.8)
         _level_axis(panel, spectrum, y)
@@ -156,7 +179,9 @@ def spectrum(
     if marks:
         axes[0, 0].set_title(axes[0, 0].get_title(loc="left"), loc="left", pad=16)
     axes[-1, 0].set_xlabel(f"{spectrum.axis} [{spectrum.axis_unit or '1'}]")
-    if looks := [_MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})]:
+    if looks := [
+        _MARK_KINDS[of_pistons] for of_pistons in sorted({mark.of_pistons for mark in marks})
+    ]:
         lines = [Line2D([], [], color=color, linestyle="--", linewidth=0.9) for color, _ in looks]
         figure.legend(lines, [name for _, name in looks], loc="outside upper right", ncols=2)
     return figure
@@ -185,5 +210,8 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
     positive = amplitudes[amplitudes > 0]
     panel.set_yscale("log")
     if positive.size:
-        panel.set_ylim(max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5), float(positive.max()) * 2)
+        panel.set_ylim(
+            max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5),
+            float(positive.max()) * 2,
+        )
         log_axis(panel.yaxis)

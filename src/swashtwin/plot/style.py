@@ -1,7 +1,9 @@
-"""Colors, settings, panels, axes and labels that all figures share, so that a color means the same thing everywhere.
+"""Colors, settings, panels, axes and labels that all figures share, so that a color means the same
+thing everywhere.
 
-Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind readers can tell apart; each training set
-and each class has its own color, and a marker, a line style or a word repeats it.
+Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), which color-blind readers can tell
+apart; each training set and each class has its own color, and a marker, a line style or a word
+repeats it.
 """
 
 import warnings
@@ -39,8 +41,9 @@ _OF_NAMES = {
     "loose_slipper": "#000000",
     "spectral_bitcn": CALIBRATED,
 }
-"""Color of each training set, which is also that of the twin before and after calibration, of each class, and of the
-default network."""
+"""Color of each training set, which is also that of the twin before and after calibration, of each
+class, and of the default network.
+"""
 _MORE_COLORS = ("#882255", "#44aa99", "#332288", "#999933", "#cc79a7", "#117733")
 
 INTERFACE_COLORS = {"slipper_swash": "#d55e00", "block_valve": "#009e73", "piston_bore": "#aa4499"}
@@ -89,7 +92,9 @@ def series_colors(names: Sequence[str]) -> dict[str, str]:
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """Empty figure of the common width and a `height` [inch], and its axes as an array of (row, column)."""
+    """Empty figure of the common width and a `height` [inch], and its axes as an array of (row,
+    column).
+    """
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
@@ -113,7 +118,13 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
 def log_axis(axis: Axis) -> None:
     """Label a logarithmic axis 0.1, 1, 10, and between them where it spans few decades."""
     low, high = axis.get_view_interval()
-    steps = (1,) if high / low > 200 else (1, 2, 5) if high / low > 4 else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    steps = (
+        (1,)
+        if high / low > 200
+        else (1, 2, 5)
+        if high / low > 4
+        else (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    )
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

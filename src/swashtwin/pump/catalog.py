@@ -1,7 +1,7 @@
 """Pumps from TOML files.
 
-A bare number is refused, and so is one without a source: whoever edits the file cannot mistake millimeters for meters,
-and whoever reads a result can judge what it rests on.
+A bare number is refused, and so is one without a source: whoever edits the file cannot mistake
+millimeters for meters, and whoever reads a result can judge what it rests on.
 """
 
 import difflib
@@ -30,7 +30,9 @@ from swashtwin.pump.scaling import Nameplate, require_sound_geometry, scaled_pum
 FORMAT = 1
 
 _SECTIONS: dict[str, type] = {
-    name: kind for name, kind in get_type_hints(Pump).items() if isinstance(kind, type) and is_dataclass(kind)
+    name: kind
+    for name, kind in get_type_hints(Pump).items()
+    if isinstance(kind, type) and is_dataclass(kind)
 }
 """Tables that every pump file has, and what each holds."""
 
@@ -42,7 +44,9 @@ def _require_names(table: dict[str, Any], names: tuple[str, ...], where: str) ->
         if name not in names:
             near = difflib.get_close_matches(name, names, 1)
             hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise DataError(f"{where} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}")
+            raise DataError(
+                f"{where} has an unknown entry {name!r}; the entries are {', '.join(names)}.{hint}"
+            )
 
 
 def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
@@ -57,11 +61,15 @@ def _section(kind: type, table: Any, path: str, sources: dict[str, str]) -> Any:
         elif name not in table:
             raise DataError(f"[{path}] lacks {name} (unit {item.metadata['unit']}).")
         else:
-            values[name] = _quantity(table[name], item.metadata["unit"], f"{path}.{name}", item.type, sources)
+            values[name] = _quantity(
+                table[name], item.metadata["unit"], f"{path}.{name}", item.type, sources
+            )
             signed = (kind, name) == (Bearings, "positions") or kind is Positions
             for number in values[name] if isinstance(values[name], tuple) else (values[name],):
                 if not signed and (number < 0 or (number == 0 and name not in MAY_BE_ZERO)):
-                    raise InputError(f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive.")
+                    raise InputError(
+                        f"{path}.{name} ({number:g} {item.metadata['unit']}) must be positive."
+                    )
     return kind(**values)
 
 
@@ -72,11 +80,15 @@ def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, st
             f'{path} = {entry!r} is a bare value; write {name} = {{ value = "... {unit}", source = "..." }}.'
         )
     if not str(entry.get("source", "")).strip():
-        raise DataError(f'{path} has no source; add source = "..." so that others can judge the number.')
+        raise DataError(
+            f'{path} has no source; add source = "..." so that others can judge the number.'
+        )
     sources[path] = str(entry["source"])
     value = entry["value"]
     if isinstance(value, list) != (kind not in (int, float)):
-        wanted = "one quantity" if isinstance(value, list) else 'a list of quantities, ["...", "..."]'
+        wanted = (
+            "one quantity" if isinstance(value, list) else 'a list of quantities, ["...", "..."]'
+        )
         raise DataError(f"{path} = {value!r} must be {wanted}.")
     if isinstance(value, list):
         return tuple(parse(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value))
@@ -87,8 +99,14 @@ def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, st
 
 
 def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
-    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
-        raise DataError("the pump has no [[sensors]]; give at least one with name, position and direction.")
+    if (
+        not isinstance(tables, list)
+        or not tables
+        or not all(isinstance(table, dict) for table in tables)
+    ):
+        raise DataError(
+            "the pump has no [[sensors]]; give at least one with name, position and direction."
+        )
     sensors: list[Sensor] = []
     for i, table in enumerate(tables):
         path = f"sensors[{i}]"
@@ -96,10 +114,14 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
             raise DataError(f"{path} lacks {missing[0]}.")
         position = _quantity(table["position"], "m", f"{path}.position", tuple, sources)
         direction = table["direction"]
-        if not all(isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)):
+        if not all(
+            isinstance(three, (tuple, list)) and len(three) == 3 for three in (position, direction)
+        ):
             raise DataError(f"{path}: position and direction must be lists of three components.")
         if not all(isinstance(component, (int, float)) for component in direction):
-            raise DataError(f"{path}.direction = {direction!r} must be bare numbers: it has no unit.")
+            raise DataError(
+                f"{path}.direction = {direction!r} must be bare numbers: it has no unit."
+            )
         norm = math.hypot(*direction)
         if not (math.isfinite(norm) and norm > 0):
             raise DataError(f"{path}.direction = {direction!r} has no length that can be made 1.")
@@ -113,7 +135,13 @@ def _sensors(tables: Any, sources: dict[str, str]) -> tuple[Sensor, ...]:
 def available_pumps() -> tuple[str, ...]:
     """Names of the pumps that come with swashtwin."""
     folder = resources.files("swashtwin.pump") / "pumps"
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(
+        sorted(
+            entry.name.removesuffix(".toml")
+            for entry in folder.iterdir()
+            if entry.name.endswith(".toml")
+        )
+    )
 
 
 def _text_of(name: str | Path) -> tuple[str, str]:
@@ -124,8 +152,12 @@ def _text_of(name: str | Path) -> tuple[str, str]:
         return read_text(path), str(path)
     if str(name) not in available_pumps():
         names = ", ".join(available_pumps())
-        raise MissingFileError(f"no pump named {str(name)!r}; there are {names}, or give a .toml file.")
-    return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml"
+        raise MissingFileError(
+            f"no pump named {str(name)!r}; there are {names}, or give a .toml file."
+        )
+    return (resources.files("swashtwin.pump") / "pumps" / f"{name}.toml").read_text(
+        encoding="utf-8"
+    ), f"{name}.toml"
 
 
 def _table_of(text: str) -> dict[str, Any]:
@@ -136,7 +168,9 @@ def _table_of(text: str) -> dict[str, Any]:
     if "like" not in table:
         return table
     if (like := table.pop("like")) not in available_pumps():
-        raise DataError(f"like = {like!r} is none of swashtwin's pumps: {', '.join(available_pumps())}.")
+        raise DataError(
+            f"like = {like!r} is none of swashtwin's pumps: {', '.join(available_pumps())}."
+        )
     original = _table_of(_text_of(like)[0])
     del original["name"]
     return {**original, **table}
@@ -145,12 +179,14 @@ def _table_of(text: str) -> dict[str, Any]:
 def load_pump(name: str | Path) -> Pump:
     """Pump of that name, or from that ``.toml`` file.
 
-    A file with ``like = "25scy14-1b"`` takes from that pump every table that it does not have itself.
+    A file with ``like = "25scy14-1b"`` takes from that pump every table that it does not have
+    itself.
 
     Raises
     ------
     MissingFileError, DataError, UnitError, InputError
-        No such pump; damaged TOML; a bare number or a wrong unit; impossible geometry. The message names the entry.
+        No such pump; damaged TOML; a bare number or a wrong unit; impossible geometry. The message
+        names the entry.
 
     Examples
     --------
@@ -163,7 +199,9 @@ def load_pump(name: str | Path) -> Pump:
     try:
         table = _table_of(text)
         _require_names(table, ("format", "name", *_SECTIONS, "sensors", "rated"), "the pump")
-        parts = {key: _section(kind, table.get(key), key, sources) for key, kind in _SECTIONS.items()}
+        parts = {
+            key: _section(kind, table.get(key), key, sources) for key, kind in _SECTIONS.items()
+        }
         pump = Pump(
             name=str(table.get("name", Path(origin).stem)),
             sensors=_sensors(table.get("sensors"), sources),
@@ -180,20 +218,26 @@ def load_pump(name: str | Path) -> Pump:
 
 
 def new_pump(
-    name: str, *, like: str | Path = "25scy14-1b", nameplate: Nameplate | None = None, folder: Path = Path()
+    name: str,
+    *,
+    like: str | Path = "25scy14-1b",
+    nameplate: Nameplate | None = None,
+    folder: Path = Path(),
 ) -> Path:
-    """Path of a new pump file, to be edited: a commented copy of pump `like`, or that pump scaled to a nameplate.
+    """Path of a new pump file, to be edited: a commented copy of pump `like`, or that pump scaled
+    to a nameplate.
 
     Parameters
     ----------
-    nameplate : displacement, number of pistons, rated speed and pressure; the new pump is similar to `like`
-        (`scaled_pump`), and the source of each number says whether it is the nameplate's, scaled, or a guess.
+    nameplate : displacement, number of pistons, rated speed and pressure; the new pump is similar
+        to `like` (`scaled_pump`), and the source of each number says whether it is the nameplate's,
+        scaled, or a guess.
 
     Raises
     ------
     InputError
-        The file exists already (nothing is overwritten), the name is none for a file, or the parts of the scaled pump
-        do not fit each other.
+        The file exists already (nothing is overwritten), the name is none for a file, or the parts
+        of the scaled pump do not fit each other.
     DataError, UnitError
         Pump `like` is damaged.
     """

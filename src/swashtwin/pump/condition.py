@@ -10,10 +10,13 @@ from jaxtyping import Bool, Float
 from swashtwin.foundation import InputError, parse
 
 SPEED_TOLERANCE = 0.02
-"""Relative difference up to which two speeds belong to the same operating point: the slip of a motor under load."""
+"""Relative difference up to which two speeds belong to the same operating point: the slip of a
+motor under load.
+"""
 PRESSURE_TOLERANCE = 0.06
-"""Relative difference up to which two discharge pressures belong to the same operating point: a relief valve holds
-what was set within some percent."""
+"""Relative difference up to which two discharge pressures belong to the same operating point: a
+relief valve holds what was set within some percent.
+"""
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,18 @@ class OperatingCondition:
     """Oil temperature [K]; `units.celsius` converts."""
 
     def __post_init__(self) -> None:
-        for name in ("speed", "discharge_pressure", "suction_pressure", "case_pressure", "oil_temperature"):
+        for name in (
+            "speed",
+            "discharge_pressure",
+            "suction_pressure",
+            "case_pressure",
+            "oil_temperature",
+        ):
             value = getattr(self, name)
             if not isinstance(value, (int, float, np.number)):
-                raise InputError(f"{name} ({value!r}) must be a number in SI units, such as rpm(1500) or MPa(15).")
+                raise InputError(
+                    f"{name} ({value!r}) must be a number in SI units, such as rpm(1500) or MPa(15)."
+                )
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} ({value:g}) must be a positive number.")
         if self.speed > 8000 * math.pi / 30:
@@ -78,7 +89,8 @@ class OperatingCondition:
         return 1 / self.shaft_frequency
 
     def matches(self, other: "OperatingCondition", *, speed: float = SPEED_TOLERANCE) -> bool:
-        """Whether two conditions are the same operating point: their discharge pressures agree within 6 %.
+        """Whether two conditions are the same operating point: their discharge pressures agree
+        within 6 %.
 
         Parameters
         ----------
@@ -104,7 +116,11 @@ class OperatingCondition:
 
 
 def read_condition(
-    *, speed: str, discharge_pressure: str, oil_temperature: str | None = None, suction_pressure: str | None = None
+    *,
+    speed: str,
+    discharge_pressure: str,
+    oil_temperature: str | None = None,
+    suction_pressure: str | None = None,
 ) -> OperatingCondition:
     """Operating condition of quantities with units; what is not said stays at the default.
 
@@ -127,26 +143,36 @@ def read_condition(
         "suction_pressure": (suction_pressure, "Pa"),
     }
     return OperatingCondition(
-        **{name: parse(text, unit, name=name) for name, (text, unit) in stated.items() if text is not None}
+        **{
+            name: parse(text, unit, name=name)
+            for name, (text, unit) in stated.items()
+            if text is not None
+        }
     )
 
 
 def values_match(
     a: float | Float[np.ndarray, " n"], b: float | Float[np.ndarray, " n"], tolerance: float
 ) -> np.bool_ | Bool[np.ndarray, " n"]:
-    """Whether two speeds, or two pressures, differ by at most `tolerance` of the larger; NaN matches NaN only.
+    """Whether two speeds, or two pressures, differ by at most `tolerance` of the larger; NaN
+    matches NaN only.
 
-    `OperatingCondition.matches` in terms of single values, for callers that hold a part of a condition.
+    `OperatingCondition.matches` in terms of single values, for callers that hold a part of a
+    condition.
     """
     are_close = np.abs(np.subtract(a, b)) <= tolerance * np.maximum(np.abs(a), np.abs(b))
     return are_close | (np.isnan(a) & np.isnan(b))
 
 
-def merge_close_values(values: Float[np.ndarray, " n"], tolerance: float) -> Float[np.ndarray, " n"]:
-    """Speeds or pressures with one level per operating point: each is replaced by the mean of its run of close values.
+def merge_close_values(
+    values: Float[np.ndarray, " n"], tolerance: float
+) -> Float[np.ndarray, " n"]:
+    """Speeds or pressures with one level per operating point: each is replaced by the mean of its
+    run of close values.
 
-    A run starts at the lowest value that is in no other run, and holds every value that matches it within `tolerance`
-    of the larger. So any two values of a run match, and each matches the level; NaN stays NaN.
+    A run starts at the lowest value that is in no other run, and holds every value that matches it
+    within `tolerance` of the larger. So any two values of a run match, and each matches the level;
+    NaN stays NaN.
 
     Examples
     --------
@@ -161,14 +187,19 @@ def merge_close_values(values: Float[np.ndarray, " n"], tolerance: float) -> Flo
         distinct, index = np.unique(values[stated], return_inverse=True)
         sizes: list[int] = []
         while (start := sum(sizes)) < distinct.size:
-            sizes.append(max(1, int(np.sum(values_match(distinct[start:], distinct[start], tolerance)))))
+            sizes.append(
+                max(1, int(np.sum(values_match(distinct[start:], distinct[start], tolerance))))
+            )
         run = np.repeat(np.arange(len(sizes)), sizes)
         levels[stated] = (np.bincount(run, weights=distinct) / np.bincount(run))[run][index]
     return levels
 
 
-def group_by_condition(conditions: Sequence[OperatingCondition], *, speed: float = SPEED_TOLERANCE) -> list[list[int]]:
-    """Indices of the conditions of each operating point, by ascending discharge pressure, then speed.
+def group_by_condition(
+    conditions: Sequence[OperatingCondition], *, speed: float = SPEED_TOLERANCE
+) -> list[list[int]]:
+    """Indices of the conditions of each operating point, by ascending discharge pressure, then
+    speed.
 
     Conditions of one point match each other within the tolerances of `OperatingCondition.matches`.
 
@@ -179,7 +210,9 @@ def group_by_condition(conditions: Sequence[OperatingCondition], *, speed: float
     >>> group_by_condition(conditions)
     [[1], [0, 2]]
     """
-    pressures = merge_close_values(np.array([c.discharge_pressure for c in conditions]), PRESSURE_TOLERANCE)
+    pressures = merge_close_values(
+        np.array([c.discharge_pressure for c in conditions]), PRESSURE_TOLERANCE
+    )
     speeds = merge_close_values(np.array([c.speed for c in conditions]), speed)
     points: dict[tuple[float, float], list[int]] = {}
     for index, point in enumerate(zip(pressures.tolist(), speeds.tolist(), strict=True)):

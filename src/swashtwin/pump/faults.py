@@ -1,9 +1,10 @@
 """Why a pump is not normal: the fault classes, and faults with dimensions.
 
-A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share a class. Each fault
-is a frozen dataclass whose first field is its severity, so that `scaled` can spread it. How each acts on the pump is
-written in `physics`, one registry for each effect; CONTRIBUTING.md, "Add a fault", names them all. Severities follow
-our own derivation, `docs/explanation/physics.md`, and the anchors cited there; the swash plate defect is the paper's
+A *class* is what a classifier names; a *fault* is what the model can simulate. Several faults share
+a class. Each fault is a frozen dataclass whose first field is its severity, so that `scaled` can
+spread it. How each acts on the pump is written in `physics`, one registry for each effect;
+CONTRIBUTING.md, "Add a fault", names them all. Severities follow our own derivation,
+`docs/explanation/physics.md`, and the anchors cited there; the swash plate defect is the paper's
 (DOI 10.1177/00202940261419020).
 """
 
@@ -24,8 +25,8 @@ _F = TypeVar("_F", bound="Fault")
 class Fault:
     """Anything that the model can simulate as wrong with a pump; the base of all faults.
 
-    A new fault is a frozen dataclass derived from this one, made known by `register_fault`. A field with a dimension
-    has its SI unit in its metadata, ``field(metadata={"unit": "m"})``.
+    A new fault is a frozen dataclass derived from this one, made known by `register_fault`. A field
+    with a dimension has its SI unit in its metadata, ``field(metadata={"unit": "m"})``.
     """
 
     label: ClassVar[str]
@@ -36,7 +37,9 @@ class Fault:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, float | int) and not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{kind}.{item.name} ({value:g}) must be zero or a positive number.")
+                raise InputError(
+                    f"{kind}.{item.name} ({value:g}) must be zero or a positive number."
+                )
             choices = get_args(item.type) if get_origin(item.type) is Literal else ()
             if choices and value not in choices:
                 words = ", ".join(choices)
@@ -50,7 +53,9 @@ class Fault:
     @property
     def units(self) -> Mapping[str, str]:
         """SI unit of each dimension that is no pure number."""
-        return {item.name: item.metadata["unit"] for item in fields(self) if "unit" in item.metadata}
+        return {
+            item.name: item.metadata["unit"] for item in fields(self) if "unit" in item.metadata
+        }
 
     @property
     def severity(self) -> float:
@@ -68,16 +73,19 @@ def _dimension(unit: str, default: Any = MISSING, **longest: float) -> Any:
 
 
 SHARED_DEPTH = mm(0.1)
-"""Depth [m] of a recess up to which the films of the linear law are believed: at 0.07 mm one-sided films give lines
-within 7 to 12 %, at the paper's 0.6 mm they would have to pull with ten times what holds the slippers down
-(docs/explanation/physics.md, section 2.5)."""
+"""Depth [m] of a recess up to which the films of the linear law are believed: at 0.07 mm one-sided
+films give lines within 7 to 12 %, at the paper's 0.6 mm they would have to pull with ten times what
+holds the slippers down (docs/explanation/physics.md, section 2.5).
+"""
 
 
 @dataclass(frozen=True)
 class SwashPlateDefect(Fault):
-    """Rectangular recess in the swash plate's running surface, on the slippers' track (the paper's artificial defect).
+    """Rectangular recess in the swash plate's running surface, on the slippers' track (the paper's
+    artificial defect).
 
-    A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (an extrapolation of ours).
+    A slipper wider than the recess bridges it: `effective_depth` then falls below `depth` (an
+    extrapolation of ours).
     """
 
     label: ClassVar[str] = "swash_plate"
@@ -91,24 +99,36 @@ class SwashPlateDefect(Fault):
     angle: float = _dimension("rad", math.radians(270))
     """Shaft angle of its middle, from top dead center [rad]; 180-360 deg is the pressure side."""
     entry: Literal["centre", "edge"] = "centre"
-    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading ``edge`` (ours)."""
+    """Where the paper's distances l1...l3 start: at the slipper's ``centre`` (its word) or leading
+    ``edge`` (ours).
+    """
     edge: Literal["half_sine", "raised_cosine"] = "half_sine"
-    """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does not)."""
+    """Rise and fall: the paper's half-sine (its velocity jumps) or a raised cosine (it does
+    not).
+    """
     contact: Literal["shared", "literal", "physical", "lift_off"] = "shared"
-    """What one slipper's displacement loads: its own share of the total stiffness (``shared``), all of it (``literal``,
-    the paper's formula as printed), or only inertia, volume and leakage, for a film cannot pull (``physical``); with
-    ``lift_off`` slippers also leave the plate where it falls away too fast for them, and land with an impact."""
+    """What one slipper's displacement loads: its own share of the total stiffness (``shared``), all
+    of it (``literal``, the paper's formula as printed), or only inertia, volume and leakage, for a
+    film cannot pull (``physical``); with ``lift_off`` slippers also leave the plate where it falls
+    away too fast for them, and land with an impact.
+    """
     gain: float = 1.0
     """Factor on the excitation; a nuisance that calibration may free."""
     off_axis: bool = True
-    """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis (our reading)."""
+    """Whether the force acts where the defect is, with its moment, rather than on the shaft's axis
+    (our reading).
+    """
     corner: float = _dimension("Hz", 0.0)
-    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^fall. With 0 it is the law's own: they follow
-    all of it where films are strained, else up to `physics.excitation.CONTACT_CUTOFF`."""
+    """Frequency [Hz] at which slippers follow half of it, 2^-(f / corner)^fall. With 0 it is the
+    law's own: they follow all of it where films are strained, else up to
+    `physics.excitation.CONTACT_CUTOFF`.
+    """
     fall: float = 2.0
     """How steeply they follow less around the corner."""
     leakage: float = 1.0
-    """Factor on the leakage that a slipper opens where it does not seal; acts where films are not strained."""
+    """Factor on the leakage that a slipper opens where it does not seal; acts where films are not
+    strained.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,7 +136,9 @@ class SwashPlateDefect(Fault):
             raise InputError("SwashPlateDefect.length and width must be positive.")
 
     def with_fitting_contact(self) -> "SwashPlateDefect":
-        """The same recess with the law that suits its depth: ``shared`` up to `SHARED_DEPTH`, ``lift_off`` beyond."""
+        """The same recess with the law that suits its depth: ``shared`` up to `SHARED_DEPTH`,
+        ``lift_off`` beyond.
+        """
         return replace(self, contact="shared" if self.depth <= SHARED_DEPTH else "lift_off")
 
     @property
@@ -125,14 +147,21 @@ class SwashPlateDefect(Fault):
         return self.contact in ("shared", "literal")
 
     def effective_depth(self, slipper_diameter: float) -> float:
-        """Depth a rigid slipper reaches [m]: all of it where the recess is longer and wider than the slipper."""
-        along, across = min(1.0, self.length / slipper_diameter), min(1.0, self.width / slipper_diameter)
+        """Depth a rigid slipper reaches [m]: all of it where the recess is longer and wider than
+        the slipper.
+        """
+        along, across = (
+            min(1.0, self.length / slipper_diameter),
+            min(1.0, self.width / slipper_diameter),
+        )
         return self.depth * along**2 * across**2
 
 
 @dataclass(frozen=True)
 class PistonWear(Fault):
-    """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per revolution."""
+    """One piston worn in its bore: its radial clearance is larger, so its chamber leaks once per
+    revolution.
+    """
 
     label: ClassVar[str] = "piston"
 
@@ -144,9 +173,11 @@ class PistonWear(Fault):
 
 @dataclass(frozen=True)
 class BoreDefect(Fault):
-    """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's side force.
+    """Local defect of the bush in one cylinder bore, loaded once per revolution by the piston's
+    side force.
 
-    Source of the mechanism: the cylinder-defect paper cited in `docs/explanation/physics.md`, section 1, no. 2.
+    Source of the mechanism: the cylinder-defect paper cited in `docs/explanation/physics.md`,
+    section 1, no. 2.
     """
 
     label: ClassVar[str] = "cylinder_block"
@@ -163,7 +194,9 @@ class BoreDefect(Fault):
 
 @dataclass(frozen=True)
 class SealingLandScratch(Fault):
-    """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the case."""
+    """Scratch through the cylinder block's sealing land at one bore: that chamber leaks to the
+    case.
+    """
 
     label: ClassVar[str] = "cylinder_block"
 
@@ -175,10 +208,11 @@ class SealingLandScratch(Fault):
 
 @dataclass(frozen=True)
 class TiltedBlockFace(Fault):
-    """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and turns.
+    """Cylinder block face worn out of square: the valve plate film's stiffness varies around it and
+    turns.
 
-    K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion periodically
-    (`fault_forcing.turning_terms`).
+    K_v(theta) = K_v (1 + eps cos(theta - omega t)) couples the axial and the tilting motion
+    periodically (`fault_forcing.turning_terms`).
     """
 
     label: ClassVar[str] = "cylinder_block"
@@ -189,12 +223,16 @@ class TiltedBlockFace(Fault):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.variation >= 1:
-            raise InputError(f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: a film cannot pull.")
+            raise InputError(
+                f"TiltedBlockFace.variation ({self.variation:g}) must be below 1: a film cannot pull."
+            )
 
 
 @dataclass(frozen=True)
 class ValvePlateWear(Fault):
-    """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and is softer."""
+    """Even wear of the valve plate: its film is thicker, leaks with the cube of the thickness, and
+    is softer.
+    """
 
     label: ClassVar[str] = "valve_plate"
 
@@ -206,7 +244,9 @@ class ValvePlateWear(Fault):
 
 @dataclass(frozen=True)
 class DamScratch(Fault):
-    """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure early."""
+    """Scratch across the valve plate's dam at bottom dead center: chambers meet the high pressure
+    early.
+    """
 
     label: ClassVar[str] = "valve_plate"
 
@@ -251,15 +291,18 @@ class LooseSlipper(Fault):
 
 _faults: dict[str, Fault | None] = {"normal": None}
 FAULT_KINDS: Mapping[str, Fault | None] = MappingProxyType(_faults)
-"""Faults by the name that the command line reads, each with its typical dimensions; `register_fault` adds to them."""
+"""Faults by the name that the command line reads, each with its typical dimensions;
+`register_fault` adds to them.
+"""
 _ENTRY_POINTS = "swashtwin.faults"
 
 
 def register_fault(name: str, typical: Fault) -> None:
-    """Make a fault known by `name`: to `read_fault`, to the command line, and to whatever loads saved twins.
+    """Make a fault known by `name`: to `read_fault`, to the command line, and to whatever loads
+    saved twins.
 
-    A package can have it made automatically, for the command line too, by an entry point `name` of the group
-    ``swashtwin.faults`` that points at `typical`.
+    A package can have it made automatically, for the command line too, by an entry point `name` of
+    the group ``swashtwin.faults`` that points at `typical`.
 
     Parameters
     ----------
@@ -278,8 +321,13 @@ def register_fault(name: str, typical: Fault) -> None:
         )
     for other_name, other in _faults.items():
         clashes = name == other_name or kind.__name__ == type(other).__name__
-        if clashes and (kind.__module__, kind.__qualname__) != (type(other).__module__, type(other).__qualname__):
-            raise InputError(f"{name} ({kind.__name__}) is taken by {other_name} ({type(other).__name__}); rename it.")
+        if clashes and (kind.__module__, kind.__qualname__) != (
+            type(other).__module__,
+            type(other).__qualname__,
+        ):
+            raise InputError(
+                f"{name} ({kind.__name__}) is taken by {other_name} ({type(other).__name__}); rename it."
+            )
     _faults[name] = typical
 
 
@@ -291,7 +339,8 @@ def register_installed_faults() -> None:
 
 
 def fault_type(name: str) -> type[Fault]:
-    """Type of the fault, registered or offered by an installed package, whose type has this name (``"PistonWear"``).
+    """Type of the fault, registered or offered by an installed package, whose type has this name
+    (``"PistonWear"``).
 
     Raises
     ------
@@ -310,7 +359,8 @@ def fault_type(name: str) -> type[Fault]:
 
 
 def read_fault(kind: str, **dimensions: str) -> Fault | None:
-    """Fault of that kind (`FAULT_KINDS`, or an alias) with some dimensions replaced; None is a healthy pump.
+    """Fault of that kind (`FAULT_KINDS`, or an alias) with some dimensions replaced; None is a
+    healthy pump.
 
     Raises
     ------
@@ -332,7 +382,9 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
     fault = FAULT_KINDS[name]
     if fault is None:
         if dimensions:
-            raise InputError(f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate.")
+            raise InputError(
+                f"a {name} pump has no {next(iter(dimensions))}; name a fault, such as swash_plate."
+            )
         return None
     forms = get_type_hints(type(fault))
     values: dict[str, Any] = {}
@@ -346,7 +398,11 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
                 raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
             values[key] = int(number) if form is int else number
         else:
-            known = [item for item, form in forms.items() if form in (float, int) or get_origin(form) is Literal]
+            known = [
+                item
+                for item, form in forms.items()
+                if form in (float, int) or get_origin(form) is Literal
+            ]
             raise InputError(f"{name} has no dimension {key!r}; it has {', '.join(known)}.")
     return replace(fault, **values)
 

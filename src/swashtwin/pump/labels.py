@@ -35,8 +35,9 @@ _PARTS = {
                     "配流盘", "配油盘"),
     "piston": ("piston", "plunger", "kolben", "embolo", "柱塞", "活塞"),
 }  # fmt: skip
-"""Words for a part in English, German, French, Spanish and Chinese, without accents; the first class that fits is
-meant, so that a ``Kolbentrommel`` is no piston."""
+"""Words for a part in English, German, French, Spanish and Chinese, without accents; the first
+class that fits is meant, so that a ``Kolbentrommel`` is no piston.
+"""
 
 _MACHINES = re.compile(
     r"(axial|radial)?_?(piston_pump|pump_piston|kolbenpumpe\w*|kolbenmaschine\w*|pompe_a_pistons?|bomba_de_pistones)"
@@ -80,8 +81,8 @@ def canonical_label(text: str, classes: tuple[str, ...] = CLASSES) -> str:
 
 
 def propose_class(label: str) -> str | None:
-    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None where they do not, or
-    say that the part is sound.
+    """Class that a label's words suggest, in English, German, French, Spanish or Chinese; None
+    where they do not, or say that the part is sound.
 
     Examples
     --------
@@ -90,19 +91,26 @@ def propose_class(label: str) -> str | None:
     """
     if is_healthy(label):
         return CLASSES[0]
-    plain = "".join(char for char in unicodedata.normalize("NFKD", _word(label)) if not unicodedata.combining(char))
+    plain = "".join(
+        char
+        for char in unicodedata.normalize("NFKD", _word(label))
+        if not unicodedata.combining(char)
+    )
     part = _MACHINES.sub("", plain)
     if _SOUND.search(part):
         return None
     patterns = {
-        name: "|".join(rf"(^|_|\d){word}" if word.isascii() else word for word in words)  # Chinese has no gaps
+        name: "|".join(
+            rf"(^|_|\d){word}" if word.isascii() else word for word in words
+        )  # Chinese has no gaps
         for name, words in _PARTS.items()
     }
     return next((name for name, pattern in patterns.items() if re.search(pattern, part)), None)
 
 
 def is_healthy(label: str | None) -> bool:
-    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"``, ``"ok"``, ``"gut"`` and their like.
+    """Whether a label says that nothing is wrong: ``"normal"``, ``"healthy"``, ``"ok"``, ``"gut"``
+    and their like.
 
     Examples
     --------
@@ -114,7 +122,9 @@ def is_healthy(label: str | None) -> bool:
 
 
 def _word(label: str) -> str:
-    """A label in small letters and one Unicode form, an underscore for each gap, point and hyphen."""
+    """A label in small letters and one Unicode form, an underscore for each gap, point and
+    hyphen.
+    """
     text = unicodedata.normalize("NFKC", label).casefold()
     return re.sub(r"[\s._-]+", "_", text).strip("_")
 

@@ -1,4 +1,5 @@
-"""What a pump is made of: geometry, masses, films and sensors, each number with its unit and source.
+"""What a pump is made of: geometry, masses, films and sensors, each number with its unit and
+source.
 
 Pumps live in TOML files, which `load_pump` reads; ``pumps/25scy14-1b.toml`` is the paper's.
 """
@@ -34,8 +35,12 @@ InterfaceValue = IntEnum(
 )
 """Index of each of the six values in the order of `PARAMETERS`."""
 
-LETTERS = MappingProxyType(dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"), strict=True)))
-"""The paper's letters. Its names contradict each other (C_v is its "cylinder damping"): this map is ours."""
+LETTERS = MappingProxyType(
+    dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"), strict=True))
+)
+"""The paper's letters. Its names contradict each other (C_v is its "cylinder damping"): this map is
+ours.
+"""
 
 
 def _number(unit: str, meaning: str) -> Any:
@@ -53,7 +58,9 @@ class RotatingGroup:
     swash_angle: float = _number("rad", "Inclination gamma of the swash plate")
     slipper_diameter: float = _number("m", "Outer diameter a of a slipper")
     pocket_diameter: float = _number("m", "Diameter of a slipper's pressure pocket")
-    orifice_diameter: float = _number("m", "Diameter of the damping hole through piston and slipper")
+    orifice_diameter: float = _number(
+        "m", "Diameter of the damping hole through piston and slipper"
+    )
     orifice_length: float = _number("m", "Length of that hole")
     piston_clearance: float = _number("m", "Radial clearance of a piston in its bore")
     piston_eccentricity: float = _number("1", "Relative eccentricity of a piston in its bore")
@@ -63,13 +70,17 @@ class RotatingGroup:
 
     def __post_init__(self) -> None:
         if not 3 <= self.piston_count <= 19:
-            raise InputError(f"rotating_group.piston_count ({self.piston_count}) must lie in 3...19.")
+            raise InputError(
+                f"rotating_group.piston_count ({self.piston_count}) must lie in 3...19."
+            )
         if not 0 < self.swash_angle < math.radians(45):
             raise InputError(
                 f"rotating_group.swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg."
             )
         if not 0 <= self.piston_eccentricity <= 1:
-            raise InputError(f"rotating_group.piston_eccentricity ({self.piston_eccentricity:g}) must lie in 0...1.")
+            raise InputError(
+                f"rotating_group.piston_eccentricity ({self.piston_eccentricity:g}) must lie in 0...1."
+            )
         wall = 2 * self.pitch_radius * math.sin(math.pi / self.piston_count) - self.piston_diameter
         if wall <= 0:
             raise InputError(
@@ -92,7 +103,13 @@ class RotatingGroup:
     @property
     def displacement(self) -> float:
         """Volume per revolution [m^3]."""
-        return self.piston_count * self.piston_area * 2 * self.pitch_radius * math.tan(self.swash_angle)
+        return (
+            self.piston_count
+            * self.piston_area
+            * 2
+            * self.pitch_radius
+            * math.tan(self.swash_angle)
+        )
 
 
 @dataclass(frozen=True)
@@ -117,7 +134,11 @@ class ValvePlate:
     balance_ratio: float = _number("1", "Kidney and film force over piston force, B")
 
     def __post_init__(self) -> None:
-        radii = [f"{land}_land_{edge}_radius" for land in ("inner", "outer") for edge in ("inner", "outer")]
+        radii = [
+            f"{land}_land_{edge}_radius"
+            for land in ("inner", "outer")
+            for edge in ("inner", "outer")
+        ]
         angles = ("suction_open", "suction_close", "discharge_open", "discharge_close")
         for lower, upper in (*pairwise(radii), *pairwise(angles)):
             if getattr(self, lower) >= getattr(self, upper):
@@ -141,7 +162,9 @@ class Oil:
 
     def viscosity_at(self, temperature: float) -> float:
         """Dynamic viscosity [Pa s] at `temperature` [K], falling exponentially."""
-        return self.viscosity * math.exp(-self.viscosity_slope * (temperature - self.reference_temperature))
+        return self.viscosity * math.exp(
+            -self.viscosity_slope * (temperature - self.reference_temperature)
+        )
 
 
 @dataclass(frozen=True)
@@ -149,7 +172,9 @@ class Line:
     """Outlet line with its relief valve."""
 
     volume: float = _number("m^3", "Oil volume between pump and relief valve")
-    relief_override: float = _number("Pa", "Pressure rise of the relief valve from cracking to the pump's full flow")
+    relief_override: float = _number(
+        "Pa", "Pressure rise of the relief valve from cracking to the pump's full flow"
+    )
 
 
 @dataclass(frozen=True)
@@ -180,7 +205,9 @@ class Mount:
     """How the shell stands on the ground."""
 
     stiffness_x: float = _number("N/m", "Transverse stiffness")
-    stiffness_y: float = _number("N/m", "Transverse stiffness in the swash plate's direction of rise")
+    stiffness_y: float = _number(
+        "N/m", "Transverse stiffness in the swash plate's direction of rise"
+    )
     stiffness_z: float = _number("N/m", "Axial stiffness")
     stiffness_tilt: float = _number("N*m/rad", "Stiffness against tilting about x and y")
     damping_ratio: float = _number("1", "Modal damping ratio")
@@ -207,8 +234,12 @@ class Coupling:
     """What ties retainer and rotor besides the films."""
 
     spring_stiffness: float = _number("N/m", "Central spring")
-    spring_preload: float = _number("N", "Force of the central spring, which presses the block on the valve plate")
-    lateral_ratio: float = _number("1", "Lateral over axial stiffness of a piston in its bore, kappa_r")
+    spring_preload: float = _number(
+        "N", "Force of the central spring, which presses the block on the valve plate"
+    )
+    lateral_ratio: float = _number(
+        "1", "Lateral over axial stiffness of a piston in its bore, kappa_r"
+    )
 
 
 @dataclass(frozen=True)
@@ -245,7 +276,9 @@ class Interfaces:
         """
         numbers = [float(value) for value in values]
         if len(numbers) != len(PARAMETERS):
-            raise InputError(f"{len(numbers)} interface values; there are {len(PARAMETERS)}: {', '.join(PARAMETERS)}.")
+            raise InputError(
+                f"{len(numbers)} interface values; there are {len(PARAMETERS)}: {', '.join(PARAMETERS)}."
+            )
         for name, number in zip(PARAMETERS, numbers, strict=True):
             if not (math.isfinite(number) and number > 0):
                 raise InputError(f"{name} ({number:g}) must be a positive number.")
@@ -254,7 +287,9 @@ class Interfaces:
 
 @dataclass(frozen=True)
 class Rated:
-    """Operating point that the pump is made for; port timing and interface values of its file hold there."""
+    """Operating point that the pump is made for; port timing and interface values of its file hold
+    there.
+    """
 
     speed: float = _number("rad/s", "Angular speed of the shaft")
     discharge_pressure: float = _number("Pa", "Discharge pressure")
@@ -266,7 +301,9 @@ class Sensor:
 
     name: str
     """Channel name."""
-    position: tuple[float, float, float] = field(metadata={"unit": "m", "meaning": "Place (x, y, z)"})
+    position: tuple[float, float, float] = field(
+        metadata={"unit": "m", "meaning": "Place (x, y, z)"}
+    )
     """z lies along the shaft from the slippers' plane toward the valve plate."""
     direction: tuple[float, float, float]
     """Measuring direction (a unit vector)."""
@@ -313,12 +350,17 @@ _TRADE = {
 _THINNEST = 1e-4
 """Length [m] below which a gap is written in um."""
 _DIGITS = 6
-_EXACT = ("rotating_group.piston_diameter", "rotating_group.pitch_radius", "rotating_group.swash_angle")
+_EXACT = (
+    "rotating_group.piston_diameter",
+    "rotating_group.pitch_radius",
+    "rotating_group.swash_angle",
+)
 """What sets the displacement, which is that of the nameplate to all digits."""
 
 
 def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
-    """A number in SI as people of the trade write it, with its unit: millimeters, degrees, MPa, rpm, cm^3.
+    """A number in SI as people of the trade write it, with its unit: millimeters, degrees, MPa,
+    rpm, cm^3.
 
     Examples
     --------
@@ -334,9 +376,11 @@ def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
 
 
 def pump_numbers(pump: Pump) -> list[tuple[str, Any, str]]:
-    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the order of its parts.
+    """(path, value in SI units, SI unit) of every number of a pump, or list of numbers, in the
+    order of its parts.
 
-    A path is of sections and name, such as ``interfaces.block_valve.damping`` or ``sensors[0].position``.
+    A path is of sections and name, such as ``interfaces.block_valve.damping`` or
+    ``sensors[0].position``.
     """
     numbers = []
 
@@ -361,7 +405,9 @@ def with_number(pump: Pump, path: str, value: Any) -> Pump:
 
 
 def with_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = "") -> Any:
-    """The pump, or a part of it, with what `change` gives for the path, the value and the unit of each number."""
+    """The pump, or a part of it, with what `change` gives for the path, the value and the unit of
+    each number.
+    """
     changes: dict[str, Any] = {}
     for item in fields(part):
         value, at = getattr(part, item.name), f"{path}.{item.name}".removeprefix(".")
@@ -371,14 +417,21 @@ def with_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = 
             changes[item.name] = with_numbers(value, change, at)
         elif item.name == "sensors":
             changes[item.name] = tuple(
-                with_numbers(sensor, change, f"{at}[{number}]") for number, sensor in enumerate(value)
+                with_numbers(sensor, change, f"{at}[{number}]")
+                for number, sensor in enumerate(value)
             )
     return replace(part, **changes)
 
 
 def pump_text(pump: Pump, comment: str) -> str:
-    """Text of the file that `load_pump` reads as this pump, each number with its unit and its source."""
-    lines = [*(f"# {line}" for line in comment.splitlines()), "format = 1", f"name = {json.dumps(pump.name)}"]
+    """Text of the file that `load_pump` reads as this pump, each number with its unit and its
+    source.
+    """
+    lines = [
+        *(f"# {line}" for line in comment.splitlines()),
+        "format = 1",
+        f"name = {json.dumps(pump.name)}",
+    ]
     table = ""
     for path, value, unit in pump_numbers(pump):
         section, _, name = path.rpartition(".")
@@ -390,7 +443,10 @@ def pump_text(pump: Pump, comment: str) -> str:
             table = section
             lines += ["", f"[{section}]"]
         digits = 12 if path in _EXACT else _DIGITS
-        numbers = [in_trade_units(number, unit, digits) for number in (value if isinstance(value, tuple) else (value,))]
+        numbers = [
+            in_trade_units(number, unit, digits)
+            for number in (value if isinstance(value, tuple) else (value,))
+        ]
         quantity = json.dumps(numbers if isinstance(value, tuple) else numbers[0])
         source = json.dumps(pump.sources.get(path, "no source"), ensure_ascii=False)
         lines.append(f"{name} = {{ value = {quantity}, source = {source} }}")

@@ -1,22 +1,27 @@
 """A pump scaled from its nameplate: geometric similarity to a pump whose parameters are known.
 
-Ratios of the new pump to the original: length L (pitch radius), bore D (piston diameter), stroke S, count N of pistons,
-pressure P and speed W of the nameplates. The bores keep their share of the pitch circle's chord, so that
+Ratios of the new pump to the original: length L (pitch radius), bore D (piston diameter), stroke S,
+count N of pistons, pressure P and speed W of the nameplates. The bores keep their share of the
+pitch circle's chord, so that
 
     D = L sin(pi/n) / sin(pi/n0),    S = L tan(gamma) / tan(gamma0),    N D^2 S = V_g / V_g0
 
-and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3). Structural stiffnesses
-follow L: the laws of similarity for one material (M. Weber, *Das allgemeine Ähnlichkeitsprinzip der Physik*, 1930; for
-machines of one series Pahl and Beitz, *Engineering Design*, size ranges). Housings are not similar: the mass of the
-whole pump is the one stated, or that of catalogs, `catalog_mass`; its parts keep their shares of it (ratio M), and
-inertias follow M L^2.
-The other laws are our own derivations from the films and volumes of docs/explanation/physics.md, section 4:
+and the displacement V_g sets L; with the same pistons and swash angle L = (V_g / V_g0)^(1/3).
+Structural stiffnesses follow L: the laws of similarity for one material (M. Weber, *Das allgemeine
+Ähnlichkeitsprinzip der Physik*, 1930; for machines of one series Pahl and Beitz, *Engineering
+Design*, size ranges). Housings are not similar: the mass of the whole pump is the one stated, or
+that of catalogs, `catalog_mass`; its parts keep their shares of it (ratio M), and inertias follow M
+L^2. The other laws are our own derivations from the films and volumes of
+docs/explanation/physics.md, section 4:
 
-- gaps grow with the part that they belong to, the oil is the same: a squeeze film's damping mu a^4 / h^3 follows its
-  length, its stiffness p a^2 / h the pressure times its length, a fluid column's stiffness B A^2 / V the ratio D^2 / S;
+- gaps grow with the part that they belong to, the oil is the same: a squeeze film's damping mu a^4
+  / h^3 follows its length, its stiffness p a^2 / h the pressure times its length, a fluid column's
+  stiffness B A^2 / V the ratio D^2 / S;
 - an unbalance keeps its quality grade, e omega (ISO 21940-11);
-- a relief groove passes V p omega / B within its angle, at sqrt(p): its area follows D^2 S W sqrt(P);
-- the kidneys open where a closed chamber has reached the pressure, as early or late about that as in the original.
+- a relief groove passes V p omega / B within its angle, at sqrt(p): its area follows D^2 S W
+  sqrt(P);
+- the kidneys open where a closed chamber has reached the pressure, as early or late about that as
+  in the original.
 """
 
 import math
@@ -63,18 +68,26 @@ class Nameplate:
                 "a slip of the unit."
             )
         if not 3 <= self.piston_count <= 19:
-            raise InputError(f"piston_count ({self.piston_count}) must lie in 3...19; most pumps have 7 or 9.")
+            raise InputError(
+                f"piston_count ({self.piston_count}) must lie in 3...19; most pumps have 7 or 9."
+            )
         if self.swash_angle is not None and not 0 < self.swash_angle < math.radians(45):
-            raise InputError(f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg.")
+            raise InputError(
+                f"swash_angle ({math.degrees(self.swash_angle):.4g} deg) must lie within 0...45 deg."
+            )
         if self.mass is not None and not 0.1 <= self.mass <= 5000:
-            raise InputError(f"mass ({self.mass:.4g} kg) must lie in 0.1...5000 kg; look for a slip of the unit.")
+            raise InputError(
+                f"mass ({self.mass:.4g} kg) must lie in 0.1...5000 kg; look for a slip of the unit."
+            )
 
 
 def catalog_mass(displacement: float) -> float:
-    """Usual mass [kg] of a variable swash plate pump without oil, by its volume per revolution [m^3].
+    """Usual mass [kg] of a variable swash plate pump without oil, by its volume per revolution
+    [m^3].
 
-    22 kg (V / 45 cm^3)^0.8: within 12 % of 12, 15, 21, 33, 45 and 60 kg that the A10V(S)O of series 31 weighs at 18,
-    28, 45, 71, 100 and 140 cm^3 (catalogs RE 92701 and 92711 of Bosch Rexroth, "weight without fluid").
+    22 kg (V / 45 cm^3)^0.8: within 12 % of 12, 15, 21, 33, 45 and 60 kg that the A10V(S)O of series
+    31 weighs at 18, 28, 45, 71, 100 and 140 cm^3 (catalogs RE 92701 and 92711 of Bosch Rexroth,
+    "weight without fluid").
 
     Examples
     --------
@@ -93,7 +106,8 @@ def read_nameplate(
     swash_angle: str | None = None,
     mass: str | None = None,
 ) -> Nameplate:
-    """Nameplate of quantities with units, such as ``"45 cm3/rev"``, ``"1500 rpm"``, ``"280 bar"``, ``"21 kg"``.
+    """Nameplate of quantities with units, such as ``"45 cm3/rev"``, ``"1500 rpm"``, ``"280 bar"``,
+    ``"21 kg"``.
 
     Raises
     ------
@@ -129,23 +143,53 @@ _LAWS = {
         ("S", "as the stroke", "rotating_group", "orifice_length piston_guide_length"),
         ("D^2 S", "as the volume of a stroke", "rotating_group", "dead_volume"),
         ("D/L", "angle of a bore on the pitch circle", "valve_plate", "port_ramp"),
-        ("L", "as the length", "valve_plate", "film outer_land_outer_radius outer_land_inner_radius"),
-        ("L", "as the length", "valve_plate", "inner_land_outer_radius inner_land_inner_radius film_radius"),
+        (
+            "L",
+            "as the length",
+            "valve_plate",
+            "film outer_land_outer_radius outer_land_inner_radius",
+        ),
+        (
+            "L",
+            "as the length",
+            "valve_plate",
+            "inner_land_outer_radius inner_land_inner_radius film_radius",
+        ),
         ("N D^2 S", "as the displacement; measure yours", "line", "volume"),
         ("M", "its share of the pump's mass", "masses", "shell rotor retainer"),
         ("M L^2", "mass times length squared", "masses", "shell_inertia rotor_inertia"),
         ("D^2 S", "as the volume", "masses", "piston_slipper"),
-        ("1/W", "the quality grade of balancing stays, ISO 21940-11", "masses", "rotor_eccentricity"),
+        (
+            "1/W",
+            "the quality grade of balancing stays, ISO 21940-11",
+            "masses",
+            "rotor_eccentricity",
+        ),
         ("L", "as the length", "positions", "shell rotor valve_plate mount"),
-        ("L", "a structure of one material; yours depends on its bracket", "mount", "stiffness_x stiffness_y"),
+        (
+            "L",
+            "a structure of one material; yours depends on its bracket",
+            "mount",
+            "stiffness_x stiffness_y",
+        ),
         ("L", "a structure of one material; yours depends on its bracket", "mount", "stiffness_z"),
-        ("L^3", "stiffness times length squared; yours depends on its bracket", "mount", "stiffness_tilt"),
+        (
+            "L^3",
+            "stiffness times length squared; yours depends on its bracket",
+            "mount",
+            "stiffness_tilt",
+        ),
         ("L", "as the length", "bearings", "positions axial_stiffness"),
         ("L", "as the length; the load's small power is left out", "bearings", "stiffnesses"),
         ("L", "as the length", "coupling", "spring_stiffness"),
         ("L^2", "equal stress", "coupling", "spring_preload"),
         ("N D", "squeeze films of equal proportions", "interfaces.slipper_swash", "damping"),
-        ("N P D", "hydrostatic films of equal proportions", "interfaces.slipper_swash", "stiffness"),
+        (
+            "N P D",
+            "hydrostatic films of equal proportions",
+            "interfaces.slipper_swash",
+            "stiffness",
+        ),
         ("L", "squeeze film of equal proportions", "interfaces.block_valve", "damping"),
         ("P L", "hydrostatic film of equal proportions", "interfaces.block_valve", "stiffness"),
         ("N S", "sheared film of equal proportions", "interfaces.piston_bore", "damping"),
@@ -158,14 +202,17 @@ _LAWS = {
 
 
 def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
-    """Pump `name` of a nameplate, similar to `original`; the source of each number says what it rests on.
+    """Pump `name` of a nameplate, similar to `original`; the source of each number says what it
+    rests on.
 
-    A source begins with ``nameplate``, with ``scaled`` (and the law), or with ``guess`` (as in the original).
+    A source begins with ``nameplate``, with ``scaled`` (and the law), or with ``guess`` (as in the
+    original).
 
     Raises
     ------
     InputError
-        `original` states no rated operating point, or the parts of the new pump do not fit each other.
+        `original` states no rated operating point, or the parts of the new pump do not fit each
+        other.
     """
     if original.rated is None:
         raise InputError(
@@ -173,7 +220,9 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
         )
     ratios = _ratios(original, original.rated, nameplate)
     weight = catalog_mass(nameplate.displacement) if nameplate.mass is None else nameplate.mass
-    ratios["M"] = weight / (original.masses.shell + original.masses.rotor + original.masses.retainer)
+    ratios["M"] = weight / (
+        original.masses.shell + original.masses.rotor + original.masses.retainer
+    )
     stated = {
         "rotating_group.piston_count": nameplate.piston_count,
         "rotating_group.swash_angle": nameplate.swash_angle,
@@ -191,10 +240,16 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
         if law.startswith("M"):
             reason += f" ({weight:.3g} kg, {'by catalogs; weigh yours' if nameplate.mass is None else 'as stated'})"
         there = f"{original.name} ({original.sources.get(path, 'no source')})"
-        sources[path] = f"scaled: {law} = {factor:.4g}, {reason}, of {there}" if law else f"guess: as {there}"
+        sources[path] = (
+            f"scaled: {law} = {factor:.4g}, {reason}, of {there}" if law else f"guess: as {there}"
+        )
         if not law:
             return value
-        return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor
+        return (
+            tuple(number * factor for number in value)
+            if isinstance(value, tuple)
+            else value * factor
+        )
 
     pump = with_numbers(replace(original, name=name, sources=sources), scaled)
     pump = _with_timing(pump, original, original.rated, ratios, sources)
@@ -203,7 +258,10 @@ def scaled_pump(original: Pump, nameplate: Nameplate, name: str) -> Pump:
 
 
 def _ratios(original: Pump, rated: Rated, nameplate: Nameplate) -> dict[str, float]:
-    group, angle = original.rotating_group, nameplate.swash_angle or original.rotating_group.swash_angle
+    group, angle = (
+        original.rotating_group,
+        nameplate.swash_angle or original.rotating_group.swash_angle,
+    )
     chord = math.sin(math.pi / nameplate.piston_count) / math.sin(math.pi / group.piston_count)
     incline = math.tan(angle) / math.tan(group.swash_angle)
     count = nameplate.piston_count / group.piston_count
@@ -228,8 +286,12 @@ def _power(law: str, ratios: dict[str, float]) -> float:
     return factor
 
 
-def _with_timing(pump: Pump, original: Pump, rated: Rated, ratios: dict[str, float], sources: dict[str, str]) -> Pump:
-    """The pump with kidneys that open at the nameplate's pressure, and grooves that pass the oil of its compression."""
+def _with_timing(
+    pump: Pump, original: Pump, rated: Rated, ratios: dict[str, float], sources: dict[str, str]
+) -> Pump:
+    """The pump with kidneys that open at the nameplate's pressure, and grooves that pass the oil of
+    its compression.
+    """
     plate, values = original.valve_plate, {}
     pressure = ratios["P"] * rated.discharge_pressure
     for name, angle, event in (
@@ -311,17 +373,20 @@ def stroke_of(group: RotatingGroup) -> float:
 
 
 def compression_angle(group: RotatingGroup, oil: Oil, pressure: float) -> float:
-    """Shaft angle [rad] after bottom dead center over which a closed chamber reaches `pressure` [Pa].
+    """Shaft angle [rad] after bottom dead center over which a closed chamber reaches `pressure`
+    [Pa].
 
-    The piston must sweep dV = V p / B of the full chamber V = V0 + 2 A R tan(gamma), and it sweeps A R tan(gamma)
-    (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out (docs/explanation/physics.md, section
-    4).
+    The piston must sweep dV = V p / B of the full chamber V = V0 + 2 A R tan(gamma), and it sweeps
+    A R tan(gamma) (1 - cos phi): phi = acos(1 - V p / (B A R tan(gamma))). Free air is left out
+    (docs/explanation/physics.md, section 4).
     """
     return _angle(group, oil, pressure, group.dead_volume + group.piston_area * stroke_of(group))
 
 
 def decompression_angle(group: RotatingGroup, oil: Oil, pressure: float) -> float:
-    """The same after top dead center, over which the dead volume V0 expands from `pressure` [Pa]."""
+    """The same after top dead center, over which the dead volume V0 expands from `pressure`
+    [Pa].
+    """
     return _angle(group, oil, pressure, group.dead_volume)
 
 

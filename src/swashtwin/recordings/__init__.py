@@ -5,8 +5,8 @@ A folder of measurements becomes a data set by one file, ``recordings.toml``::
     format = 1
     classes = ["normal", "Schiefscheibe"]
 
-    [fault_of]                        # fault of the twin that a class stands for, under another name
-    Schiefscheibe = "swash_plate"
+    [fault_of]                        # fault of the twin that a class stands for, under another
+    name Schiefscheibe = "swash_plate"
 
     [defaults]                        # any key of an entry, for every entry that lacks it
     sample_rate = "25.6 kHz"

@@ -1,4 +1,6 @@
-"""What is wrong or suspicious about each channel: missing samples, dead sensors, clipping, dropouts, offsets."""
+"""What is wrong or suspicious about each channel: missing samples, dead sensors, clipping,
+dropouts, offsets.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -35,11 +37,15 @@ def listed(names: Sequence[str], most: int = 3) -> str:
 
 
 PART = 1 << 22
-"""Samples of a channel that are looked at together; a stretch across the border of two parts counts as two."""
+"""Samples of a channel that are looked at together; a stretch across the border of two parts counts
+as two.
+"""
 _LARGEST = float(np.finfo(np.float32).max)
 """Windows are in single precision."""
 _NEAR, _AT = 0.01, 1e-6
-"""Distance from an extreme, relative to the range, that counts as near it, and as the extreme itself."""
+"""Distance from an extreme, relative to the range, that counts as near it, and as the extreme
+itself.
+"""
 _CLIP_RUN = 3
 """Samples in a row at the extreme that count as clipped."""
 _FLAT_SAMPLES, _FLAT_TIME = 20, 2e-3
@@ -67,10 +73,14 @@ class ChannelStatistics:
         """Take up the samples from number `position` on."""
         starts, lengths = _runs(np.flatnonzero(row[1:] == row[:-1]))
         for at in np.flatnonzero(lengths + 1 >= self._flat):
-            self.stretches.append((int(lengths[at]) + 1, position + int(starts[at]), float(row[starts[at]])))
+            self.stretches.append(
+                (int(lengths[at]) + 1, position + int(starts[at]), float(row[starts[at]]))
+            )
         if not math.isfinite(row.min() + row.max()):
             bad = np.flatnonzero(~np.isfinite(row))
-            self.first_bad = self.first_bad if self.bad else position + int(bad[0]) if bad.size else 0
+            self.first_bad = (
+                self.first_bad if self.bad else position + int(bad[0]) if bad.size else 0
+            )
             self.bad += bad.size
             row = np.delete(row, bad)
         if not row.size:
@@ -81,7 +91,9 @@ class ChannelStatistics:
             mean = row.mean()
             centered = row - mean
             step = mean - self.mean
-            self._square += float(centered @ centered + step * step * before * row.size / self.count)
+            self._square += float(
+                centered @ centered + step * step * before * row.size / self.count
+            )
             self.mean += float(step * row.size / self.count)
 
     @property
@@ -110,7 +122,9 @@ def channel_statistics(recording: Recording) -> list[ChannelStatistics]:
     flat = max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate)
     statistics = [ChannelStatistics(flat) for _ in recording.channels]
     for start in range(0, recording.n_samples, PART):
-        for channel, row in zip(statistics, recording.samples.signal_part(start, start + PART), strict=True):
+        for channel, row in zip(
+            statistics, recording.samples.signal_part(start, start + PART), strict=True
+        ):
             channel.add(row, start)
     return statistics
 
@@ -121,11 +135,15 @@ def refuse_unfit(recording: Recording) -> None:
     Raises
     ------
     DataError
-        Missing samples, a sample beyond single precision, a constant channel, gaps in time, or less than one revolution
-        where the speed is known.
+        Missing samples, a sample beyond single precision, a constant channel, gaps in time, or less
+        than one revolution where the speed is known.
     """
     for finding in unfit(recording, channel_statistics(recording)):
-        where = recording.recording_id if finding.channel is None else f"{recording.recording_id}, {finding.channel}"
+        where = (
+            recording.recording_id
+            if finding.channel is None
+            else f"{recording.recording_id}, {finding.channel}"
+        )
         raise DataError(f"{where}: {finding.message}")
 
 
@@ -145,9 +163,19 @@ def unfit(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iter
             )
             yield Finding("too_large", "error", name, message)
         elif channel.is_constant:
-            yield Finding("constant", "error", name, f"every sample is {channel.least:g}: a dead or unplugged sensor?")
+            yield Finding(
+                "constant",
+                "error",
+                name,
+                f"every sample is {channel.least:g}: a dead or unplugged sensor?",
+            )
     if gaps := recording.attributes.get("time_gaps"):
-        yield Finding("gaps", "error", None, f"the time column has gaps: {gaps}; split the file where they are.")
+        yield Finding(
+            "gaps",
+            "error",
+            None,
+            f"the time column has gaps: {gaps}; split the file where they are.",
+        )
     shaft = stated_speed(recording)
     if shaft and recording.duration * shaft < 1:
         message = (
@@ -157,7 +185,9 @@ def unfit(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iter
         yield Finding("short", "error", None, message)
 
 
-def channel_findings(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iterator[Finding]:
+def channel_findings(
+    recording: Recording, statistics: Sequence[ChannelStatistics]
+) -> Iterator[Finding]:
     """Clipping, dropouts and offsets of each channel that is not constant."""
     totals = np.zeros((len(statistics), 2, 2), int)
     for start in range(0, recording.n_samples, PART):
@@ -182,7 +212,11 @@ def channel_findings(recording: Recording, statistics: Sequence[ChannelStatistic
             yield Finding("clipping", "warning", name, message)
         values = np.array([value for _, _, value in channel.stretches])
         interior = ~np.isclose(values[:, None], (channel.least, channel.most)).any(axis=1)
-        flat = [item for item, inside in zip(channel.stretches, interior, strict=True) if inside or not sum(crowds)]
+        flat = [
+            item
+            for item, inside in zip(channel.stretches, interior, strict=True)
+            if inside or not sum(crowds)
+        ]
         if flat:
             length, first, _ = max(flat, key=lambda item: item[0])
             message = (
@@ -206,14 +240,18 @@ def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     return sum(_crowd(*counts) for counts in _at_extremes(row, low, high).tolist())
 
 
-def _runs(numbers: Int[np.ndarray, " number"]) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+def _runs(
+    numbers: Int[np.ndarray, " number"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
     if not numbers.size:
         return numbers, numbers
     first = np.concatenate(([0], np.flatnonzero(np.diff(numbers) != 1) + 1))
     return numbers[first], np.diff(np.append(first, numbers.size))
 
 
-def _at_extremes(row: Float[np.ndarray, " time"], least: float, most: float) -> Int[np.ndarray, "extreme 2"]:
+def _at_extremes(
+    row: Float[np.ndarray, " time"], least: float, most: float
+) -> Int[np.ndarray, "extreme 2"]:
     """Samples in runs at the lower and the upper extreme, and samples near it but not at it."""
     counts, span = np.zeros((2, 2), int), most - least
     for number, (signed, extreme) in enumerate(((-row, -least), (row, most))):
@@ -233,22 +271,30 @@ _HARMONICS = 10
 _LINE_RATIO = 6.0
 """Amplitude of a line over the median around it (16 dB)."""
 _SPEED_SEARCH, _SPEED_TOLERANCE = 0.09, 0.02
-"""How far from the stated speed another is looked for (no further: the neighbors of a nine-piston line lie 1/9 away),
-and how far off it may be."""
+"""How far from the stated speed another is looked for (no further: the neighbors of a nine-piston
+line lie 1/9 away), and how far off it may be.
+"""
 _USUAL_RATES = (200.0, 250e3)
-"""Sample rates of accelerometers [Hz]; they lie less than a factor of 1250 apart, so that kHz taken for Hz shows."""
+"""Sample rates of accelerometers [Hz]; they lie less than a factor of 1250 apart, so that kHz taken
+for Hz shows.
+"""
 _LEAST_TURNS = 50
 """Revolutions from which lines are looked for."""
 _LONGEST = 1 << 20
 """Samples in which they are looked for, where they hold so many revolutions."""
 _LEAST_PER_TURN = 4.0
-"""Samples in a turn below which not even the shaft's own line can be in a signal with room to spare."""
+"""Samples in a turn below which not even the shaft's own line can be in a signal with room to
+spare.
+"""
 
 
-def contradicted_speed(recording: Recording, statistics: Sequence[ChannelStatistics]) -> list[Finding]:
+def contradicted_speed(
+    recording: Recording, statistics: Sequence[ChannelStatistics]
+) -> list[Finding]:
     """A warning where a clear family of shaft lines stands beside the stated speed and none at it.
 
-    A long recording is judged by its first 2^20 samples, or by more where these hold less than 60 turns.
+    A long recording is judged by its first 2^20 samples, or by more where these hold less than 60
+    turns.
     """
     shaft, rate = stated_speed(recording), recording.sample_rate
     if not shaft or recording.duration * shaft < _LEAST_TURNS or rate < 4 * _HARMONICS * shaft:
@@ -270,7 +316,9 @@ def contradicted_speed(recording: Recording, statistics: Sequence[ChannelStatist
 
 
 def implausible_rate(recording: Recording) -> list[Finding]:
-    """A warning where the sample rate is one that vibration is not measured with, as where kHz were taken for Hz."""
+    """A warning where the sample rate is one that vibration is not measured with, as where kHz were
+    taken for Hz.
+    """
     rate, shaft = recording.sample_rate, stated_speed(recording)
     least, most = _USUAL_RATES
     if recording.attributes.get("domain") == "angle":
@@ -280,11 +328,16 @@ def implausible_rate(recording: Recording) -> list[Finding]:
     elif rate < least and recording.unit == "m/s^2":
         reason, meant = f"accelerometers are read at {least:g} Hz and more", f"{rate:g} kHz"
     elif shaft and rate < _LEAST_PER_TURN * shaft:
-        reason, meant = f"that is {rate / shaft:.2g} samples in a turn at {shaft * 60:.5g} rev/min", f"{rate:g} kHz"
+        reason, meant = (
+            f"that is {rate / shaft:.2g} samples in a turn at {shaft * 60:.5g} rev/min",
+            f"{rate:g} kHz",
+        )
     else:
         return []
     advice = f'if {meant} was meant, state sample_rate = "{meant}"'
-    return [Finding("rate", "warning", None, f"the sample rate is {rate:g} Hz, and {reason}; {advice}.")]
+    return [
+        Finding("rate", "warning", None, f"the sample rate is {rate:g} Hz, and {reason}; {advice}.")
+    ]
 
 
 def _line_family(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> float | None:
@@ -295,11 +348,17 @@ def _line_family(row: Float[np.ndarray, " time"], rate: float, shaft: float) -> 
     candidates = shaft * np.linspace(1 - _SPEED_SEARCH, 1 + _SPEED_SEARCH, width)
     orders = np.arange(1, _HARMONICS + 1)
     distance = np.abs(candidates[:, None, None] * orders[None, :, None] - lines[None, None, :])
-    hit = (distance <= 1.5 * resolution).any(axis=2) if len(lines) else np.zeros((width, _HARMONICS), bool)
+    hit = (
+        (distance <= 1.5 * resolution).any(axis=2)
+        if len(lines)
+        else np.zeros((width, _HARMONICS), bool)
+    )
     hits = hit.sum(axis=1)
     near = np.abs(candidates / shaft - 1) <= _SPEED_TOLERANCE
     best = int(np.argmax(hits))
-    clear = hits[best] >= _HARMONICS // 2 and hit[best, :3].sum() >= 2 and len(lines) <= 4 * _HARMONICS
+    clear = (
+        hits[best] >= _HARMONICS // 2 and hit[best, :3].sum() >= 2 and len(lines) <= 4 * _HARMONICS
+    )
     if not clear or hits[near].max() > 2:
         return None
     matched = orders[hit[best]]
@@ -311,7 +370,8 @@ def _lines(row: Float[np.ndarray, " time"], rate: float, top: float) -> Float[np
     """Frequencies [Hz] below `top` that stand clear of the spectrum around them."""
     from scipy.ndimage import maximum_filter1d, median_filter
 
-    # `signals` stands on a higher floor than recordings, so that its `power_density` cannot be called here.
+    # `signals` stands on a higher floor than recordings, so that its `power_density` cannot be
+    # called here.
     time = np.arange(len(row)) - (len(row) - 1) / 2
     trend = (time @ row) / (time @ time) * time + row.mean()
     frequency = np.arange(len(row) // 2 + 1) * (rate / len(row))

@@ -1,4 +1,6 @@
-"""Recordings of one data set, loaded from an index, a store or files, and the ways to select and split them."""
+"""Recordings of one data set, loaded from an index, a store or files, and the ways to select and
+split them.
+"""
 
 import operator
 from collections import Counter
@@ -28,8 +30,9 @@ from swashtwin.recordings.recording import Recording, require_distinct
 class Recordings(Sequence[Recording]):
     """Recordings of one data set, each with an id of its own; `load_recordings` makes them.
 
-    Every access gives a `Recording` that reads its samples when they are asked for, and forgets them with the last
-    reference to it: a loop over the recordings has one signal in memory at a time.
+    Every access gives a `Recording` that reads its samples when they are asked for, and forgets
+    them with the last reference to it: a loop over the recordings has one signal in memory at a
+    time.
 
     Parameters
     ----------
@@ -90,7 +93,9 @@ class Recordings(Sequence[Recording]):
         rate = f"{next(iter(rates)):g} Hz" if len(rates) == 1 else f"{len(rates)} sample rates"
         channels = " or ".join(str(count) for count in sorted(counts))
         parts.append(f"{channels} channel{'s' * (counts != {1})} at {rate}")
-        return f"Recordings({len(self)}: {'; '.join(parts)})" if self._recordings else "Recordings(0)"
+        return (
+            f"Recordings({len(self)}: {'; '.join(parts)})" if self._recordings else "Recordings(0)"
+        )
 
     @property
     def recording_ids(self) -> tuple[str, ...]:
@@ -150,34 +155,61 @@ class Recordings(Sequence[Recording]):
                 values = [stated(recording) for recording in self._recordings]
                 are_met = [bool(values_match(value, wanted, tolerance)) for value in values]
                 texts = [f"{value * factor:.4g}" for value in sorted(values)]
-                tests.append((f"the {noun} {wanted * factor:.4g} {unit}", f"{noun}s [{unit}]", texts, are_met))
+                tests.append(
+                    (
+                        f"the {noun} {wanted * factor:.4g} {unit}",
+                        f"{noun}s [{unit}]",
+                        texts,
+                        are_met,
+                    )
+                )
         if ids is not None:
             names = sorted({str(name) for name in ids})
             are_met = [each in names for each in self.recording_ids]
             tests.append((f"the id {_listed(names)}", "ids", self.recording_ids, are_met))
         for name, value in attributes.items():
-            if self._recordings and not any(name in recording.attributes for recording in self._recordings):
-                raise unknown_attribute(self._recordings, name, ("label", "specimen", "speed", "pressure", "ids"))
+            if self._recordings and not any(
+                name in recording.attributes for recording in self._recordings
+            ):
+                raise unknown_attribute(
+                    self._recordings, name, ("label", "specimen", "speed", "pressure", "ids")
+                )
             present = [recording.attributes.get(name) for recording in self._recordings]
-            tests.append((f"{name} {value!r}", f"{name}s", present, [str(each) == str(value) for each in present]))
+            tests.append(
+                (
+                    f"{name} {value!r}",
+                    f"{name}s",
+                    present,
+                    [str(each) == str(value) for each in present],
+                )
+            )
         left = [
             recording
-            for recording, *are_met in zip(self._recordings, *(each[-1] for each in tests), strict=True)
+            for recording, *are_met in zip(
+                self._recordings, *(each[-1] for each in tests), strict=True
+            )
             if all(are_met)
         ]
         if not left:
             conditions = " and ".join(words for words, *_ in tests) or "passed"
-            values_there = "; ".join(f"{noun} {_listed(values)}" for _, noun, values, _ in tests) or "none"
+            values_there = (
+                "; ".join(f"{noun} {_listed(values)}" for _, noun, values, _ in tests) or "none"
+            )
             raise DataError(f"no recording has {conditions}; there are {values_there}.")
         return Recordings(left)
 
-    def split(self, test: float = 0.2, *, by: str = "recording", seed: int = 0) -> "tuple[Recordings, Recordings]":
-        """(training recordings, test recordings), with the classes and conditions as alike on both sides as can be.
+    def split(
+        self, test: float = 0.2, *, by: str = "recording", seed: int = 0
+    ) -> "tuple[Recordings, Recordings]":
+        """(training recordings, test recordings), with the classes and conditions as alike on both
+        sides as can be.
 
         Parameters
         ----------
-        test : share of the recordings to test on, above 0 and at most 0.5. With few groups it may be larger.
-        by : what is kept whole: ``"recording"``, ``"specimen"``, ``"condition"`` (speed and pressure), or an attribute.
+        test : share of the recordings to test on, above 0 and at most 0.5. With few groups it may
+            be larger.
+        by : what is kept whole: ``"recording"``, ``"specimen"``, ``"condition"`` (speed and
+            pressure), or an attribute.
         seed : seed of the draw.
 
         Raises
@@ -185,8 +217,8 @@ class Recordings(Sequence[Recording]):
         InputError
             A share that cannot be, or an attribute that no recording has.
         DataError
-            There are fewer than two groups, some recordings state none, or every test set would take a class out of
-            training.
+            There are fewer than two groups, some recordings state none, or every test set would
+            take a class out of training.
         LeakError
             A recording is synthetic. Add these to the training recordings afterwards.
         """
@@ -200,12 +232,19 @@ class Recordings(Sequence[Recording]):
                 )
         groups = np.array(list(recording_groups(self._recordings, by).values()))
         if np.unique(groups).size < 2:
-            raise DataError(f"there is only one {by}; a split by {by} needs two. Split by another group.")
+            raise DataError(
+                f"there is only one {by}; a split by {by} needs two. Split by another group."
+            )
         classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
         speed = np.array([stated_angular_speed(recording) for recording in self._recordings])
         pressure = np.array([stated_pressure(recording) for recording in self._recordings])
-        levels = merge_close_values(speed, GROUP_SPEED_TOLERANCE), merge_close_values(pressure, PRESSURE_TOLERANCE)
-        cells = np.unique([f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True)[1]
+        levels = (
+            merge_close_values(speed, GROUP_SPEED_TOLERANCE),
+            merge_close_values(pressure, PRESSURE_TOLERANCE),
+        )
+        cells = np.unique(
+            [f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True
+        )[1]
         rows = best_test_rows(classes, cells, groups, test, seed, every_class=False)
         if rows is None:
             raise DataError(
@@ -220,17 +259,21 @@ class Recordings(Sequence[Recording]):
 
 
 def load_recordings(
-    path: str | Path | Iterable[str | Path], *, unreadable: list[Finding] | None = None, **facts: Any
+    path: str | Path | Iterable[str | Path],
+    *,
+    unreadable: list[Finding] | None = None,
+    **facts: Any,
 ) -> Recordings:
     """Recordings of an index, a store or files; their samples are read when they are asked for.
 
     Parameters
     ----------
-    path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a measurement, or a
-        list of these.
-    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error for the first.
-    facts : for single files what the file does not say, as in `load_recording`. Of an index or a store ``label`` and
-        ``specimen`` select: only the files of these are opened.
+    path : index file, folder that holds ``recordings.toml``, store (`write_store`), one file of a
+        measurement, or a list of these.
+    unreadable : gets a finding for each file of an index that cannot be loaded, instead of an error
+        for the first.
+    facts : for single files what the file does not say, as in `load_recording`. Of an index or a
+        store ``label`` and ``specimen`` select: only the files of these are opened.
 
     Raises
     ------
@@ -265,4 +308,7 @@ def load_recordings(
 
 
 def _listed(values: Iterable[str | None]) -> str:
-    return listed(list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values)), 12)
+    return listed(
+        list(dict.fromkeys("none" if value in (None, "nan") else str(value) for value in values)),
+        12,
+    )

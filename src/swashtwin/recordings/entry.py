@@ -55,14 +55,23 @@ class Entry(Options):
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":
-        """Entry of one table of an index, refused with `where` in the message where a key or a value cannot be."""
+        """Entry of one table of an index, refused with `where` in the message where a key or a
+        value cannot be.
+        """
         keys = {field.name for field in fields(cls)}
-        stated = {"pressure" if key == "discharge_pressure" else key: value for key, value in values.items()}
+        stated = {
+            "pressure" if key == "discharge_pressure" else key: value
+            for key, value in values.items()
+        }
         stated = {key: value for key, value in stated.items() if value is not None}
         for key, value in stated.items():
             if key not in keys:
                 near = get_close_matches(key, keys, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(sorted(keys))}."
+                hint = (
+                    f"did you mean {near[0]!r}?"
+                    if near
+                    else f"the keys are {', '.join(sorted(keys))}."
+                )
                 raise DataError(f"{where}: unknown key {key[:60]!r}; {hint}")
             if key in QUANTITIES and not isinstance(value, str):
                 raise UnitError(
@@ -74,7 +83,8 @@ class Entry(Options):
         if isinstance(attributes := stated.get("attributes"), Mapping):
             simple = (str, int, float, date, time)
             stated["attributes"] = {
-                name: str(value) if isinstance(value, simple) else value for name, value in attributes.items()
+                name: str(value) if isinstance(value, simple) else value
+                for name, value in attributes.items()
             }
         try:
             return from_table(stated, cls, where)

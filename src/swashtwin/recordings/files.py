@@ -1,4 +1,6 @@
-"""Files of recordings: read and written by their suffix, one by one, many in a store, or many in a folder."""
+"""Files of recordings: read and written by their suffix, one by one, many in a store, or many in a
+folder.
+"""
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -45,13 +47,14 @@ def suffixes() -> tuple[str, ...]:
 def register_format(suffix: str, read: Callable[[Path, Options], RawFile]) -> None:
     """Let files that end in `suffix` be read by `read`, in indexes and by `load_recording`.
 
-    An installed package does the same without a call by an entry point of the group ``swashtwin.formats``, whose name
-    is the suffix without its point.
+    An installed package does the same without a call by an entry point of the group
+    ``swashtwin.formats``, whose name is the suffix without its point.
 
     Parameters
     ----------
     suffix : such as ``".acq"``, in any case of letters.
-    read : called with the path of a file and the `Options` of its index entry; returns its content. It may raise
+    read : called with the path of a file and the `Options` of its index entry; returns its content.
+        It may raise
         anything: a file that it cannot read is reported as damaged.
 
     Raises
@@ -86,7 +89,8 @@ def stem_of(path: Path) -> str:
 
 
 def open_raw(path: Path, options: Options) -> RawFile:
-    """Content of a file; its columns stay in the file until they are sliced, where the format allows it.
+    """Content of a file; its columns stay in the file until they are sliced, where the format
+    allows it.
 
     Raises
     ------
@@ -104,7 +108,9 @@ def open_raw(path: Path, options: Options) -> RawFile:
         raise DataError(f"{path} is empty (0 bytes).")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # readers warn about parts of a file that are not used here
+            warnings.simplefilter(
+                "ignore"
+            )  # readers warn about parts of a file that are not used here
             raw = read(path, options)
     except (SwashTwinError, PermissionError):
         raise
@@ -116,7 +122,9 @@ def open_raw(path: Path, options: Options) -> RawFile:
             f"{path} is damaged, cut off, or no {suffix_of(path)} file ({type(cause).__name__}: {reason})."
         ) from cause
     if not raw.columns:
-        left_out = f"; left out: {raw.attributes['left_out']}" if "left_out" in raw.attributes else ""
+        left_out = (
+            f"; left out: {raw.attributes['left_out']}" if "left_out" in raw.attributes else ""
+        )
         raise DataError(f"{path} holds no vector of numbers{left_out}.")
     require_plausible_rates(path, raw)
     return raw
@@ -131,17 +139,19 @@ def _reader(path: Path) -> Callable[[Path, Options], RawFile]:
         for point in entry_points(group=_ENTRY_POINTS, name=suffix[1:]):
             register_format(suffix, point.load())
     if suffix not in _registered:
-        raise DataError(f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are {', '.join(suffixes())}.")
+        raise DataError(
+            f"{path}: {suffix or 'no suffix'!r} cannot be read; supported are {', '.join(suffixes())}."
+        )
     return _registered[suffix]
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
     """Path of the file that now holds the recording.
 
-    ``.h5`` holds the whole recording; the others lack label, condition and specimen and ``.wav`` also the unit, which
-    `write_index` adds. The speed at each sample is lost by all but ``.h5``: a column of another
-    unit beside the channels would be read back as one of them. The old file stays as it is until the new one is
-    complete.
+    ``.h5`` holds the whole recording; the others lack label, condition and specimen and ``.wav``
+    also the unit, which `write_index` adds. The speed at each sample is lost by all but ``.h5``: a
+    column of another unit beside the channels would be read back as one of them. The old file stays
+    as it is until the new one is complete.
 
     Raises
     ------
@@ -158,12 +168,13 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
 def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
     """The recording that `path` now holds, written block by block.
 
-    It is that of `join_blocks`, but only one block is in memory at a time: for recordings that are longer than memory
-    allows. The old file stays as it is until the new one is complete.
+    It is that of `join_blocks`, but only one block is in memory at a time: for recordings that are
+    longer than memory allows. The old file stays as it is until the new one is complete.
 
     Parameters
     ----------
-    blocks : parts of one recording that follow each other without a gap, all with the facts of the first.
+    blocks : parts of one recording that follow each other without a gap, all with the facts of the
+        first.
     path : file to write, ``.h5``.
 
     Raises
@@ -183,7 +194,9 @@ def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
 def _require_suffix(path: Path, allowed: tuple[str, ...], verb: str) -> str:
     suffix = suffix_of(path)
     if suffix not in allowed:
-        raise InputError(f"{path}: {suffix or 'no suffix'!r} cannot be {verb}; supported are {', '.join(allowed)}.")
+        raise InputError(
+            f"{path}: {suffix or 'no suffix'!r} cannot be {verb}; supported are {', '.join(allowed)}."
+        )
     return suffix
 
 
@@ -197,13 +210,16 @@ _MANIFEST = "series.json"
 
 
 def write_store(
-    recordings: Iterable[Recording], path: str | Path, *, progress: Callable[[int, int], None] | None = None
+    recordings: Iterable[Recording],
+    path: str | Path,
+    *,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Path of the store that now holds the recordings, in their order.
 
-    Samples are copied block by block in the number type of their file, with the factor that makes them the recording's
-    unit beside them, so nothing is rounded and no recording is ever whole in memory. The old file stays as it is until
-    the new one is complete.
+    Samples are copied block by block in the number type of their file, with the factor that makes
+    them the recording's unit beside them, so nothing is rounded and no recording is ever whole in
+    memory. The old file stays as it is until the new one is complete.
 
     Parameters
     ----------
@@ -228,7 +244,8 @@ def write_store(
         raise DataError("no recording to store.")
     require_distinct((recording.recording_id for recording in recordings), "a store")
     size = sum(
-        recording.samples.dtype.itemsize * recording.n_channels * recording.n_samples for recording in recordings
+        recording.samples.dtype.itemsize * recording.n_channels * recording.n_samples
+        for recording in recordings
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     require_disk_space(path.parent, 1, size)
@@ -253,7 +270,9 @@ def stored_recordings(path: Path) -> list[Recording]:
     except ArtifactError:
         raise
     except (DataError, InputError) as cause:
-        raise ArtifactError(f"{path} is damaged: {cause}" if isinstance(cause, InputError) else str(cause)) from cause
+        raise ArtifactError(
+            f"{path} is damaged: {cause}" if isinstance(cause, InputError) else str(cause)
+        ) from cause
 
 
 def read_header(path: Path) -> Recording:
@@ -281,25 +300,28 @@ def write_series(
     bytes_each: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Path, list[str]]:
-    """Index of a folder of recordings, and the ids of those made now; what an earlier run left whole is kept.
+    """Index of a folder of recordings, and the ids of those made now; what an earlier run left
+    whole is kept.
 
-    The files are ``NAME-0000.h5``, ``NAME-0001.h5``, ..., where NAME is the folder's, and each recording has the id of
-    its file, which appears when it is whole.
+    The files are ``NAME-0000.h5``, ``NAME-0001.h5``, ..., where NAME is the folder's, and each
+    recording has the id of its file, which appears when it is whole.
 
     Parameters
     ----------
     folder : new or empty folder, or one that an earlier run with equal `settings` left; `count` may
         have grown; a smaller one leaves all that are there.
-    blocks_of : the blocks of recording i, from 0. They must depend on i and `settings` only: then a run that was
-        interrupted and taken up again gives the same files as one that was not.
-    settings : whatever the recordings depend on, as JSON can hold it; kept in ``series.json`` beside the version.
+    blocks_of : the blocks of recording i, from 0. They must depend on i and `settings` only: then a
+        run that was interrupted and taken up again gives the same files as one that was not.
+    settings : whatever the recordings depend on, as JSON can hold it; kept in ``series.json``
+        beside the version.
     bytes_each : size of one recording; the folder's disk must have room for those still to be made.
     progress : called with recordings done and in all.
 
     Raises
     ------
     InputError
-        The folder holds something else, or was made with other settings or by another version; or it has no room.
+        The folder holds something else, or was made with other settings or by another version; or
+        it has no room.
     """
     from swashtwin.recordings.index import INDEX_NAME, write_index
 
@@ -316,7 +338,9 @@ def write_series(
         write_blocks(named, files[number])
     if progress:
         progress(count, count)
-    index = write_index([read_header(file) for file in files], [file.name for file in files], folder / INDEX_NAME)
+    index = write_index(
+        [read_header(file) for file in files], [file.name for file in files], folder / INDEX_NAME
+    )
     return index, [files[number].stem for number in missing]
 
 
@@ -325,7 +349,9 @@ def _recording(path: Path, raw: RawFile) -> Recording:
     if "recording_id" not in facts or raw.sample_rate is None:
         raise DataError(f"{path} is no recording of swashtwin.")
     require_plausible_rates(path, raw)
-    columns = Columns(tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds, tuple(facts["hashes"]))
+    columns = Columns(
+        tuple(raw.columns.values()), tuple(facts["factors"]), raw.speeds, tuple(facts["hashes"])
+    )
     name = facts["recording_id"]
     return Recording(
         samples=Samples.from_columns(name, columns, partial(replace, columns)).unopened(),

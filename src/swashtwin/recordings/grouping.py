@@ -17,17 +17,19 @@ from swashtwin.recordings.recording import Recording
 GROUPS = ("recording", "specimen", "condition")
 """Groups of every data set: each is a level of generalization (L2, L4, L3)."""
 GROUP_SPEED_TOLERANCE = 0.03
-"""Relative difference of speeds of the same condition: more than elsewhere, since conditions that are joined wrongly
-make a test harder, and conditions that are separated wrongly make it leak."""
+"""Relative difference of speeds of the same condition: more than elsewhere, since conditions that
+are joined wrongly make a test harder, and conditions that are separated wrongly make it leak.
+"""
 
 
 def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, str]:
-    """Group of each recording by its id, for the ``group=`` of `split_by_recording` and `group_folds`.
+    """Group of each recording by its id, for the ``group=`` of `split_by_recording` and
+    `group_folds`.
 
     Parameters
     ----------
-    group : ``"recording"``, ``"specimen"``, ``"condition"`` (speed and discharge pressure, as far as they are stated),
-        or the name of an attribute, such as ``"pump_run"``.
+    group : ``"recording"``, ``"specimen"``, ``"condition"`` (speed and discharge pressure, as far
+        as they are stated), or the name of an attribute, such as ``"pump_run"``.
 
     Raises
     ------
@@ -48,8 +50,12 @@ def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, s
     if group == "recording":
         return dict(zip(ids, ids, strict=True))
     if group == "condition":
-        speed = np.array([stated_angular_speed(recording) for recording in recordings], dtype=np.float64)
-        pressure = np.array([stated_pressure(recording) for recording in recordings], dtype=np.float64)
+        speed = np.array(
+            [stated_angular_speed(recording) for recording in recordings], dtype=np.float64
+        )
+        pressure = np.array(
+            [stated_pressure(recording) for recording in recordings], dtype=np.float64
+        )
         return dict(zip(ids, condition_names(ids, speed, pressure), strict=True))
     if group == "specimen":
         names = [recording.specimen or "" for recording in recordings]
@@ -64,7 +70,8 @@ def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, s
 
 
 def stated_speed(recording: Recording) -> float | None:
-    """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states, or None.
+    """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states,
+    or None.
 
     For a recording along the shaft's angle it is the frequency at which the turns are played back.
 
@@ -99,7 +106,9 @@ def stated_angular_speed(recording: Recording) -> float:
 
 
 def stated_pressure(recording: Recording) -> float:
-    """Discharge pressure [Pa] that the condition or the attribute ``discharge_pressure`` states, or NaN."""
+    """Discharge pressure [Pa] that the condition or the attribute ``discharge_pressure`` states, or
+    NaN.
+    """
     if recording.condition is not None:
         return recording.condition.discharge_pressure
     try:
@@ -108,7 +117,9 @@ def stated_pressure(recording: Recording) -> float:
         return math.nan
 
 
-def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]) -> list[str]:
+def condition_names(
+    ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
+) -> list[str]:
     """Name of each condition; speeds, and pressures, that follow each other closely are the same.
 
     Parameters
@@ -130,7 +141,9 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
                 f"{ids[int(np.flatnonzero(missing)[0])]} states no {fact} and {ids[int(np.flatnonzero(~missing)[0])]} "
                 "does, so their conditions cannot be compared; complete the index."
             )
-        parts.append([f"{level * scale:.4g} {unit}" for level in merge_close_values(values, tolerance)])
+        parts.append(
+            [f"{level * scale:.4g} {unit}" for level in merge_close_values(values, tolerance)]
+        )
     if not parts:
         raise DataError(
             f"{ids[0]} has no condition written down (no speed, no discharge_pressure), nor has any other recording, "
@@ -139,13 +152,17 @@ def condition_names(ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure
     return [", ".join(part) for part in zip(*parts, strict=True)]
 
 
-def condition_words(ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]) -> list[str]:
+def condition_words(
+    ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]
+) -> list[str]:
     """The same for recordings of which each states what it does; a dash where that is nothing."""
     facts = np.array([speed, pressure], dtype=np.float64)
     words = np.full(len(ids), "-", dtype=object)
     for stated in {tuple(column) for column in (~np.isnan(facts)).T.tolist() if any(column)}:
         indices = np.flatnonzero((~np.isnan(facts) == np.array(stated)[:, None]).all(axis=0))
-        words[indices] = condition_names([ids[index] for index in indices.tolist()], *facts[:, indices])
+        words[indices] = condition_names(
+            [ids[index] for index in indices.tolist()], *facts[:, indices]
+        )
     return [str(word) for word in words]
 
 
@@ -156,10 +173,16 @@ def no_group(missing: Sequence[str], count: int, group: str) -> str:
     return f"{missing[0]}{more} {have} no {group} written down, so nothing can be split by it; complete the index."
 
 
-def unknown_attribute(recordings: Sequence[Recording], name: str, others: Sequence[str]) -> InputError:
-    """Error that no recording has an attribute of that name, with the nearest of `others` and of those that differ."""
+def unknown_attribute(
+    recordings: Sequence[Recording], name: str, others: Sequence[str]
+) -> InputError:
+    """Error that no recording has an attribute of that name, with the nearest of `others` and of
+    those that differ.
+    """
     keys = dict.fromkeys(key for recording in recordings for key in recording.attributes)
-    differ = (key for key in keys if len({recording.attributes.get(key) for recording in recordings}) > 1)
+    differ = (
+        key for key in keys if len({recording.attributes.get(key) for recording in recordings}) > 1
+    )
     names = [*others, *(key for key in differ if key not in ("file", "sha256"))]
     near = get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}."
@@ -175,33 +198,45 @@ def best_test_rows(
     *,
     every_class: bool = True,
 ) -> Int[np.ndarray, " _tested"] | None:
-    """Rows of a test set that shares no group with the rest and has every class on both sides, or None.
+    """Rows of a test set that shares no group with the rest and has every class on both sides, or
+    None.
 
-    The groups are dealt into k folds (scikit-learn's `StratifiedGroupKFold`), from k = 1/`test_fraction` down. Of the
-    first k that gives such a fold, it is the one with most cells on both sides and the size nearest to the fraction.
+    The groups are dealt into k folds (scikit-learn's `StratifiedGroupKFold`), from k =
+    1/`test_fraction` down. Of the first k that gives such a fold, it is the one with most cells on
+    both sides and the size nearest to the fraction.
 
     Parameters
     ----------
     classes : class of each row.
     cells : finer strata, such as class and pressure together.
     groups : what is kept whole.
-    every_class : False: where no fold has every class on both sides, fewest classes miss in the test set, and none in
-        training.
+    every_class : False: where no fold has every class on both sides, fewest classes miss in the
+        test set, and none in training.
     """
     partial: list[tuple[tuple[int, int, float], Int[np.ndarray, " _tested"]]] = []
     for n_folds in range(min(round(1 / test_fraction), np.unique(groups).size), 1, -1):
         for strata in (cells, classes) if every_class else (cells, classes, None):
             ranked = [
                 (
-                    (_one_sided(classes, rows), _one_sided(cells, rows), abs(rows.size / len(classes) - test_fraction)),
+                    (
+                        _one_sided(classes, rows),
+                        _one_sided(cells, rows),
+                        abs(rows.size / len(classes) - test_fraction),
+                    ),
                     rows,
                 )
-                for rows in _folds(np.zeros_like(classes) if strata is None else strata, groups, n_folds, seed)
+                for rows in _folds(
+                    np.zeros_like(classes) if strata is None else strata, groups, n_folds, seed
+                )
             ]
             whole = [pair for pair in ranked if pair[0][0] == 0 and strata is not None]
             if whole:
                 return min(whole, key=itemgetter(0))[1]
-            partial += [pair for pair in ranked if np.isin(classes[pair[1]], np.delete(classes, pair[1])).all()]
+            partial += [
+                pair
+                for pair in ranked
+                if np.isin(classes[pair[1]], np.delete(classes, pair[1])).all()
+            ]
     return min(partial, key=itemgetter(0))[1] if partial and not every_class else None
 
 
@@ -220,7 +255,9 @@ def _folds(
         return []
     splitter = StratifiedGroupKFold(n_splits=n_folds, shuffle=True, random_state=seed)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a cell smaller than n_folds is dealt as far as it goes
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # a cell smaller than n_folds is dealt as far as it goes
         return [rows for _, rows in splitter.split(np.zeros(len(strata)), strata, groups)]
 
 
@@ -261,7 +298,8 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     'A, B'
     """
     dates = [
-        next((str(item.attributes[name]) for name in _DATES if item.attributes.get(name)), "") for item in recordings
+        next((str(item.attributes[name]) for name in _DATES if item.attributes.get(name)), "")
+        for item in recordings
     ]
     origins = dict.fromkeys(str(recording.attributes.get("origin", "")) for recording in recordings)
     shafts = {_shaft(recording) for recording in recordings}
@@ -271,7 +309,9 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
         machine=_listed(sorted(recording.specimen or "" for recording in recordings), "machines"),
         date=_listed(sorted(" ".join(date.replace("T", " ").split())[:40] for date in dates)),
         condition=_condition(recordings),
-        file=_listed(sorted(str(recording.attributes.get("file", "")) for recording in recordings), "files"),
+        file=_listed(
+            sorted(str(recording.attributes.get("file", "")) for recording in recordings), "files"
+        ),
         origin="; ".join(origin for origin in origins if origin),
         shaft=shafts.pop() if len(shafts) == 1 else None,
         pistons=pistons.pop() if len(pistons) == 1 else None,
@@ -289,7 +329,10 @@ def _condition(recordings: Sequence[Recording]) -> str:
     shafts = [60 * shaft for recording in recordings if (shaft := _shaft(recording)) is not None]
     pressures = [stated_pressure(recording) / 1e6 for recording in recordings]
     about = "about " if any(recording.has_speed for recording in recordings) else ""
-    pairs = ((about, shafts, "rev/min"), ("", [value for value in pressures if not math.isnan(value)], "MPa"))
+    pairs = (
+        (about, shafts, "rev/min"),
+        ("", [value for value in pressures if not math.isnan(value)], "MPa"),
+    )
     return ", ".join(
         f"{prefix}{_listed((f'{value:.4g}' for value in sorted(values)), joint=' / ')} {unit}"
         for prefix, values, unit in pairs

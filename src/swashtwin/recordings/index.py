@@ -1,4 +1,6 @@
-"""The index file ``recordings.toml``: one entry per file, what each file is, and facts that are edited."""
+"""The index file ``recordings.toml``: one entry per file, what each file is, and facts that are
+edited.
+"""
 
 import copy
 import os
@@ -41,13 +43,18 @@ _LOSSLESS = (".h5", ".hdf5")
 
 
 def indexed_recordings(
-    path: Path, unreadable: list[Finding] | None = None, *, label: str | None = None, specimen: str | None = None
+    path: Path,
+    unreadable: list[Finding] | None = None,
+    *,
+    label: str | None = None,
+    specimen: str | None = None,
 ) -> list[Recording]:
     """Every recording of an index, in its order.
 
     Parameters
     ----------
-    unreadable : gets a finding for each entry that cannot be loaded, instead of an error for the first.
+    unreadable : gets a finding for each entry that cannot be loaded, instead of an error for the
+        first.
     label, specimen : only these; the files of entries that state others are not opened.
     """
     index = index_path(path)
@@ -58,7 +65,10 @@ def indexed_recordings(
     root = indexed_path(index.parent, str(table.get("root", "")))
     for entry in _entries(table, index):
         pairs = ((entry.label, label), (entry.specimen, specimen))
-        if any(None not in pair and not is_same_class(plain_text(str(pair[0])), pair[1]) for pair in pairs):
+        if any(
+            None not in pair and not is_same_class(plain_text(str(pair[0])), pair[1])
+            for pair in pairs
+        ):
             continue
         try:
             recording = recording_of(indexed_path(root, entry.file), entry)
@@ -66,9 +76,13 @@ def indexed_recordings(
             if classes is not None and label_found is not None and label_found not in classes:
                 near = get_close_matches(label_found, classes, n=1, cutoff=0.4)
                 hint = f"did you mean {near[0]!r}?" if near else f"classes = {list(classes)}."
-                raise DataError(f"{index}: {entry.file} has the unknown class {label_found!r}; {hint}")
+                raise DataError(
+                    f"{index}: {entry.file} has the unknown class {label_found!r}; {hint}"
+                )
             if name in files:
-                raise DataError(f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".')
+                raise DataError(
+                    f'{index}: {files[name]} and {entry.file} share the id {name!r}; give one id = "...".'
+                )
         except SwashTwinError as cause:
             if unreadable is None:
                 raise
@@ -79,8 +93,11 @@ def indexed_recordings(
     return recordings
 
 
-def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], path: str | Path) -> Path:
-    """Path of the index that now says what each of `files` holds, whose paths are absolute or relative to it.
+def write_index(
+    recordings: Sequence[Recording], files: Sequence[str | Path], path: str | Path
+) -> Path:
+    """Path of the index that now says what each of `files` holds, whose paths are absolute or
+    relative to it.
 
     Parameters
     ----------
@@ -92,11 +109,14 @@ def write_index(recordings: Sequence[Recording], files: Sequence[str | Path], pa
         raise InputError(f"{len(files)} files for {len(recordings)} recordings.")
     require_distinct((recording.recording_id for recording in recordings), "an index")
     index: dict[str, Any] = {"format": 1}
-    classes = list(dict.fromkeys(recording.label for recording in recordings if recording.label is not None))
+    classes = list(
+        dict.fromkeys(recording.label for recording in recordings if recording.label is not None)
+    )
     if classes:
         index["classes"] = classes
     index["recording"] = [
-        _described(recording, Path(file), path.parent) for recording, file in zip(recordings, files, strict=True)
+        _described(recording, Path(file), path.parent)
+        for recording, file in zip(recordings, files, strict=True)
     ]
     return save_index(index, path)
 
@@ -107,11 +127,15 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
 
     text = tomli_w.dumps(dict(index))
     if name := _NO_UNICODE.search(text):
-        raise DataError(f"{path}: {name[0]!r} is no name in Unicode, which an index cannot hold; rename the file.")
+        raise DataError(
+            f"{path}: {name[0]!r} is no name in Unicode, which an index cannot hold; rename the file."
+        )
     return write_text(Path(path), text)
 
 
-def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterable[str], path: Path | str) -> Path:
+def narrow_index(
+    index: Path | str, recordings: Sequence[Recording], ids: Iterable[str], path: Path | str
+) -> Path:
     """Path of a new index that holds only the entries of some recordings of `index`.
 
     A split that is written down so serves calibration, synthesis, training and evaluation alike.
@@ -131,7 +155,9 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
     source, path = index_path(Path(index)), Path(path)
     table = index_table(source)
     if len(table["recording"]) != len(recordings):
-        raise InputError(f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings.")
+        raise InputError(
+            f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings."
+        )
     ids = {str(name) for name in ids}
     missing = sorted(ids - {recording.recording_id for recording in recordings})
     if missing:
@@ -147,7 +173,9 @@ def narrow_index(index: Path | str, recordings: Sequence[Recording], ids: Iterab
 
 
 def source_files(path: str | Path) -> list[Path]:
-    """Files that a source is read from: an index and all that it names, or one file or store, which is itself."""
+    """Files that a source is read from: an index and all that it names, or one file or store, which
+    is itself.
+    """
     path = Path(path)
     if not (path.is_dir() or path.suffix == ".toml"):
         return [path]
@@ -158,13 +186,17 @@ def source_files(path: str | Path) -> list[Path]:
 
 
 def indexed_path(folder: Path, name: str) -> Path:
-    """File or folder that an index names below `folder`; on every system it may be written as Windows does it."""
+    """File or folder that an index names below `folder`; on every system it may be written as
+    Windows does it.
+    """
     path = folder / name
     return path if "\\" not in name or path.exists() else folder / name.replace("\\", "/")
 
 
 def declared_classes(path: str | Path) -> tuple[str, ...] | None:
-    """Classes that an index declares, whether it has recordings of each or not; None where it declares none."""
+    """Classes that an index declares, whether it has recordings of each or not; None where it
+    declares none.
+    """
     if is_store(Path(path)):
         return None
     return _classes(index_table(index_path(Path(path))))
@@ -172,7 +204,11 @@ def declared_classes(path: str | Path) -> tuple[str, ...] | None:
 
 def declared_faults(path: str | Path) -> dict[str, str]:
     """Fault that each class of an index stands for, as its table ``[fault_of]`` says."""
-    return {} if is_store(Path(path)) else dict(index_table(index_path(Path(path))).get("fault_of", {}))
+    return (
+        {}
+        if is_store(Path(path))
+        else dict(index_table(index_path(Path(path))).get("fault_of", {}))
+    )
 
 
 def _classes(table: dict[str, Any]) -> tuple[str, ...] | None:
@@ -184,9 +220,13 @@ def index_path(path: Path) -> Path:
     if path.is_dir():
         path = path / INDEX_NAME
     if not path.is_file():
-        raise MissingFileError(f"{path} does not exist; propose one with: swashtwin index {path.parent}")
+        raise MissingFileError(
+            f"{path} does not exist; propose one with: swashtwin index {path.parent}"
+        )
     if path.suffix != ".toml":
-        raise DataError(f"{path} is not an index (recordings.toml); swashtwin index FOLDER writes one.")
+        raise DataError(
+            f"{path} is not an index (recordings.toml); swashtwin index FOLDER writes one."
+        )
     return path
 
 
@@ -201,11 +241,22 @@ def index_table(index: Path) -> dict[str, Any]:
     text = read_text(index)
     try:
         table = tomllib.loads(text)
-    except (ValueError, RecursionError) as cause:  # numbers of thousands of digits, and lists in lists, too
-        hint = "; write / between folders, or put a text with \\ into single quotes" if "\\" in str(cause) else ""
-        raise DataError(f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}{hint}") from cause
+    except (
+        ValueError,
+        RecursionError,
+    ) as cause:  # numbers of thousands of digits, and lists in lists, too
+        hint = (
+            "; write / between folders, or put a text with \\ into single quotes"
+            if "\\" in str(cause)
+            else ""
+        )
+        raise DataError(
+            f"{index} is not valid TOML: {(str(cause).splitlines() or [''])[0][:160]}{hint}"
+        ) from cause
     if table.get("format") != 1 or isinstance(table["format"], bool):
-        raise DataError(f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1.")
+        raise DataError(
+            f"{index}: format = {table.get('format')!r} cannot be read; this version reads format = 1."
+        )
     if not table.get("recording"):
         raise DataError(f"{index} has no [[recording]] entry.")
     try:
@@ -238,15 +289,22 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     entry: dict[str, Any] = {"file": path_from(folder, absolute)}
     if recording.recording_id != stem_of(file):
         entry["id"] = recording.recording_id
-    entry |= {name: getattr(recording, name) for name in ("label", "specimen") if getattr(recording, name)}
+    entry |= {
+        name: getattr(recording, name) for name in ("label", "specimen") if getattr(recording, name)
+    }
     if recording.condition is not None:
         values = {key: getattr(recording.condition, field) for key, field in PUMP_KEYS.items()}
         entry |= {key: in_trade_units(value, QUANTITIES[key], 15) for key, value in values.items()}
     if recording.synthetic:
         entry["synthetic"] = True
-    attributes = {key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")}
+    attributes = {
+        key: value for key, value in recording.attributes.items() if key not in ("file", "sha256")
+    }
     if suffix_of(file) not in _LOSSLESS:
-        entry |= {"names": list(recording.channels), "sample_rate": f"{recording.sample_rate:.15g} Hz"}
+        entry |= {
+            "names": list(recording.channels),
+            "sample_rate": f"{recording.sample_rate:.15g} Hz",
+        }
         entry["unit"] = recording.unit
         if "discharge_pressure" in attributes:
             attributes["pressure"] = attributes.pop("discharge_pressure")
@@ -291,12 +349,16 @@ class FactChange:
 
 
 def change_facts(
-    path: Path, changes: Sequence[FactChange], *, proposed: Mapping[str, Any] | None = None, undo: bool = False
+    path: Path,
+    changes: Sequence[FactChange],
+    *,
+    proposed: Mapping[str, Any] | None = None,
+    undo: bool = False,
 ) -> None:
     """Write changed facts into an index; comments stay where only lines of facts change.
 
-    Changes by others of other facts are merged. Where somebody changed one of these facts since it was looked at,
-    nothing is written.
+    Changes by others of other facts are merged. Where somebody changed one of these facts since it
+    was looked at, nothing is written.
 
     Parameters
     ----------
@@ -318,7 +380,9 @@ def change_facts(
             _apply(edited, change, path, undo=undo)
         content = None if text is None else _edited_text(text, table, edited)
         if (read_text(path) if path.is_file() else None) != text:
-            raise InputError(f"{path} is being changed by another program; look again, and repeat the change.")
+            raise InputError(
+                f"{path} is being changed by another program; look again, and repeat the change."
+            )
         save_index(edited, path) if content is None else write_text(path, content)
 
 
@@ -338,7 +402,11 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def _apply(table: dict[str, Any], change: FactChange, path: Path, *, undo: bool) -> None:
-    entries = [entry for entry in table["recording"] if change.entry in (entry.get("id"), entry.get("file"))]
+    entries = [
+        entry
+        for entry in table["recording"]
+        if change.entry in (entry.get("id"), entry.get("file"))
+    ]
     if len(entries) != 1:
         raise InputError(f"{path} has {len(entries)} entries {change.entry!r} now; load it again.")
     (entry,), defaults = entries, table.get("defaults", {})
@@ -351,25 +419,40 @@ def _apply(table: dict[str, Any], change: FactChange, path: Path, *, undo: bool)
     where = f"{path}: {change.entry}"
     if change.after is None:
         if change.fact in defaults:
-            raise InputError(f"{where}: {change.fact} is stated for all, in [defaults]; state another value.")
+            raise InputError(
+                f"{where}: {change.fact} is stated for all, in [defaults]; state another value."
+            )
         entry.pop(change.fact, None)
     else:
         entry[change.fact] = change.after
         Entry.from_mapping({**defaults, **entry}, where)
-        if change.fact in QUANTITIES and parse(change.after, QUANTITIES[change.fact], name=change.fact) <= 0:
+        if (
+            change.fact in QUANTITIES
+            and parse(change.after, QUANTITIES[change.fact], name=change.fact) <= 0
+        ):
             raise DataError(f"{where}: {change.fact} = {change.after!r} must be above zero.")
     if change.fact == "label" and "classes" in table:
         labels = [item.get("label") for item in table["recording"]]
-        classes = [name for name in table["classes"] if not (undo and name == change.before) or name in labels]
-        table["classes"] = classes + [change.after] * (change.after is not None and change.after not in classes)
+        classes = [
+            name
+            for name in table["classes"]
+            if not (undo and name == change.before) or name in labels
+        ]
+        table["classes"] = classes + [change.after] * (
+            change.after is not None and change.after not in classes
+        )
 
 
 def _edited_text(text: str, table: Mapping[str, Any], edited: Mapping[str, Any]) -> str | None:
-    """`text` with only the lines of changed facts replaced; None where that does not give the edited table."""
+    """`text` with only the lines of changed facts replaced; None where that does not give the
+    edited table.
+    """
     starts = [match.start() for match in _HEADING.finditer(text)]
     if len(starts) != len(edited["recording"]):
         return None
-    head, *parts = (text[start:end] for start, end in zip([0, *starts], [*starts, len(text)], strict=True))
+    head, *parts = (
+        text[start:end] for start, end in zip([0, *starts], [*starts, len(text)], strict=True)
+    )
     if table.get("classes") != edited.get("classes"):
         head = _with_line(head, "classes", edited["classes"])
     for number, (old, new) in enumerate(zip(table["recording"], edited["recording"], strict=True)):
@@ -383,11 +466,15 @@ def _edited_text(text: str, table: Mapping[str, Any], edited: Mapping[str, Any])
 
 
 def _with_line(part: str, fact: str, value: Any) -> str:
-    """`part` of an index with the line of a fact replaced, added below that of the file, or without it."""
+    """`part` of an index with the line of a fact replaced, added below that of the file, or without
+    it.
+    """
     import tomli_w
 
     line = "" if value is None else tomli_w.dumps({fact: value})
-    stated = re.compile(rf"^[ \t]*{re.escape(fact)}[ \t]*=[ \t]*(\[[^\]]*\]|.*)[^\n]*(\n|\Z)", re.MULTILINE)
+    stated = re.compile(
+        rf"^[ \t]*{re.escape(fact)}[ \t]*=[ \t]*(\[[^\]]*\]|.*)[^\n]*(\n|\Z)", re.MULTILINE
+    )
     if stated.search(part):
         return stated.sub(lambda _: line, part, count=1)
     file = re.compile(r"^[ \t]*file[ \t]*=.*(\n|\Z)", re.MULTILINE)

@@ -1,4 +1,6 @@
-"""Everything suspicious about recordings: each by itself, and what shows only when they are compared."""
+"""Everything suspicious about recordings: each by itself, and what shows only when they are
+compared.
+"""
 
 import math
 import statistics as figures
@@ -88,7 +90,11 @@ class InspectionReport:
         groups: dict[tuple[str, ...], list[tuple[str, Finding]]] = {}
         for report in self.recordings:
             for finding in report.findings:
-                key: tuple[str, ...] = (finding.severity, finding.kind, *(() if by_kind else (finding.message,)))
+                key: tuple[str, ...] = (
+                    finding.severity,
+                    finding.kind,
+                    *(() if by_kind else (finding.message,)),
+                )
                 groups.setdefault(key, []).append((report.recording_id, finding))
         sentences: list[tuple[Severity, str]] = []
         for members in groups.values():
@@ -97,23 +103,39 @@ class InspectionReport:
             equal = all(other.message == finding.message for _, other in members)
             named = dict.fromkeys(other.channel for _, other in members if other.channel)
             channels = ", ".join(named) if equal else finding.channel
-            more = "" if equal or len(names) < 2 else f" ({finding.kind} in {len(names) - 1} more recordings: --json)"
-            where = f"in {len(names)} recordings ({listed(names)})" if len(names) > 1 and equal else name
+            more = (
+                ""
+                if equal or len(names) < 2
+                else f" ({finding.kind} in {len(names) - 1} more recordings: --json)"
+            )
+            where = (
+                f"in {len(names)} recordings ({listed(names)})"
+                if len(names) > 1 and equal
+                else name
+            )
             where += f", {channels}" if channels else ""
             sentences.append((finding.severity, f"{where}: {finding.message}{more}"))
         sentences += [(finding.severity, finding.message) for finding in self.findings]
         return tuple(sentences)
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as nested dicts and tuples; the range of a channel without a finite sample is NaN."""
+        """The report as nested dicts and tuples; the range of a channel without a finite sample is
+        NaN.
+        """
         return asdict(self)
 
 
 _WHOLE = 1 << 24
-"""Samples of all channels up to which a recording is read once and held in memory while it is looked at."""
+"""Samples of all channels up to which a recording is read once and held in memory while it is
+looked at.
+"""
 _LEVEL_RATIO = 30.0
 """Level over the median of its class from which gain or unit must differ: faults change it less."""
-_LONGEST, _LEAST, _DURATION = 8192, 256, 0.33  # samples, samples, seconds of a window where nobody says
+_LONGEST, _LEAST, _DURATION = (
+    8192,
+    256,
+    0.33,
+)  # samples, samples, seconds of a window where nobody says
 
 
 def inspect_recordings(
@@ -161,13 +183,20 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
     if recording.n_samples * recording.n_channels <= _WHOLE:
         recording.samples.signal  # noqa: B018 - read once, for all that follows
     statistics = channel_statistics(recording)
-    findings: list[Finding] = [*unfit(recording, statistics), *channel_findings(recording, statistics)]
+    findings: list[Finding] = [
+        *unfit(recording, statistics),
+        *channel_findings(recording, statistics),
+    ]
     findings += [*contradicted_speed(recording, statistics), *implausible_rate(recording)]
     for key, kind, words in (
         ("text_columns", "left_out", "columns that hold text or dates were left out: "),
         ("blank_columns", "left_out", "columns that are blank were left out: "),
         ("counter_columns", "left_out", "columns that count the samples were left out: "),
-        ("clock_columns", "left_out", "columns without a unit that rise evenly were taken for the time: "),
+        (
+            "clock_columns",
+            "left_out",
+            "columns without a unit that rise evenly were taken for the time: ",
+        ),
         ("other_columns", "left_out", "columns that are no vibration were left out: "),
         ("contradicted", "contradicted", ""),
     ):
@@ -177,7 +206,13 @@ def _report(recording: Recording) -> tuple[RecordingReport, list[ChannelStatisti
         ChannelReport(name, *channel.extent, channel.rms, channel.std)
         for name, channel in zip(recording.channels, statistics, strict=True)
     ]
-    facts = recording.recording_id, recording.sample_rate, recording.duration, recording.unit, recording.label
+    facts = (
+        recording.recording_id,
+        recording.sample_rate,
+        recording.duration,
+        recording.unit,
+        recording.label,
+    )
     return RecordingReport(*facts, tuple(reports), tuple(findings)), statistics
 
 
@@ -203,15 +238,21 @@ def layout_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
 def window_findings(
     recordings: Sequence[Recording], length: int, *, allow_partial_revolution: bool = False
 ) -> Iterator[Finding]:
-    """A warning where recordings are too short for one window, or a window is shorter than one turn of the shaft."""
-    short = sorted((item for item in recordings if item.n_samples < length), key=lambda item: item.n_samples)
+    """A warning where recordings are too short for one window, or a window is shorter than one turn
+    of the shaft.
+    """
+    short = sorted(
+        (item for item in recordings if item.n_samples < length), key=lambda item: item.n_samples
+    )
     if short:
         message = (
             f"{short[0].recording_id} has {short[0].n_samples} samples ({short[0].duration:.3g} s), too few for one "
             f"window of {length}{_more(short)}; shorten the window or leave the recording out."
         )
         yield Finding("short_window", "warning", None, message)
-    partial = [recording for recording in recordings if recording.condition and _turn(recording) > length]
+    partial = [
+        recording for recording in recordings if recording.condition and _turn(recording) > length
+    ]
     if partial and not allow_partial_revolution:
         slowest = max(partial, key=_turn)
         advice = f"take a window of {_turn(slowest)} or more"
@@ -227,8 +268,8 @@ def window_findings(
 def usual_window(recordings: Sequence[Recording]) -> int:
     """Samples of the windows that recordings are cut into where nobody says: a power of two.
 
-    0.32 s or more, 8,192 samples at least, so that a spectrum tells the shaft's orders apart; but no more than a
-    quarter of most recordings, nor than the shortest recording holds.
+    0.32 s or more, 8,192 samples at least, so that a spectrum tells the shaft's orders apart; but
+    no more than a quarter of most recordings, nor than the shortest recording holds.
 
     Raises
     ------
@@ -266,19 +307,23 @@ def _by_value(pairs: Iterable[tuple[str, Recording]]) -> dict[str, list[Recordin
     return groups
 
 
-def _duplicates(recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]) -> Iterator[Finding]:
+def _duplicates(
+    recordings: Sequence[Recording], hashes: Sequence[Sequence[str]]
+) -> Iterator[Finding]:
     pairs = zip(recordings, hashes, strict=True)
     groups = _by_value((digest, recording) for recording, digests in pairs for digest in digests)
-    members = {tuple(recording.recording_id for recording in group): group for group in groups.values()}
+    members = {
+        tuple(recording.recording_id for recording in group): group for group in groups.values()
+    }
     for ids, group in members.items():
         if len(ids) > 1:
-            message = (
-                f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
-            )
+            message = f"{', '.join(ids)} hold the same samples ({_labels(group)}); keep one, or a test will know its answer."
             yield Finding("duplicate", "error", None, message)
 
 
-def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]) -> Iterator[Finding]:
+def _odd_levels(
+    recordings: Sequence[Recording], statistics: Sequence[list[ChannelStatistics]]
+) -> Iterator[Finding]:
     levels: dict[tuple[str | None, str, str], list[tuple[float, Recording]]] = {}
     for recording, channels in zip(recordings, statistics, strict=True):
         for name, channel in zip(recording.channels, channels, strict=True):
@@ -288,10 +333,16 @@ def _odd_levels(recordings: Sequence[Recording], statistics: Sequence[list[Chann
     found: dict[tuple[str, str], list[str]] = {}
     for (label, unit, name), members in levels.items():
         usual = figures.median_low([level for level, _ in members])
-        odd = [member for member in members if abs(math.log(member[0] / usual)) > math.log(_LEVEL_RATIO)]
+        odd = [
+            member
+            for member in members
+            if abs(math.log(member[0] / usual)) > math.log(_LEVEL_RATIO)
+        ]
         if odd:
             level, names = odd[0][0], listed([recording.recording_id for _, recording in odd])
-            words = f"{level:.3g} {unit} in {name} ({level / usual:.3g} times the usual {usual:.3g})"
+            words = (
+                f"{level:.3g} {unit} in {name} ({level / usual:.3g} times the usual {usual:.3g})"
+            )
             found.setdefault((names, label or "no class"), []).append(words)
     for (names, label), parts in found.items():
         message = f"the level of {names} is not that of {label}: {', '.join(parts)}; another unit or sensitivity?"
@@ -309,18 +360,20 @@ def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:
 
 def _thin_classes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Classes of one recording or one specimen, and recordings without a class."""
-    for label, group in _by_value((recording.label or "", recording) for recording in recordings).items():
+    for label, group in _by_value(
+        (recording.label or "", recording) for recording in recordings
+    ).items():
         if not label:
-            yield Finding("unlabeled", "note", None, f"{plural(len(group), 'recording')} without a class.")
+            yield Finding(
+                "unlabeled", "note", None, f"{plural(len(group), 'recording')} without a class."
+            )
             continue
         specimens = {recording.specimen for recording in group if recording.specimen}
         if len(group) == 1:
             message = f"{label} has one recording only: it cannot stand in training and in a test."
             yield Finding("one_recording", "warning", None, message)
         elif len(specimens) == 1:
-            message = (
-                f"{label} was measured on one specimen only ({specimens.pop()}): no test can show transfer to another."
-            )
+            message = f"{label} was measured on one specimen only ({specimens.pop()}): no test can show transfer to another."
             yield Finding("one_specimen", "note", None, message)
 
 

@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, as_path, parse, plural, require_memory, sha256_of
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    as_path,
+    parse,
+    plural,
+    require_memory,
+    sha256_of,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import open_raw, stem_of
@@ -30,15 +38,17 @@ _TIMES = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def load_recording(path: str | Path, **facts: Any) -> Recording:
-    """Recording of one file, with what the file itself does not say; its samples are read when they are asked for.
+    """Recording of one file, with what the file itself does not say; its samples are read when they
+    are asked for.
 
-    HDF5, TDMS, WAV and Parquet stay on the disk. A file of another format is read whole when it is opened.
+    HDF5, TDMS, WAV and Parquet stay on the disk. A file of another format is read whole when it is
+    opened.
 
     Parameters
     ----------
     path : file to open.
-    facts : any field of `Entry`: ``sample_rate=25600`` (or ``"25.6 kHz"``), ``unit="g"``, ``label="normal"``. Numbers
-        are in SI units.
+    facts : any field of `Entry`: ``sample_rate=25600`` (or ``"25.6 kHz"``), ``unit="g"``,
+        ``label="normal"``. Numbers are in SI units.
 
     Raises
     ------
@@ -48,19 +58,25 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
     for name, unit in {**QUANTITIES, "discharge_pressure": "Pa"}.items():
         if isinstance(facts.get(name), (int, float)):
             facts[name] = f"{float(facts[name])!r} {unit}"
-    return recording_of(as_path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording"))
+    return recording_of(
+        as_path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording")
+    )
 
 
 def recording_of(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
     stamp = file_stamp(path)
     if entry.sha256 and entry.sha256.lower() != (digest := sha256_of(path)):
-        raise DataError(f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]}).")
+        raise DataError(
+            f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]})."
+        )
     raw = open_raw(path, entry.options)
     header = facts_of_header(raw)
     header = {key: text for key, text in header.items() if key not in bare_pressures(header)}
     contradicted = contradictions(entry, header)
-    entry = replace(entry, **{key: text for key, text in header.items() if getattr(entry, key) is None})
+    entry = replace(
+        entry, **{key: text for key, text in header.items() if getattr(entry, key) is None}
+    )
     chosen = choose_columns(raw, entry, str(path))
     rate = stated_rate(raw, tuple(chosen), entry, str(path))
     columns, unit = _columns(raw, entry, chosen, path)
@@ -71,7 +87,11 @@ def recording_of(path: Path, entry: Entry) -> Recording:
             "line --names stands once for each, in order."
         )
     stated = raw.facts
-    attributes = {**raw.attributes, **entry.attributes, **({"contradicted": contradicted} if contradicted else {})}
+    attributes = {
+        **raw.attributes,
+        **entry.attributes,
+        **({"contradicted": contradicted} if contradicted else {}),
+    }
     if entry.channels is None and (others := [name for name in raw.columns if name not in chosen]):
         attributes["other_columns"] = ", ".join(others)
     name = entry.id or stated.get("recording_id") or stem_of(path)
@@ -89,11 +109,15 @@ def recording_of(path: Path, entry: Entry) -> Recording:
         condition=_condition(entry, raw.condition, str(path), attributes),
         specimen=entry.specimen or stated.get("specimen"),
         synthetic=entry.synthetic or bool(stated.get("synthetic")),
-        attributes=attributes | {"file": entry.file} | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
+        attributes=attributes
+        | {"file": entry.file}
+        | ({"sha256": entry.sha256.lower()} if entry.sha256 else {}),
     )
 
 
-def _columns(raw: RawFile, entry: Entry, chosen: Mapping[str, Column], path: Path) -> tuple[Columns, str]:
+def _columns(
+    raw: RawFile, entry: Entry, chosen: Mapping[str, Column], path: Path
+) -> tuple[Columns, str]:
     factors, unit = scale(raw, entry, tuple(chosen), str(path))
     return Columns(tuple(chosen.values()), tuple(factors), raw.speeds), unit
 
@@ -105,7 +129,8 @@ def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
 
 
 def load_beside(recording: Recording, channel: str) -> Recording:
-    """Another column of a recording's file in its own unit, such as the volts of a tachometer beside accelerations.
+    """Another column of a recording's file in its own unit, such as the volts of a tachometer
+    beside accelerations.
 
     Raises
     ------
@@ -114,11 +139,16 @@ def load_beside(recording: Recording, channel: str) -> Recording:
     """
     opened = recording.samples.open_columns
     if not (isinstance(opened, partial) and opened.func is _reopen):
-        raise DataError(f"{recording.recording_id} has no channel {channel!r}; it has {', '.join(recording.channels)}.")
+        raise DataError(
+            f"{recording.recording_id} has no channel {channel!r}; it has {', '.join(recording.channels)}."
+        )
     path, _, entry = opened.args
     raw = open_raw(path, entry.options)
     unit = None if channel in raw.units else "1"
-    return recording_of(path, replace(entry, channels=(channel,), names=None, unit=unit, sensitivity=None, sha256=None))
+    return recording_of(
+        path,
+        replace(entry, channels=(channel,), names=None, unit=unit, sensitivity=None, sha256=None),
+    )
 
 
 def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
@@ -159,7 +189,11 @@ def _matching(raw: RawFile, channel: str | int) -> list[str]:
 
 def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -> float:
     """Sample rate [Hz] of the index or the file, which must not contradict each other."""
-    in_index = None if entry.sample_rate is None else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
+    in_index = (
+        None
+        if entry.sample_rate is None
+        else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
+    )
     in_file = rate_in_file(raw, chosen, where)
     if in_index is None and in_file is None:
         doubt = f" ({raw.attributes['time_gaps']})" if "time_gaps" in raw.attributes else ""
@@ -173,8 +207,18 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
     if in_index is None:
         return in_file
     if abs(in_index / in_file - 1) > _RATE_TOLERANCE:
-        by_unit = (unit for unit, size in _TIMES.items() if abs(in_index / in_file * size - 1) < _RATE_TOLERANCE)
-        advice = next((f', or, if its times are in {unit}, say time_unit = "{unit}" instead' for unit in by_unit), "")
+        by_unit = (
+            unit
+            for unit, size in _TIMES.items()
+            if abs(in_index / in_file * size - 1) < _RATE_TOLERANCE
+        )
+        advice = next(
+            (
+                f', or, if its times are in {unit}, say time_unit = "{unit}" instead'
+                for unit in by_unit
+            ),
+            "",
+        )
         rates = f"{where} says its sample rate is {in_file:g} Hz, the index says {in_index:g} Hz"
         raise DataError(f"{rates}; correct the index{advice}.")
     return in_index
@@ -186,7 +230,10 @@ def rate_in_file(raw: RawFile, chosen: Sequence[str], where: str) -> float | Non
         return raw.sample_rate
     names = {raw.rates.get(name, raw.sample_rate): name for name in reversed(chosen)}
     if len(names) > 1:
-        listed = ", ".join(f"{name}: {f'{rate:g} Hz' if rate else 'none'}" for rate, name in reversed(names.items()))
+        listed = ", ".join(
+            f"{name}: {f'{rate:g} Hz' if rate else 'none'}"
+            for rate, name in reversed(names.items())
+        )
         raise DataError(
             f"{where} holds channels of several rates ({listed}), and a recording has one; name those of one rate: "
             "channels = [...]."
@@ -211,7 +258,9 @@ def _condition(
             raise DataError(f"{where}: {key} = {getattr(entry, key)!r} must be above zero.")
     if in_file is not None or {"speed", "discharge_pressure"} <= values.keys():
         try:
-            condition = OperatingCondition(**values) if in_file is None else replace(in_file, **values)
+            condition = (
+                OperatingCondition(**values) if in_file is None else replace(in_file, **values)
+            )
         except InputError as cause:
             raise DataError(f"{where}: {cause}") from cause
         if in_file is not None and not in_file.matches(condition):
@@ -220,7 +269,9 @@ def _condition(
                 "correct the index."
             )
         return condition
-    attributes |= {field: str(getattr(entry, key)) for key, field in PUMP_KEYS.items() if field in values}
+    attributes |= {
+        field: str(getattr(entry, key)) for key, field in PUMP_KEYS.items() if field in values
+    }
     return None
 
 
@@ -229,7 +280,8 @@ def _operating_point(condition: OperatingCondition) -> str:
 
 
 def resampled(samples: Samples, rate: float, wanted: str, where: str) -> tuple[Samples, float, str]:
-    """Samples of another rate, that rate [Hz], and how they are made; the file is read when they are asked for.
+    """Samples of another rate, that rate [Hz], and how they are made; the file is read when they
+    are asked for.
 
     At the rate that they have it is the same samples and no words.
 
@@ -241,21 +293,31 @@ def resampled(samples: Samples, rate: float, wanted: str, where: str) -> tuple[S
     """
     new = parse(wanted, "Hz", name=f"{where}: resample")
     if not RATES[0] <= new <= RATES[1]:
-        raise DataError(f'{where}: resample = {wanted!r} is no rate of a measurement; write such as "12 kHz".')
+        raise DataError(
+            f'{where}: resample = {wanted!r} is no rate of a measurement; write such as "12 kHz".'
+        )
     if new == rate:
         return samples, rate, ""
     ratio = Fraction(new / rate).limit_denominator(1000)
     if ratio == 0 or abs(float(ratio) * rate / new - 1) > 1e-9:
-        raise DataError(f"{where}: {rate:g} Hz cannot be resampled to {new:g} Hz; choose a ratio of whole numbers.")
+        raise DataError(
+            f"{where}: {rate:g} Hz cannot be resampled to {new:g} Hz; choose a ratio of whole numbers."
+        )
     count = ceil(samples.shape[1] * ratio)
     require_memory(
-        samples.name, 8 * samples.shape[0] * (count + samples.shape[1]), reason=f"resampled to {new:g} Hz takes"
+        samples.name,
+        8 * samples.shape[0] * (count + samples.shape[1]),
+        reason=f"resampled to {new:g} Hz takes",
     )
     words = f"scipy.signal.resample_poly({ratio.numerator}, {ratio.denominator})"
     words = f"from {rate:.15g} Hz to {new:.15g} Hz by {words}"
     open_columns = partial(_resample_columns, samples.unopened(), rate, new, ratio)
     shape = (samples.shape[0], count)
-    return Samples(samples.name, shape, np.dtype(np.float64), samples.has_speed, open_columns), new, words
+    return (
+        Samples(samples.name, shape, np.dtype(np.float64), samples.has_speed, open_columns),
+        new,
+        words,
+    )
 
 
 def _resample_columns(samples: Samples, rate: float, new: float, ratio: Fraction) -> Columns:

@@ -1,7 +1,8 @@
 """Manifests: which recordings had a part in something, by name and by content.
 
-A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`) and to their
-`fingerprints`, or to none where its content is not known. Content decides; only where one side has none, the name does.
+A manifest maps the id of each recording to the hashes of its channels (`Recording.content_hashes`)
+and to their `fingerprints`, or to none where its content is not known. Content decides; only where
+one side has none, the name does.
 """
 
 import base64
@@ -21,7 +22,8 @@ Manifest = Mapping[str, tuple[str, ...]]
 def manifest_of(recordings: Iterable[Recording]) -> dict[str, tuple[str, ...]]:
     """Manifest of recordings; their samples are read once."""
     return join_manifests(
-        {recording.recording_id: (*recording.content_hashes(), *fingerprints(recording))} for recording in recordings
+        {recording.recording_id: (*recording.content_hashes(), *fingerprints(recording))}
+        for recording in recordings
     )
 
 
@@ -44,9 +46,9 @@ def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str,
 def listed_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Those of `recordings` whose samples, as they are, stand in `manifest`: id there, by id here.
 
-    A recording is in it if it shares the content of a channel with one of the manifest, whatever both are called; where
-    the content of either is not known, if the names are the same. Altered copies are those of `seen_recordings`, whose
-    cost grows with the manifest.
+    A recording is in it if it shares the content of a channel with one of the manifest, whatever
+    both are called; where the content of either is not known, if the names are the same. Altered
+    copies are those of `seen_recordings`, whose cost grows with the manifest.
 
     Examples
     --------
@@ -68,20 +70,26 @@ def listed_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest
 def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Those of `recordings` that are in `manifest`, as they are or altered: id there, by id here.
 
-    Besides `listed_recordings` these are copies that were cut, filtered, scaled, resampled or reversed (`near_copies`).
+    Besides `listed_recordings` these are copies that were cut, filtered, scaled, resampled or
+    reversed (`near_copies`).
     """
     listed = join_manifests([manifest])
     seen = listed_recordings(listed, recordings)
     others = {name: hashes for name, hashes in recordings.items() if name not in seen}
     known, new = (
-        {name: [text for text in entries if text.startswith(MARK)] for name, entries in manifest.items()}
+        {
+            name: [text for text in entries if text.startswith(MARK)]
+            for name, entries in manifest.items()
+        }
         for manifest in (listed, others)
     )
     return {**seen, **near_copies(known, new)}
 
 
 def repeated_recordings(manifest: Manifest) -> dict[str, str]:
-    """Recordings that hold what an earlier one of the manifest holds: the id of that, by their own."""
+    """Recordings that hold what an earlier one of the manifest holds: the id of that, by their
+    own.
+    """
     repeated: dict[str, str] = {}
     firsts: dict[str, str] = {}
     for name, hashes in manifest.items():
@@ -96,7 +104,9 @@ def repeated_recordings(manifest: Manifest) -> dict[str, str]:
 def say_seen(seen: Mapping[str, str]) -> str:
     """The first of `seen_recordings`, and how many more, to begin a sentence with."""
     name, listed = next(iter(seen.items()))
-    same = "" if name == listed else f", which holds the samples of {listed}, as they are or altered,"
+    same = (
+        "" if name == listed else f", which holds the samples of {listed}, as they are or altered,"
+    )
     more = f" and {len(seen) - 1} more" if len(seen) > 1 else ""
     return f"recording {name}{same}{more}"
 
@@ -104,9 +114,13 @@ def say_seen(seen: Mapping[str, str]) -> str:
 MARK = "~"
 """First character of a fingerprint, which tells it from a hash."""
 ALIKE = 0.4
-"""Correlation of the signs from which two recordings are copies; how it was chosen is in docs/how-to/leakage.md."""
+"""Correlation of the signs from which two recordings are copies; how it was chosen is in
+docs/how-to/leakage.md.
+"""
 _PAIRS = ((60, 280), (1100, 1400))
-"""Lower edges of the bands [Hz], in pairs that are compared together: a filter may leave one pair only."""
+"""Lower edges of the bands [Hz], in pairs that are compared together: a filter may leave one pair
+only.
+"""
 _WIDTH, _RATE = 120, 180
 """Width of a band [Hz], and complex values of it per second."""
 _TAPER, _NEAR = 0.25, 8.0
@@ -116,11 +130,15 @@ _SHORTEST, _LONGEST = 1.0, 20.0
 _BLOCK = 64
 """Listed fingerprints that are compared at a time, which bounds the memory."""
 _SMALLEST = 2e-5
-"""Noise in a band over the greatest line from which there is any; what is less may be a tone's, by the taper."""
+"""Noise in a band over the greatest line from which there is any; what is less may be a tone's, by
+the taper.
+"""
 
 
 def fingerprints(recording: Recording) -> tuple[str, ...]:
-    """Fingerprint of each channel that has one: a second long at least, sampled at 900 Hz or more, with noise."""
+    """Fingerprint of each channel that has one: a second long at least, sampled at 900 Hz or more,
+    with noise.
+    """
     rate = float(recording.sample_rate)
     if recording.duration < _SHORTEST:
         return ()
@@ -129,7 +147,9 @@ def fingerprints(recording: Recording) -> tuple[str, ...]:
 
 
 def _fingerprint(channel: Float[np.ndarray, " time"], rate: float) -> str:
-    """Such as ``"~01.360.9Qb..."``: which pairs of bands it has, the number of values of each band, and their signs."""
+    """Such as ``"~01.360.9Qb..."``: which pairs of bands it has, the number of values of each band,
+    and their signs.
+    """
     duration = channel.size / rate
     seconds = int(np.ceil(duration))
     ramp = np.minimum((np.arange(channel.size) + 0.5) / (_TAPER * rate), 1.0)
@@ -170,11 +190,13 @@ def _signs(text: str) -> Complex64[np.ndarray, "band time"]:
     return signs
 
 
-def near_copies(listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def near_copies(
+    listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Sequence[str]]
+) -> dict[str, str]:
     """Those of `recordings` that are copies of listed ones: id there, by id here.
 
-    The first fingerprint of a recording is compared with all of a listed one, so that exchanged and left out channels
-    hide no copy.
+    The first fingerprint of a recording is compared with all of a listed one, so that exchanged and
+    left out channels hide no copy.
 
     Parameters
     ----------
@@ -189,11 +211,17 @@ def near_copies(listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Se
         if texts:
             sought.setdefault(_length(texts[0]), []).append((name, _signs(texts[0])))
     best = {name: (0.0, "") for group in sought.values() for name, _ in group}
-    blocks = (items[start : start + _BLOCK] for items in by_length.values() for start in range(0, len(items), _BLOCK))
+    blocks = (
+        items[start : start + _BLOCK]
+        for items in by_length.values()
+        for start in range(0, len(items), _BLOCK)
+    )
     for block in blocks if sought else ():
         signs = np.stack([_signs(text) for _, text in block])
         for group in sought.values():
-            for name, agreements in zip((name for name, _ in group), _agreements(signs, group), strict=True):
+            for name, agreements in zip(
+                (name for name, _ in group), _agreements(signs, group), strict=True
+            ):
                 first = int(agreements.argmax())
                 best[name] = max(best[name], (float(agreements[first]), block[first][0]))
     return {name: other for name, (agreement, other) in best.items() if agreement >= ALIKE}
@@ -202,8 +230,8 @@ def near_copies(listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Se
 def _agreements(
     listed: Complex64[np.ndarray, "channel band time"], sought: Sequence[tuple[str, np.ndarray]]
 ) -> Iterator[Float[np.ndarray, " channel"]]:
-    """Greatest correlation with each sought one, all of a length, over all shifts, forward and backward, in one pair of
-    bands.
+    """Greatest correlation with each sought one, all of a length, over all shifts, forward and
+    backward, in one pair of bands.
     """
     sizes = listed.shape[-1], sought[0][1].shape[-1]
     size = fft.next_fast_len(sum(sizes))
@@ -217,6 +245,8 @@ def _agreements(
             if not (listed[:, pair].any() and signs[pair].any()):
                 continue
             for other in (signs[pair], np.conj(signs[pair, ::-1])):
-                correlation = np.abs(fft.ifft(spectra[:, pair] * np.conj(fft.fft(other, size)))).mean(axis=1)
+                correlation = np.abs(
+                    fft.ifft(spectra[:, pair] * np.conj(fft.fft(other, size)))
+                ).mean(axis=1)
                 best = np.maximum(best, (correlation[:, valid] / count[valid]).max(axis=1))
         yield best

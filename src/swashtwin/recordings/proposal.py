@@ -1,4 +1,6 @@
-"""A first index for a folder of files, from their names, a table that came with them, and what they carry."""
+"""A first index for a folder of files, from their names, a table that came with them, and what they
+carry.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
@@ -38,7 +40,9 @@ class IndexProposal:
     skipped: tuple[str, ...]
     """Files that are left out, each with the reason."""
     facts: tuple[str, ...]
-    """For each fact its values with their number of files and their origin: what to look over first."""
+    """For each fact its values with their number of files and their origin: what to look over
+    first.
+    """
     notes: tuple[str, ...] = ()
     """What looks odd about the facts."""
 
@@ -60,17 +64,19 @@ def propose_index(
     Parameters
     ----------
     folder : where the files are; it is only read.
-    label_pattern : regular expression that is searched in each relative path; its named groups ``label``, ``specimen``,
-        ``speed``, ``pressure``, ``temperature`` and any other (an attribute) become facts. A number takes the unit that
-        stands beside it in the name. Without a pattern the label is the parent folder's name, or the file name's words
-        that hold no digit.
-    table : CSV table with one row per file, as public data sets have; its files are relative to the table, to `folder`
-        or to the current folder. `label_pattern` adds what it lacks.
-    columns : which column of the table holds which key of an entry, such as ``{"specimen": "bearing_id"}``; keys that
-        no entry has become attributes. ``file`` and ``label`` need no naming. A number takes the unit in the heading.
+    label_pattern : regular expression that is searched in each relative path; its named groups
+        ``label``, ``specimen``, ``speed``, ``pressure``, ``temperature`` and any other (an
+        attribute) become facts. A number takes the unit that stands beside it in the name. Without
+        a pattern the label is the parent folder's name, or the file name's words that hold no
+        digit.
+    table : CSV table with one row per file, as public data sets have; its files are relative to the
+        table, to `folder` or to the current folder. `label_pattern` adds what it lacks.
+    columns : which column of the table holds which key of an entry, such as ``{"specimen":
+        "bearing_id"}``; keys that no entry has become attributes. ``file`` and ``label`` need no
+        naming. A number takes the unit in the heading.
     include : patterns of relative paths to keep, such as ``"normal_48k/*"``; all where empty.
-    pressure_unit : unit of pressures in names, tables and headers that have none; bare speeds are in rpm, rates in Hz,
-        temperatures in degC.
+    pressure_unit : unit of pressures in names, tables and headers that have none; bare speeds are
+        in rpm, rates in Hz, temperatures in degC.
     index_folder : where the index will lie, if not in `folder`.
     ask : called with the name of an argument, such as ``unit``, and a question, where
         that fact is missing; gives the answer, or None. By default a missing fact is an error.
@@ -85,7 +91,9 @@ def propose_index(
     if not folder.is_dir():
         raise MissingFileError(f"{folder} is not a folder.")
     stated_facts = ((key, value) for key, value in facts.items() if value is not None)
-    defaults: dict[str, Any] = {key: [*value] if isinstance(value, tuple) else value for key, value in stated_facts}
+    defaults: dict[str, Any] = {
+        key: [*value] if isinstance(value, tuple) else value for key, value in stated_facts
+    }
     Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
     for name in QUANTITIES.keys() & defaults.keys():
         parse(defaults[name], QUANTITIES[name], name=name)
@@ -94,7 +102,9 @@ def propose_index(
     if pressure_unit is not None:
         parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
-    found = sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    found = sorted(
+        path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")
+    )
     known = suffixes()
     readable = [path.relative_to(folder).as_posix() for path in found if suffix_of(path) in known]
     files = [
@@ -103,13 +113,19 @@ def propose_index(
         if not include or any(fnmatchcase(name, pattern) for pattern in include)
     ]
     if include and not files:
-        raise DataError(f"{folder} holds no file whose path matches include = {', '.join(include)}.")
+        raise DataError(
+            f"{folder} holds no file whose path matches include = {', '.join(include)}."
+        )
     asked: set[str] = set()
     while True:
         survey = _Survey(folder, stated, defaults, label_pattern, pressure_unit)
         survey.read(files)
         questions = {key: text for key, text in survey.questions().items() if key not in asked}
-        answers = {key: answer for key, text in questions.items() if ask is not None and (answer := ask(key, text))}
+        answers = {
+            key: answer
+            for key, text in questions.items()
+            if ask is not None and (answer := ask(key, text))
+        }
         if not answers:
             break
         asked |= questions.keys()
@@ -159,7 +175,11 @@ class _Survey:
                     raise
                 self.skipped.append(str(cause))
                 continue
-            if self.stated is None and "text_columns" in raw.attributes and (other := _named_within(path, names)):
+            if (
+                self.stated is None
+                and "text_columns" in raw.attributes
+                and (other := _named_within(path, names))
+            ):
                 self.skipped.append(f"{path} names {other}: a table of facts, for --table.")
                 continue
             self._add(name, raw)
@@ -168,34 +188,57 @@ class _Survey:
         return Entry.from_mapping({**self.defaults, **values}, str(self.folder / values["file"]))
 
     def _add(self, name: str, raw: RawFile) -> None:
-        """Take up a file: what it states itself counts for more than its name, and for less than a table."""
-        fact, found = facts_of_name(name, self.pattern) if self.stated is None or self.pattern else ({}, frozenset())
+        """Take up a file: what it states itself counts for more than its name, and for less than a
+        table.
+        """
+        fact, found = (
+            facts_of_name(name, self.pattern)
+            if self.stated is None or self.pattern
+            else ({}, frozenset())
+        )
         if self.stated is not None:  # a pattern adds what the table lacks
             found = frozenset(found - self.stated[name].keys())
             fact = {**{key: fact[key] for key in found}, **self.stated[name]}
-        values = {key: value for key, value in fact.items() if key != "label" or not raw.facts.get("label")}
+        values = {
+            key: value
+            for key, value in fact.items()
+            if key != "label" or not raw.facts.get("label")
+        }
         values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
         header, counts = facts_of_header(raw), "header's" if self.stated is None else "table's"
         both = [key for key in header if key in values and header[key] != values[key]]
         self.notes.extend(
-            f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts." for key in both[:1]
+            f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts."
+            for key in both[:1]
         )
-        in_file = {key: text for key, text in header.items() if self.stated is None or key not in values}
+        in_file = {
+            key: text for key, text in header.items() if self.stated is None or key not in values
+        }
         values |= in_file
         bare = bare_pressures(values)
         if bare and self.pressure_unit is None:
             self.missing.setdefault("pressure_unit", []).append(name)
-        values |= {key: f"{values[key]} {self.pressure_unit}" for key in bare if self.pressure_unit is not None}
+        values |= {
+            key: f"{values[key]} {self.pressure_unit}"
+            for key in bare
+            if self.pressure_unit is not None
+        }
         for part in self._entries_within(raw, {"file": name, **values}):
             entry = self._entry(part)
             columns = list(choose_columns(raw, entry, str(self.folder / name)))
-            for key in _missing_facts(raw, columns, entry, self.defaults.keys(), str(self.folder / name)):
+            for key in _missing_facts(
+                raw, columns, entry, self.defaults.keys(), str(self.folder / name)
+            ):
                 self.missing.setdefault(key, []).append(name)
             origins = {**dict.fromkeys(found, "the pattern"), **dict.fromkeys(in_file, "the file")}
             self.facts.append(self._origins(raw, columns, part, origins))
             self.entries.append(part)
-            if entry.channels is None and (others := [column for column in raw.columns if column not in columns]):
-                self.notes.append(f"columns that are no vibration are left out: {', '.join(others)}.")
+            if entry.channels is None and (
+                others := [column for column in raw.columns if column not in columns]
+            ):
+                self.notes.append(
+                    f"columns that are no vibration are left out: {', '.join(others)}."
+                )
             if entry.pressure is not None and entry.speed is None and "condition" not in raw.facts:
                 self.notes.append(
                     'files state a pressure and no speed; add --speed "860 rpm" where it is known: calibration and '
@@ -203,7 +246,9 @@ class _Survey:
                 )
 
     def _entries_within(self, raw: RawFile, values: dict[str, Any]) -> list[dict[str, Any]]:
-        """Entries of a file: one for each start of its channels, where they start apart and are not named."""
+        """Entries of a file: one for each start of its channels, where they start apart and are not
+        named.
+        """
         entry = self._entry(values)
         starts: dict[str, list[str]] = {}
         for name in vibration_columns(raw, entry) if entry.channels is None else ():
@@ -211,19 +256,35 @@ class _Survey:
         if len(starts) < 2:
             return [values]
         stem = stem_of(Path(values["file"]))
-        return [{**values, "id": f"{stem}_{n}", "channels": names} for n, names in enumerate(starts.values(), 1)]
+        return [
+            {**values, "id": f"{stem}_{n}", "channels": names}
+            for n, names in enumerate(starts.values(), 1)
+        ]
 
     def _origins(
-        self, raw: RawFile, columns: Sequence[str], entry: Mapping[str, Any], origins: Mapping[str, str]
+        self,
+        raw: RawFile,
+        columns: Sequence[str],
+        entry: Mapping[str, Any],
+        origins: Mapping[str, str],
     ) -> Facts:
-        """Value and origin of each fact that the entry of a file will have; `origins` are those not of its name."""
+        """Value and origin of each fact that the entry of a file will have; `origins` are those not
+        of its name.
+        """
         usual = "its name" if self.stated is None else "the table"
-        told = {key: value for key, value in entry.items() if key not in ("file", "attributes", "id", "sha256")}
+        told = {
+            key: value
+            for key, value in entry.items()
+            if key not in ("file", "attributes", "id", "sha256")
+        }
         facts: Facts = {key: (_words(value), "the option") for key, value in self.defaults.items()}
         facts |= {key: (_words(value), origins.get(key, usual)) for key, value in told.items()}
         for key, value in entry.get("attributes", {}).items():
             facts[f"attribute {key}"] = (value, origins.get(key, usual))
-        if facts.get("label") == (plain_text(Path(entry["file"]).parent.name).strip("_-. "), "its name"):
+        if facts.get("label") == (
+            plain_text(Path(entry["file"]).parent.name).strip("_-. "),
+            "its name",
+        ):
             facts["label"] = (entry["label"], "the folder's name")
         rates = {raw.rates.get(column, raw.sample_rate) for column in columns} - {None}
         if len(rates) == 1:
@@ -252,7 +313,8 @@ class _Survey:
     def require_complete(self) -> None:
         """Refuse files that lack a fact, or a folder without any."""
         words = "; ".join(
-            f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}" for key, names in self.missing.items()
+            f"{key} of {len(names)} files (as {names[0]}): {_QUESTIONS[key][0]}"
+            for key, names in self.missing.items()
         )
         if words:
             raise DataError(f"{self.folder}: neither the files nor the options state {words}.")
@@ -265,23 +327,41 @@ def _named_within(path: Path, names: Sequence[str]) -> str | None:
     """A file of the folder that another one names in its first lines."""
     with path.open("rb") as file:
         head = file.read(1 << 16).decode(errors="replace")
-    return next((name for name in names if Path(name).name in head and Path(name).name != path.name), None)
+    return next(
+        (name for name in names if Path(name).name in head and Path(name).name != path.name), None
+    )
 
 
 _QUESTIONS = {
-    "sample_rate": ('--sample-rate "25.6 kHz"', "How many samples per second and channel do they have, with the unit"),
-    "unit": ('--unit "g" (or "V", "1")', 'In which unit are their samples: g, m/s^2, V, or "1" where it is not known'),
+    "sample_rate": (
+        '--sample-rate "25.6 kHz"',
+        "How many samples per second and channel do they have, with the unit",
+    ),
+    "unit": (
+        '--unit "g" (or "V", "1")',
+        'In which unit are their samples: g, m/s^2, V, or "1" where it is not known',
+    ),
     "sensitivity": (
         '--sensitivity "50 m/s^2" (what full scale stands for), or --unit "1" where nobody knows',
         "Which quantity does full scale of their integers stand for, such as 50 m/s^2",
     ),
-    "pressure_unit": ("--pressure-unit bar", "Their pressures have no unit: is it MPa, bar, kPa or psi"),
-    "label": ("--label-pattern", "Which regular expression finds the class in their paths, as (?P<label>...)"),
+    "pressure_unit": (
+        "--pressure-unit bar",
+        "Their pressures have no unit: is it MPa, bar, kPa or psi",
+    ),
+    "label": (
+        "--label-pattern",
+        "Which regular expression finds the class in their paths, as (?P<label>...)",
+    ),
 }
 
 
-def _missing_facts(raw: RawFile, columns: list[str], entry: Entry, given: Set[str], where: str) -> list[str]:
-    """Facts that nobody states; one of those `given` for all files that the file contradicts is refused."""
+def _missing_facts(
+    raw: RawFile, columns: list[str], entry: Entry, given: Set[str], where: str
+) -> list[str]:
+    """Facts that nobody states; one of those `given` for all files that the file contradicts is
+    refused.
+    """
     has_units = all(name in raw.units for name in columns)
     missing = []
     if entry.sample_rate is None and rate_in_file(raw, columns, where) is None:
@@ -327,10 +407,14 @@ def _sentences(files: Iterable[Facts]) -> tuple[str, ...]:
         for key, (value, origin) in facts.items():
             counts.setdefault(key, {}).setdefault(origin, Counter())[value] += 1
     sentences = []
-    for key in sorted(counts, key=lambda key: (_FACTS_FIRST.index(key) if key in _FACTS_FIRST else 9, key)):
+    for key in sorted(
+        counts, key=lambda key: (_FACTS_FIRST.index(key) if key in _FACTS_FIRST else 9, key)
+    ):
         parts = []
         for origin, values in counts[key].items():
-            parts.append(f"{listed([f'{value} ({count})' for value, count in values.items()], _MOST)}, says {origin}")
+            parts.append(
+                f"{listed([f'{value} ({count})' for value, count in values.items()], _MOST)}, says {origin}"
+            )
         sentences.append(f"{key}: {'; '.join(parts)}")
     return tuple(sentences)
 

@@ -23,15 +23,18 @@ _OF_SAMPLES: Any = object()
 class Recording:
     """Signals that were sampled together, without a gap, at one operating condition.
 
-    A recording is whole in training or in test: windows carry its `recording_id`, and no split parts it. One that was
-    loaded from a file reads its samples when they are asked for: `signal` reads them all and keeps them, `slice`
-    and `blocks` read a part. The facts are there without reading.
+    A recording is whole in training or in test: windows carry its `recording_id`, and no split
+    parts it. One that was loaded from a file reads its samples when they are asked for: `signal`
+    reads them all and keeps them, `slice` and `blocks` read a part. The facts are there without
+    reading.
 
     Parameters
     ----------
     signal : samples (channel, time) in `unit`.
-    sample_rate, recording_id, channels, unit, label, condition, specimen, synthetic, attributes : as described below.
-    speed : angular speed of the shaft at each sample [rad/s], or None where it did not change or was not measured.
+    sample_rate, recording_id, channels, unit, label, condition, specimen, synthetic, attributes :
+    as described below.
+    speed : angular speed of the shaft at each sample [rad/s], or None where it did not change or
+        was not measured.
 
     Raises
     ------
@@ -49,13 +52,17 @@ class Recording:
     recording_id: str
     """Unique name within a data set."""
     channels: tuple[str, ...]
-    """Name of each channel, in the order of `signal`; names and labels are in one Unicode form (`plain_text`)."""
+    """Name of each channel, in the order of `signal`; names and labels are in one Unicode form
+    (`plain_text`).
+    """
     unit: str
     """Unit of every channel; readers convert acceleration to m/s^2 and leave other units alone."""
     label: str | None
     """Class of the pump's condition, or None where it is not known."""
     condition: OperatingCondition | None
-    """Operating condition, or None where it is not known; the mean where `speed` says that it changed."""
+    """Operating condition, or None where it is not known; the mean where `speed` says that it
+    changed.
+    """
     specimen: str | None
     """Which physical machine (or which machined fault) was measured; splits by specimen use it."""
     synthetic: bool
@@ -83,7 +90,9 @@ class Recording:
         if signal is None and samples is not None and speed is not _OF_SAMPLES:
             signal = samples.signal
         if (samples is None and signal is None) or not recording_id:
-            raise InputError("a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id.")
+            raise InputError(
+                "a recording needs a signal (channel, time), a sample_rate in Hz and a recording_id."
+            )
         kinds: dict[str, tuple[object, type, str]] = {
             "label": (label, str, "text"),
             "specimen": (specimen, str, "text"),
@@ -93,8 +102,14 @@ class Recording:
         for name, (value, kind, word) in kinds.items():
             if value is not None and not isinstance(value, kind):
                 raise InputError(f"{recording_id}: {name} ({value!r}) must be {word}.")
-        if not (isinstance(sample_rate, (int, float, np.number)) and np.isfinite(sample_rate) and sample_rate > 0):
-            raise DataError(f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number.")
+        if not (
+            isinstance(sample_rate, (int, float, np.number))
+            and np.isfinite(sample_rate)
+            and sample_rate > 0
+        ):
+            raise DataError(
+                f"{recording_id}: sample_rate ({sample_rate!r} Hz) must be a positive number."
+            )
         channels = (channels,) if isinstance(channels, str) else channels
         if signal is not None:
             signal = _own_samples(signal, recording_id)
@@ -119,11 +134,15 @@ class Recording:
         for name, value in facts.items():
             object.__setattr__(self, name, value)
         if len(channels) != samples.shape[0]:
-            raise DataError(f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels.")
+            raise DataError(
+                f"{recording_id}: {len(channels)} channel names for {samples.shape[0]} channels."
+            )
 
     def __iter__(self) -> NoReturn:
         """Refused: a function of several recordings was given one."""
-        raise InputError(f"{self.recording_id} is one recording where several are expected; give a list of it.")
+        raise InputError(
+            f"{self.recording_id} is one recording where several are expected; give a list of it."
+        )
 
     def __repr__(self) -> str:
         """Short text: name, class, channels and length."""
@@ -135,12 +154,16 @@ class Recording:
 
     @property
     def signal(self) -> Float[np.ndarray, "channel time"]:
-        """Samples in `unit`, float64, which are read when first asked for and then stay in memory."""
+        """Samples in `unit`, float64, which are read when first asked for and then stay in
+        memory.
+        """
         return self.samples.signal
 
     @property
     def speed(self) -> Float[np.ndarray, " time"] | None:
-        """Angular speed of the shaft at each sample [rad/s], or None where it did not change or was not measured."""
+        """Angular speed of the shaft at each sample [rad/s], or None where it did not change or was
+        not measured.
+        """
         return self.samples.speed
 
     @property
@@ -179,7 +202,9 @@ class Recording:
             The file is damaged there, or was changed after it was opened.
         """
         signal, speed = self.samples.signal_part(start, stop), self.samples.speed_part(start, stop)
-        return self.replace(samples=Samples.in_memory(self.recording_id, signal, speed, origin=self.samples))
+        return self.replace(
+            samples=Samples.in_memory(self.recording_id, signal, speed, origin=self.samples)
+        )
 
     def blocks(self) -> "Iterator[Recording]":
         """The recording in parts of `BLOCK` samples, which follow each other without a gap."""
@@ -187,7 +212,8 @@ class Recording:
             yield self.slice(start, start + BLOCK)
 
     def replace(self, **changes: Any) -> "Recording":
-        """The same recording with some facts, its signal or its speed changed; samples in a file are not read for it.
+        """The same recording with some facts, its signal or its speed changed; samples in a file
+        are not read for it.
 
         Examples
         --------
@@ -204,45 +230,61 @@ class Recording:
         """The same measurement with only `channels`, in that order."""
         missing = [name for name in channels if name not in self.channels]
         if missing:
-            raise InputError(f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}.")
+            raise InputError(
+                f"{self.recording_id} has no channel {missing[0]!r}; it has {', '.join(self.channels)}."
+            )
         rows = [self.channels.index(name) for name in channels]
         return self.replace(samples=self.samples.pick(rows), channels=tuple(channels))
 
     def unloaded(self) -> "Recording":
-        """The same recording with nothing of its file in memory; itself where it was not read from a file."""
+        """The same recording with nothing of its file in memory; itself where it was not read from
+        a file.
+        """
         return self.replace(samples=self.samples.unopened())
 
     def content_hashes(self) -> tuple[str, ...]:
-        """What was recorded, whatever the file is called: a hash of each channel (`Samples.content_hashes`).
+        """What was recorded, whatever the file is called: a hash of each channel
+        (`Samples.content_hashes`).
 
-        Two recordings with a hash in common hold the same measurement. A copy under another name, in another format or
-        at another rate of ``resample`` is noticed; a `fingerprint` tells one that was cut, filtered or scaled.
+        Two recordings with a hash in common hold the same measurement. A copy under another name,
+        in another format or at another rate of ``resample`` is noticed; a `fingerprint` tells one
+        that was cut, filtered or scaled.
         """
         return tuple(digest for digest in self.samples.content_hashes() if digest)
 
     def fingerprint(self) -> str:
-        """SHA-256 of the samples, the sample rate, the channels and the unit, hexadecimal; no other fact counts."""
-        digest = hashlib.sha256(repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode())
+        """SHA-256 of the samples, the sample rate, the channels and the unit, hexadecimal; no other
+        fact counts.
+        """
+        digest = hashlib.sha256(
+            repr((float(self.sample_rate), self.channels, self.unit, self.signal.shape)).encode()
+        )
         digest.update(np.ascontiguousarray(self.signal, dtype="<f8").tobytes())
         return digest.hexdigest()
 
 
 def _own_samples(signal: np.ndarray, name: str) -> np.ndarray:
-    """Samples of its own for a recording, real numbers, NaN where they are masked; a caller may change the array."""
+    """Samples of its own for a recording, real numbers, NaN where they are masked; a caller may
+    change the array.
+    """
     samples = np.asarray(signal)
     if samples.dtype.kind not in "fiub":
-        raise DataError(f"{name}: signal holds {samples.dtype} values; a recording holds real numbers.")
+        raise DataError(
+            f"{name}: signal holds {samples.dtype} values; a recording holds real numbers."
+        )
     kind = samples.dtype if samples.dtype in (np.float32, np.float64) else np.dtype(np.float64)
     return np.array(np.ma.filled(np.ma.asarray(signal, kind), np.nan), dtype=kind)
 
 
 def join_blocks(blocks: Iterable[Recording]) -> Recording:
-    """One recording of blocks that follow each other without a gap; the first one's facts hold for all.
+    """One recording of blocks that follow each other without a gap; the first one's facts hold for
+    all.
 
     Raises
     ------
     DataError
-        There is no block, or one differs from the first in channels, sample rate, id, or in whether it has a speed.
+        There is no block, or one differs from the first in channels, sample rate, id, or in whether
+        it has a speed.
     """
     blocks = list(blocks)
     if not blocks:
@@ -272,4 +314,6 @@ def require_distinct(ids: Iterable[str], where: str) -> None:
     counts = Counter(ids)
     for name, count in counts.items():
         if count > 1:
-            raise InputError(f"two recordings have the id {name!r}; ids must be unique within {where}.")
+            raise InputError(
+                f"two recordings have the id {name!r}; ids must be unique within {where}."
+            )

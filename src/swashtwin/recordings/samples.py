@@ -14,7 +14,9 @@ from swashtwin.foundation import DataError, InputError, SwashTwinError, require_
 from swashtwin.recordings.formats.raw import BLOCK, Column, number_type
 
 _UNEQUAL = 0.25
-"""Share by which the steps of a ramp may differ: those of a time that was written with few digits do."""
+"""Share by which the steps of a ramp may differ: those of a time that was written with few digits
+do.
+"""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,9 @@ class Columns:
     speed: Column | None = None
     """Angular speed of the shaft at each sample [rad/s], or None where it was not measured."""
     hashes: tuple[str, ...] = ()
-    """`Samples.content_hashes` of what was recorded, where the columns are another form of it; else empty."""
+    """`Samples.content_hashes` of what was recorded, where the columns are another form of it; else
+    empty.
+    """
 
 
 class Samples:
@@ -67,21 +71,32 @@ class Samples:
         self._hashes: dict[str, tuple[str, ...]] = {} if origin is None else origin._hashes
 
     @classmethod
-    def from_columns(cls, name: str, columns: Columns, open_columns: Callable[[], Columns]) -> "Samples":
+    def from_columns(
+        cls, name: str, columns: Columns, open_columns: Callable[[], Columns]
+    ) -> "Samples":
         """Samples of a file that is open; `open_columns` opens it again."""
         shape = (len(columns.channels), len(columns.channels[0]))
         if columns.speed is not None and len(columns.speed) != shape[1]:
-            raise DataError(f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples.")
-        samples = cls(name, shape, np.dtype(np.float64), columns.speed is not None, open_columns, columns)
+            raise DataError(
+                f"{name}: the file is damaged: it has {len(columns.speed)} speeds for {shape[1]} samples."
+            )
+        samples = cls(
+            name, shape, np.dtype(np.float64), columns.speed is not None, open_columns, columns
+        )
         with samples._refuse_damage("the first sample cannot be read"):
             samples.dtype = np.result_type(*(number_type(column) for column in columns.channels))
         return samples
 
     @classmethod
     def in_memory(
-        cls, name: str, signal: np.ndarray, speed: np.ndarray | None, origin: "Samples | None" = None
+        cls,
+        name: str,
+        signal: np.ndarray,
+        speed: np.ndarray | None,
+        origin: "Samples | None" = None,
     ) -> "Samples":
-        """Samples of an array (channel, time) and, where it was measured, the speed at each sample [rad/s].
+        """Samples of an array (channel, time) and, where it was measured, the speed at each sample
+        [rad/s].
 
         Parameters
         ----------
@@ -89,7 +104,14 @@ class Samples:
         """
         if signal.ndim != 2 or signal.size == 0:
             raise DataError(f"{name}: signal has shape {signal.shape}; it must be (channel, time).")
-        samples = cls(name, (signal.shape[0], signal.shape[1]), signal.dtype, speed is not None, None, origin=origin)
+        samples = cls(
+            name,
+            (signal.shape[0], signal.shape[1]),
+            signal.dtype,
+            speed is not None,
+            None,
+            origin=origin,
+        )
         if speed is not None:
             require_speed(name, speed, samples.shape[1])
         samples._arrays = (signal, speed)
@@ -100,7 +122,11 @@ class Samples:
         """All samples, which are read when first asked for and stay in memory."""
         if self._arrays is None:
             count = self.shape[1]
-            require_memory(self.name, 8 * self.shape[0] * count, reason="takes, with all its samples in memory,")
+            require_memory(
+                self.name,
+                8 * self.shape[0] * count,
+                reason="takes, with all its samples in memory,",
+            )
             speed = self.speed_part(0, count)
             if speed is not None:
                 require_speed(self.name, speed, count)
@@ -120,7 +146,9 @@ class Samples:
         return (1.0,) * self.shape[0] if self.open_columns is None else self._opened().factors
 
     def raw(self, start: int, stop: int) -> Shaped[np.ndarray, "channel time"]:
-        """Samples from `start` to before `stop`, in the number type of the file and without the factors."""
+        """Samples from `start` to before `stop`, in the number type of the file and without the
+        factors.
+        """
         start, stop = self._span(start, stop)
         if self.open_columns is None:
             return self.signal[:, start:stop]
@@ -130,7 +158,9 @@ class Samples:
             end = min(at + BLOCK, stop)
             with self._refuse_damage(f"samples {at} to {end} cannot be read"):
                 for row, column in zip(samples, channels, strict=True):
-                    np.copyto(row[at - start : end - start], _part(column, at, end), casting="same_kind")
+                    np.copyto(
+                        row[at - start : end - start], _part(column, at, end), casting="same_kind"
+                    )
         return samples
 
     def signal_part(self, start: int, stop: int) -> Float[np.ndarray, "channel time"]:
@@ -143,7 +173,9 @@ class Samples:
         return signal
 
     def speed_part(self, start: int, stop: int) -> Float[np.ndarray, " time"] | None:
-        """Speed at the samples from `start` to before `stop` [rad/s], or None where it was not measured."""
+        """Speed at the samples from `start` to before `stop` [rad/s], or None where it was not
+        measured.
+        """
         start, stop = self._span(start, stop)
         if not self.has_speed:
             return None
@@ -160,7 +192,9 @@ class Samples:
         if self.open_columns is None:
             return Samples.in_memory(self.name, self.signal[list(rows)], self.speed, self._origin)
         open_picked = partial(_pick, self.open_columns, tuple(rows))
-        samples = Samples(self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked)
+        samples = Samples(
+            self.name, (len(rows), self.shape[1]), self.dtype, self.has_speed, open_picked
+        )
         if self._arrays is not None:
             samples._arrays = (self.signal[list(rows)], self.speed)
         return samples
@@ -170,19 +204,25 @@ class Samples:
         if self.open_columns is None:
             return self
         columns = self._columns
-        if columns is not None and any(isinstance(column, np.ndarray) for column in columns.channels):
+        if columns is not None and any(
+            isinstance(column, np.ndarray) for column in columns.channels
+        ):
             columns = None
-        samples = Samples(self.name, self.shape, self.dtype, self.has_speed, self.open_columns, columns)
+        samples = Samples(
+            self.name, self.shape, self.dtype, self.has_speed, self.open_columns, columns
+        )
         samples._hashes = self._hashes
         return samples
 
     def content_hashes(self) -> tuple[str, ...]:
-        """SHA-256 of each channel's samples as recorded, 32 hexadecimal digits; an empty text where they tell nothing.
+        """SHA-256 of each channel's samples as recorded, 32 hexadecimal digits; an empty text where
+        they tell nothing.
 
-        That is a channel that never changes, or rises by equal steps, as a counter, an index or a time does. The
-        samples count in single precision and in the recording's unit, before any resampling. Names, rates, formats
-        and the order of channels do not count. A slice, and samples put in the place of others
-        (`Recording.replace`), have the hashes of what they were made of.
+        That is a channel that never changes, or rises by equal steps, as a counter, an index or a
+        time does. The samples count in single precision and in the recording's unit, before any
+        resampling. Names, rates, formats and the order of channels do not count. A slice, and
+        samples put in the place of others (`Recording.replace`), have the hashes of what they were
+        made of.
         """
         if "content" not in self._hashes:
             self._hashes["content"] = self.original_hashes() or hash_channels(
@@ -209,26 +249,36 @@ class Samples:
                 columns = self.open_columns()
             shape = (len(columns.channels), len(columns.channels[0]))
             if shape != self.shape or (columns.speed is not None) != self.has_speed:
-                raise DataError(f"{self.name}: the file has changed from (channel, time) {self.shape} to {shape}.")
+                raise DataError(
+                    f"{self.name}: the file has changed from (channel, time) {self.shape} to {shape}."
+                )
             self._columns = columns
         return self._columns
 
     @contextmanager
     def _refuse_damage(self, failure: str) -> Iterator[None]:
-        """Turn whatever a library raises into a `DataError`: what a damaged file makes it raise has no bounds."""
+        """Turn whatever a library raises into a `DataError`: what a damaged file makes it raise has
+        no bounds.
+        """
         try:
             yield
         except SwashTwinError:
             raise
         except Exception as cause:
             reason = (str(cause).splitlines() or [""])[0][:160]
-            raise DataError(f"{self.name}: {failure} ({type(cause).__name__}: {reason}).") from cause
+            raise DataError(
+                f"{self.name}: {failure} ({type(cause).__name__}: {reason})."
+            ) from cause
 
     def _span(self, start: int, stop: int) -> tuple[int, int]:
         if not (isinstance(start, (int, np.integer)) and isinstance(stop, (int, np.integer))):
-            raise InputError(f"{self.name}: samples are counted by whole numbers, and not from {start!r} to {stop!r}.")
+            raise InputError(
+                f"{self.name}: samples are counted by whole numbers, and not from {start!r} to {stop!r}."
+            )
         if not 0 <= start < min(stop, self.shape[1]):
-            raise InputError(f"{self.name} has no samples {start} to {stop}; it has {self.shape[1]}.")
+            raise InputError(
+                f"{self.name} has no samples {start} to {stop}; it has {self.shape[1]}."
+            )
         return start, min(stop, self.shape[1])
 
 
@@ -240,7 +290,9 @@ def _part(column: Column, start: int, stop: int) -> np.ndarray:
 
 
 def require_speed(name: str, speed: np.ndarray, count: int) -> None:
-    """Refuse a speed [rad/s] that is not one positive number or zero for each of `count` samples."""
+    """Refuse a speed [rad/s] that is not one positive number or zero for each of `count`
+    samples.
+    """
     if speed.shape != (count,):
         raise DataError(f"{name}: speed has shape {speed.shape} for {count} samples; one for each.")
     wrong = np.flatnonzero(~(np.isfinite(speed) & (speed >= 0)))
@@ -258,9 +310,14 @@ def _pick(open_columns: Callable[[], Columns], rows: tuple[int, ...]) -> Columns
 
 
 def rises_evenly(samples: Shaped[np.ndarray, " time"], step: float) -> bool:
-    """Whether samples rise or fall by `step` each time, as a counter or a time does, or are constant if that is 0."""
+    """Whether samples rise or fall by `step` each time, as a counter or a time does, or are
+    constant if that is 0.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
-        return all(bool((abs(np.diff(part) - step) <= _UNEQUAL * abs(step)).all()) for part in (samples[:64], samples))
+        return all(
+            bool((abs(np.diff(part) - step) <= _UNEQUAL * abs(step)).all())
+            for part in (samples[:64], samples)
+        )
 
 
 def hash_channels(parts: Iterable[Float[np.ndarray, "channel time"]]) -> tuple[str, ...]:
@@ -281,8 +338,11 @@ def hash_channels(parts: Iterable[Float[np.ndarray, "channel time"]]) -> tuple[s
             digests[number].update(row.data)
             is_constant[number] = is_constant[number] and (row == first[number]).all()
             if is_ramp[number]:
-                is_ramp[number] = rises_evenly(np.concatenate([last[number], part[number]]), float(step[number, 0]))
+                is_ramp[number] = rises_evenly(
+                    np.concatenate([last[number], part[number]]), float(step[number, 0])
+                )
         last = part[:, -1:].copy()
     return tuple(
-        "" if empty else digest.hexdigest()[:32] for digest, empty in zip(digests, is_constant | is_ramp, strict=True)
+        "" if empty else digest.hexdigest()[:32]
+        for digest, empty in zip(digests, is_constant | is_ramp, strict=True)
     )

@@ -6,7 +6,13 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from swashtwin.foundation import DataError, UnitError, parse
-from swashtwin.recordings.formats.raw import Options, RawFile, acceleration_factor, plain_unit, require_sample_unit
+from swashtwin.recordings.formats.raw import (
+    Options,
+    RawFile,
+    acceleration_factor,
+    plain_unit,
+    require_sample_unit,
+)
 
 _OTHER_QUANTITY = re.compile(
     r"(?:^|[^a-z])(?:temp|temperatur|temperature|druck|pressure|drehzahl|rpm|speed|flow|durchfluss|torque|drehmoment|"
@@ -26,7 +32,9 @@ class _Sensitivity(NamedTuple):
     factor: float
     unit: str
     per: str | None
-    """Electrical unit that a channel must be in, or None for one unit of the numbers in the file."""
+    """Electrical unit that a channel must be in, or None for one unit of the numbers in the
+    file.
+    """
     text: str
     """As it is stated."""
 
@@ -48,11 +56,15 @@ class _Sensitivity(NamedTuple):
         except UnitError:
             number = 0.0
         if not number:
-            raise UnitError(f"{where}: sensitivity = {text!r} must be a number with its unit: {_FORMS}.")
+            raise UnitError(
+                f"{where}: sensitivity = {text!r} must be a number with its unit: {_FORMS}."
+            )
         return cls(factor, plain_unit(unit or "1"), per, text)
 
     def of(self, unit: str) -> float | None:
-        """Quantity that stands for one `unit` of a channel, or None where the channel is no such signal."""
+        """Quantity that stands for one `unit` of a channel, or None where the channel is no such
+        signal.
+        """
         kind = str(self.per)[-1]  # V, A or C
         try:
             return self.factor * parse(f"1 {unit}", kind) / parse(f"1 {self.per}", kind)
@@ -60,8 +72,11 @@ class _Sensitivity(NamedTuple):
             return None
 
 
-def scale(raw: RawFile, options: Options, chosen: Sequence[str], where: str) -> tuple[list[float], str]:
-    """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself otherwise.
+def scale(
+    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+) -> tuple[list[float], str]:
+    """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself
+    otherwise.
 
     Parameters
     ----------
@@ -71,7 +86,8 @@ def scale(raw: RawFile, options: Options, chosen: Sequence[str], where: str) -> 
     Raises
     ------
     DataError
-        A unit is missing or contradicts the file, a sensitivity does not fit, or the channels have several units.
+        A unit is missing or contradicts the file, a sensitivity does not fit, or the channels have
+        several units.
     UnitError
         A unit or a sensitivity is none.
     """
@@ -108,7 +124,11 @@ def _scale_of(
                 '"V" or "mV", or "g" where it is applied already.'
             )
         return 1.0, _unit(raw.units.get(name), options.unit, name, where)
-    unit = None if in_file is None and options.unit is None else _unit(in_file, options.unit, name, where)
+    unit = (
+        None
+        if in_file is None and options.unit is None
+        else _unit(in_file, options.unit, name, where)
+    )
     if sensitivity.per is None:
         if unit in (None, "1") or re.fullmatch(_COUNT, str(unit)):
             return sensitivity.factor, sensitivity.unit
@@ -139,26 +159,39 @@ def _scale_of(
     return factor, sensitivity.unit
 
 
-def _sensitivities(raw: RawFile, options: Options, chosen: Sequence[str], where: str) -> dict[str, _Sensitivity]:
+def _sensitivities(
+    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+) -> dict[str, _Sensitivity]:
     stated = options.sensitivity
     if stated is None:
         return _sensitivities_in_file(raw, options, chosen, where)
     texts = (stated,) if isinstance(stated, str) else stated
     if not any("=" in text for text in texts):
         if len(texts) not in (1, len(chosen)):
-            raise DataError(f"{where}: {len(texts)} sensitivities for {len(chosen)} channels ({', '.join(chosen)}).")
+            raise DataError(
+                f"{where}: {len(texts)} sensitivities for {len(chosen)} channels ({', '.join(chosen)})."
+            )
         if len(texts) > 1:
-            return {name: _Sensitivity.read(text, where) for name, text in zip(chosen, texts, strict=True)}
+            return {
+                name: _Sensitivity.read(text, where)
+                for name, text in zip(chosen, texts, strict=True)
+            }
         only = _Sensitivity.read(texts[0], where)
         units = {name: raw.units.get(name, options.unit) for name in chosen}
-        fits = [name for name, unit in units.items() if only.per is None or unit is None or only.of(unit) is not None]
+        fits = [
+            name
+            for name, unit in units.items()
+            if only.per is None or unit is None or only.of(unit) is not None
+        ]
         return dict.fromkeys(fits or chosen, only)
     new_names = dict(zip(chosen, options.names or (), strict=False))
     sensitivities: dict[str, _Sensitivity] = {}
     for text in texts:
         pattern, _, quantity = text.partition("=")
         pattern = pattern.strip()
-        names = [name for name in chosen if pattern == new_names.get(name) or fnmatchcase(name, pattern)]
+        names = [
+            name for name in chosen if pattern == new_names.get(name) or fnmatchcase(name, pattern)
+        ]
         if not names or not quantity:
             raise DataError(
                 f"{where}: sensitivity = {text!r} names no channel; write NAME=QUANTITY for some of "
@@ -189,13 +222,19 @@ def _sensitivities_in_file(
 
 
 def vibration_columns(raw: RawFile, options: Options) -> list[str]:
-    """Columns of a file but for those of another quantity beside accelerations: pressures, tachometers, temperatures.
+    """Columns of a file but for those of another quantity beside accelerations: pressures,
+    tachometers, temperatures.
 
     Where nothing says what the columns are, all of them.
     """
-    factors = {name: None if unit == "1" else acceleration_factor(unit) for name, unit in raw.units.items()}
+    factors = {
+        name: None if unit == "1" else acceleration_factor(unit) for name, unit in raw.units.items()
+    }
     is_acceleration = options.unit is not None and acceleration_factor(options.unit) is not None
-    vibration, known = [], is_acceleration or options.sensitivity is not None or bool(raw.sensitivities)
+    vibration, known = (
+        [],
+        is_acceleration or options.sensitivity is not None or bool(raw.sensitivities),
+    )
     for name in raw.columns:
         if name in raw.units:
             sensed = options.sensitivity is not None or name in raw.sensitivities
@@ -222,5 +261,7 @@ def _unit(in_file: str | None, stated: str | None, name: str, where: str) -> str
         sensed = {"1": f'sensitivity = "1 {stated}"'}.get(in_file, 'sensitivity = "100 mV/g"')
         is_scaled = in_file == "1" or (factors[0] is not None and re.fullmatch(_ELECTRIC, in_file))
         advice = f"or say what they stand for: {sensed}" if is_scaled else "or correct the file"
-        raise DataError(f"{where} says {name!r} is in {in_file}, the index says {stated}; remove unit, {advice}.")
+        raise DataError(
+            f"{where} says {name!r} is in {in_file}, the index says {stated}; remove unit, {advice}."
+        )
     return stated

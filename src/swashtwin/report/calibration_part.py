@@ -55,7 +55,9 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     change = _change(calibration, "spectrum_value_error")
-    has_improved = calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
+    has_improved = (
+        calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
+    )
     provenance = facts_table(
         "How the calibration was made.",
         [
@@ -74,13 +76,20 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
         answer=calibration_answer(calibration)[:1],
         notice=rig_notice(RecordingFacts(origin=calibration.origin)),
         sections=(
-            Section(SectionOrder.CALIBRATION, "Calibration", (more, *calibration_blocks(calibration, key)[1:])),
+            Section(
+                SectionOrder.CALIBRATION,
+                "Calibration",
+                (more, *calibration_blocks(calibration, key)[1:]),
+            ),
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (provenance,)),
         ),
         results={"calibrations": [calibration.to_dict()]},
         verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
         tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
-        certainty=(*calibration_answer(calibration)[:0:-1], *map(sentence, calibration.notes[:_MOST_NOTES])),
+        certainty=(
+            *calibration_answer(calibration)[:0:-1],
+            *map(sentence, calibration.notes[:_MOST_NOTES]),
+        ),
         actions=_actions(calibration, has_improved),
         facts=(
             ("Pump", calibration.twin.pump.name),
@@ -97,8 +106,12 @@ _ENOUGH, _MOST_NOTES = 3, 3
 def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
     """What to do with the result."""
     if not has_improved:
-        return ("Do not use this twin: check speed, pressure, units and the pump's parameters first.",)
-    weak = [estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"]
+        return (
+            "Do not use this twin: check speed, pressure, units and the pump's parameters first.",
+        )
+    weak = [
+        estimate.letter for estimate in calibration.estimates if estimate.verdict != "identified"
+    ]
     caution = (
         (
             f"Do not read {', '.join(weak)} as measured values of the pump; swashtwin twin next says which recording "
@@ -108,7 +121,10 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
         else ()
     )
     if len(weak) == len(calibration.estimates):
-        return (*caution, "Do not synthesize with this twin before its misfit is explained: see the notes.")
+        return (
+            *caution,
+            "Do not synthesize with this twin before its misfit is explained: see the notes.",
+        )
     return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
 
 
@@ -141,13 +157,19 @@ def verdict_counts(calibration: Calibration) -> str:
 
 
 def condition_words(calibration: Calibration) -> str:
-    """Speed and pressure of the twin, or of every operating point where several were fitted together."""
+    """Speed and pressure of the twin, or of every operating point where several were fitted
+    together.
+    """
     several = len(calibration.fits) > 1
     points: dict[str, list[str]] = {}
-    for condition in [fit.condition for fit in calibration.fits] if several else [calibration.twin.condition]:
+    for condition in (
+        [fit.condition for fit in calibration.fits] if several else [calibration.twin.condition]
+    ):
         speed = f"{condition.speed * 30 / math.pi:.4g} rev/min"
         points.setdefault(speed, []).append(f"{condition.discharge_pressure / 1e6:.3g}")
-    return "; ".join(f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items())
+    return "; ".join(
+        f"{speed}, {' and '.join(pressures)} MPa" for speed, pressures in points.items()
+    )
 
 
 def calibration_blocks(calibration: Calibration, key: str) -> tuple:
@@ -167,7 +189,9 @@ def fit_table(calibration: Calibration) -> Table:
     rows = []
     for name, label in FIGURES.items():
         share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
-        change = f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
+        change = (
+            f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
+        )
         rows.append((label, number_cell(before[name]), number_cell(after[name]), change))
     return Table(
         "Difference between the twin and the recordings it was calibrated on. Errors: smaller is better. Correlation: "
@@ -197,10 +221,17 @@ def estimates_table(calibration: Calibration) -> Table:
 
 def directions_table(calibration: Calibration) -> Table:
     """Independent combinations of the six values."""
-    posterior, letters = calibration.posterior, tuple(estimate.letter for estimate in calibration.estimates)
+    posterior, letters = (
+        calibration.posterior,
+        tuple(estimate.letter for estimate in calibration.estimates),
+    )
     prior = posterior.unknowns.deviation[VALUES]
-    variance, directions = np.linalg.eigh(posterior.covariance[VALUES, VALUES] / np.outer(prior, prior))
-    directions = directions * np.sign(directions[np.abs(directions).argmax(axis=0), range(len(letters))])
+    variance, directions = np.linalg.eigh(
+        posterior.covariance[VALUES, VALUES] / np.outer(prior, prior)
+    )
+    directions = directions * np.sign(
+        directions[np.abs(directions).argmax(axis=0), range(len(letters))]
+    )
     rows = [
         (percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
         for left, direction in zip(variance, directions.T, strict=True)
@@ -226,34 +257,51 @@ def interval_words(estimate: Estimate) -> str:
 
 
 _RANGE_DB = 60.0
-"""Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is less."""
+"""Spectra are shown so far below their strongest line [dB], or to their weakest, whichever is
+less.
+"""
 
 
 def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:
-    """Every figure of a calibration, in the order of the page; the name of each file begins with `key`."""
+    """Every figure of a calibration, in the order of the page; the name of each file begins with
+    `key`.
+    """
     figures: list[Drawing] = []
     band = calibration.settings.get("band", (math.nan, math.nan))
     for fit in calibration.fits:
-        prefix = f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa" if len(calibration.fits) > 1 else key
+        prefix = (
+            f"{key}_{fit.condition.discharge_pressure / 1e6:.4g}_mpa"
+            if len(calibration.fits) > 1
+            else key
+        )
         figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
     return [*figures, estimates(calibration, key), search_drawing(calibration, key)]
 
 
 @figure_style()
 def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
-    """One revolution measured, with the twin before (left) and after (right), a row for each sensor."""
+    """One revolution measured, with the twin before (left) and after (right), a row for each
+    sensor.
+    """
     record, channels = fit.waveforms, fit.spectra.channels
     columns: dict[str, np.ndarray] = {"time_s": record.time}
     figure, axes = panels(len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row")
     for i, channel in enumerate(channels):
-        sides = (("nominal", record.nominal[i], NOMINAL), ("calibrated", record.calibrated[i], CALIBRATED))
+        sides = (
+            ("nominal", record.nominal[i], NOMINAL),
+            ("calibrated", record.calibrated[i], CALIBRATED),
+        )
         columns |= {f"{channel}_measured": record.measured[i]}
         for panel, (name, simulated, color) in zip(axes[i], sides, strict=True):
             columns |= {f"{channel}_{name}": simulated}
-            panel.plot(record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65)
+            panel.plot(
+                record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65
+            )
             panel.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
         axes[i, 0].set_ylabel(f"{words(channel)} [m/s²]")
-    for panel, (name, color) in zip(axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True):
+    for panel, (name, color) in zip(
+        axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True
+    ):
         when = "before" if name == "nominal" else "after"
         panel.set_title(f"{when}: {name} twin", color=color, fontweight="bold")
     for panel in axes[-1]:
@@ -271,7 +319,10 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
 def spectra(fit: Fit, key: str) -> Drawing:
     """Line amplitudes measured, before and after, a panel for each sensor, in decibels."""
     record = fit.spectra
-    count, values = len(record.channels), ("measured", "deviation", "nominal", "calibrated", "low", "high")
+    count, values = (
+        len(record.channels),
+        ("measured", "deviation", "nominal", "calibrated", "low", "high"),
+    )
     columns = {
         "channel": np.repeat(record.channels, len(record.orders)),
         "order": np.tile(record.orders, count),
@@ -302,20 +353,47 @@ def _pressure(fit: Fit) -> str:
 def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
     lines = np.stack([record.measured[i], record.nominal[i], record.calibrated[i]])
     top = 20 * math.log10(max(lines.max(), 1e-9))
-    floor = max(top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4)
+    floor = max(
+        top - _RANGE_DB, 20 * math.log10(lines.min(where=lines > 0, initial=10 ** (top / 20))) - 4
+    )
 
     def decibel(amplitude: np.ndarray) -> np.ndarray:
         return 20 * np.log10(np.maximum(amplitude, 10 ** (floor / 20)))
 
-    for name, color, marker, style in (("nominal", NOMINAL, "s", "--"), ("calibrated", CALIBRATED, "D", "-")):
+    for name, color, marker, style in (
+        ("nominal", NOMINAL, "s", "--"),
+        ("calibrated", CALIBRATED, "D", "-"),
+    ):
         label = f"{name} twin ({'before' if name == 'nominal' else 'after'})"
         height = decibel(getattr(record, name)[i])
-        panel.plot(record.frequency, height, style, marker=marker, color=color, ms=4, linewidth=0.9, label=label)
-    band, label = (decibel(record.low[i]), decibel(record.high[i])), "calibrated twin, 90 % of its posterior"
-    panel.fill_between(record.frequency, *band, color=CALIBRATED, alpha=0.18, linewidth=0, label=label)
+        panel.plot(
+            record.frequency,
+            height,
+            style,
+            marker=marker,
+            color=color,
+            ms=4,
+            linewidth=0.9,
+            label=label,
+        )
+    band, label = (
+        (decibel(record.low[i]), decibel(record.high[i])),
+        "calibrated twin, 90 % of its posterior",
+    )
+    panel.fill_between(
+        record.frequency, *band, color=CALIBRATED, alpha=0.18, linewidth=0, label=label
+    )
     low, high = (record.measured[i] + sign * np.nan_to_num(record.deviation[i]) for sign in (-1, 1))
     panel.vlines(record.frequency, decibel(low), decibel(high), color=MEASURED, linewidth=1.2)
-    panel.plot(record.frequency, decibel(record.measured[i]), "o", color=MEASURED, ms=4.5, label="measured", zorder=3)
+    panel.plot(
+        record.frequency,
+        decibel(record.measured[i]),
+        "o",
+        color=MEASURED,
+        ms=4.5,
+        label="measured",
+        zorder=3,
+    )
     panel.set(ylim=(floor - 2, top + 5), ylabel="dB re 1 m/s²")
     panel.yaxis.set_major_locator(MultipleLocator(20 if top - floor > 45 else 10))
 
@@ -324,8 +402,12 @@ def _spectrum_panel(panel: Axes, record: Spectra, i: int) -> None:
 def estimates(calibration: Calibration, key: str) -> Drawing:
     """The six values over their nominal ones, with intervals, bounds and verdicts."""
     stated = ("letter", "unit", "nominal", "value", "interval", "bounds", "verdict", "traded_with")
-    shown = {name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated}
-    (low, high), (least, most) = (zip(*shown.pop(name), strict=True) for name in ("interval", "bounds"))
+    shown = {
+        name: [getattr(estimate, name) for estimate in calibration.estimates] for name in stated
+    }
+    (low, high), (least, most) = (
+        zip(*shown.pop(name), strict=True) for name in ("interval", "bounds")
+    )
     ends = {"interval_low": low, "interval_high": high, "bound_low": least, "bound_high": most}
     columns = {"parameter": [estimate.name for estimate in calibration.estimates], **shown, **ends}
     figure, axes = panels(1, 1, 3.6)
@@ -344,16 +426,31 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
         "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
         "different values can have the same spectrum, so a good fit does not prove a value."
     )
-    return render_drawing(f"{key}_estimates", figure, columns, title="The six values", caption=caption)
+    return render_drawing(
+        f"{key}_estimates", figure, columns, title="The six values", caption=caption
+    )
 
 
 def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
     color = INTERFACE_COLORS[estimate.name.split(".")[0]]
     low, high = (bound / estimate.nominal for bound in estimate.bounds)
     panel.barh(height, high - low, left=low, height=0.5, color="#efefef")
-    panel.plot([end / estimate.nominal for end in estimate.interval], [height, height], color=color, linewidth=2.6)
+    panel.plot(
+        [end / estimate.nominal for end in estimate.interval],
+        [height, height],
+        color=color,
+        linewidth=2.6,
+    )
     share, is_told = estimate.value / estimate.nominal, estimate.verdict == "identified"
-    panel.plot(share, height, "o", color=color, markerfacecolor=color if is_told else "white", markersize=7, zorder=3)
+    panel.plot(
+        share,
+        height,
+        "o",
+        color=color,
+        markerfacecolor=color if is_told else "white",
+        markersize=7,
+        zorder=3,
+    )
     panel.annotate(
         f"{estimate.verdict}{f', traded with {estimate.traded_with}' if estimate.traded_with else ''}",
         (1.01, height), xycoords=("axes fraction", "data"), va="center", fontsize=9,
@@ -363,13 +460,22 @@ def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
 
 @figure_style()
 def search_drawing(calibration: Calibration, key: str) -> Drawing:
-    """The loss over the search, and below it the six values, each over its nominal value and named at its end."""
+    """The loss over the search, and below it the six values, each over its nominal value and named
+    at its end.
+    """
     history = calibration.history
     step = np.arange(1, len(history.loss) + 1)
     ratio = history.values / [estimate.nominal for estimate in calibration.estimates]
-    columns = {"step": step, "loss": history.loss, "spectrum": history.spectrum_loss, "prior": history.prior_loss}
+    columns = {
+        "step": step,
+        "loss": history.loss,
+        "spectrum": history.spectrum_loss,
+        "prior": history.prior_loss,
+    }
     columns |= {"boundary": history.boundary_loss}
-    columns |= {estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)}
+    columns |= {
+        estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)
+    }
     figure, axes = panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
     above, below = axes[:, 0]
     for panel in (above, below):
@@ -386,7 +492,9 @@ def search_drawing(calibration: Calibration, key: str) -> Drawing:
     for i, estimate in enumerate(calibration.estimates):
         interface, entry = estimate.name.split(".")
         style = "-" if entry == "damping" else "--"
-        below.plot(step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.letter)
+        below.plot(
+            step, ratio[:, i], style, color=INTERFACE_COLORS[interface], label=estimate.letter
+        )
     figure.legend(loc="outside right lower")
     caption = (
         f"Above: loss over the search with {calibration.method}, as that method measures it. Below: solid is damping, "

@@ -7,7 +7,17 @@ from matplotlib.ticker import PercentFormatter
 
 from swashtwin.diagnosis import Diagnosis, HealthySpectrum, next_checks
 from swashtwin.foundation import plural
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, log_axis, panels, series_colors, unit_words, words
+from swashtwin.plot import (
+    CALIBRATED,
+    LIGHT,
+    MEASURED,
+    figure_style,
+    log_axis,
+    panels,
+    series_colors,
+    unit_words,
+    words,
+)
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingFacts
 from swashtwin.report.drawing import Cutaway, Drawing, cutaway_of, render_drawing
@@ -65,7 +75,9 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
     far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
     far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
-    certainty = sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
+    certainty = (
+        sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
+    )
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
     chosen = choice_blocks(diagnosis.choice)
@@ -73,7 +85,10 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
         Bullets("More to know before trusting it", notes[_MOST_NOTES:]),
         probability_drawing(diagnosis, key),
         *((Group("How the model was chosen", chosen, is_open=False),) if chosen else ()),
-        Bullets("What was not checked", _NOT_CHECKED_BY_PRIOR if diagnosis.kind == "prior" else not_checked),
+        Bullets(
+            "What was not checked",
+            _NOT_CHECKED_BY_PRIOR if diagnosis.kind == "prior" else not_checked,
+        ),
     )
     verdict, tone = _verdict(diagnosis)
     return replace(
@@ -136,7 +151,10 @@ def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Drawi
     """The spectrum over healthy recordings, and the pump with the part of each label marked."""
     facts, spectrum = verdict.facts, verdict.spectrum
     pictures = () if spectrum is None else (spectrum_over_healthy(spectrum, facts, key),)
-    return (*(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)), *pictures)
+    return (
+        *(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)),
+        *pictures,
+    )
 
 
 @figure_style()
@@ -149,7 +167,9 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     panel.barh(range(len(classes)), shares, color=[colors[name] for name in classes], height=0.7)
     for height, share in enumerate(shares):
         panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
-    panel.set(yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1))
+    panel.set(
+        yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1)
+    )
     kind = "score" if diagnosis.error_rate is None else "probability"
     of_windows = f"{kind} of the class, all windows together"
     panel.set_xlabel("probability by virtual pumps" if diagnosis.kind == "prior" else of_windows)
@@ -159,7 +179,9 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
     panel.grid(axis="y", visible=False)
     caption = "From the mean log-probability over the windows. It ranks the classes and is no calibrated probability."
     if diagnosis.kind == "prior":
-        caption = "Probability of each class, softened by virtual pumps whose effects taught nothing."
+        caption = (
+            "Probability of each class, softened by virtual pumps whose effects taught nothing."
+        )
     if diagnosis.error_rate is not None:
         possible = ", ".join(words(name) for name in diagnosis.prediction_set)
         caption = (
@@ -167,7 +189,13 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
             f"Not ruled out at an error rate of {percent(diagnosis.error_rate)}: {possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}
-    return render_drawing(f"{key}_scores", figure, columns, title=f"{kind.capitalize()} of each class", caption=caption)
+    return render_drawing(
+        f"{key}_scores",
+        figure,
+        columns,
+        title=f"{kind.capitalize()} of each class",
+        caption=caption,
+    )
 
 
 _MARKS = 4  # multiples of the piston-pass line
@@ -198,10 +226,28 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
     least, median, greatest = healthy.min(axis=0), np.median(healthy, axis=0), healthy.max(axis=0)
     for row, (panel, name) in enumerate(zip(axes[:, 0], spectrum.channels, strict=True)):
         for multiple in range(1, _MARKS + 1) if passing else ():
-            panel.axvline(multiple * passing, color="#888888", linewidth=1.0, linestyle=(0, (4, 2)), zorder=3)
-        panel.stairs(greatest[row], edges, baseline=least[row], fill=True, color=LIGHT, label="range of healthy ones")
-        panel.stairs(median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median")
-        panel.stairs(spectrum.level[row], edges, color=CALIBRATED, linewidth=1.5, baseline=None, label="this recording")
+            panel.axvline(
+                multiple * passing, color="#888888", linewidth=1.0, linestyle=(0, (4, 2)), zorder=3
+            )
+        panel.stairs(
+            greatest[row],
+            edges,
+            baseline=least[row],
+            fill=True,
+            color=LIGHT,
+            label="range of healthy ones",
+        )
+        panel.stairs(
+            median[row], edges, color=MEASURED, linewidth=0.9, baseline=None, label="their median"
+        )
+        panel.stairs(
+            spectrum.level[row],
+            edges,
+            color=CALIBRATED,
+            linewidth=1.5,
+            baseline=None,
+            label="this recording",
+        )
         panel.set_title(words(name), loc="left")
     lowest = min(max(_LOWEST, 0.7 * (facts.shaft or 0.0)), edges[-2])
     axes[0, 0].set(xscale="log", xlim=(max(edges[0], lowest), edges[-1]))
@@ -226,7 +272,9 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key:
         "healthy_greatest_db": greatest.ravel(),
     }
     title, description = "Spectrum over the healthy recordings", spectrum.sentence()
-    return render_drawing(f"{key}_spectrum", figure, columns, title=title, caption=caption, description=description)
+    return render_drawing(
+        f"{key}_spectrum", figure, columns, title=title, caption=caption, description=description
+    )
 
 
 _NOT_CHECKED_BY_DETECTOR = (
@@ -286,26 +334,39 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
 
 @figure_style()
 def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
-    """Change of each band, and of each shaft order, channel by channel, with three standard deviations in gray."""
+    """Change of each band, and of each shaft order, channel by channel, with three standard
+    deviations in gray.
+    """
     assert verdict.deviation is not None
     change = verdict.deviation.change
     spread = change / np.where(verdict.deviation.spreads == 0, 1, verdict.deviation.spreads)
     channels = list(dict.fromkeys(level.channel for level in verdict.levels))
     has_orders = any(level.order is not None for level in verdict.levels)
-    figure, axes = panels(len(channels), 1 + has_orders, 1.0 + 1.3 * len(channels), sharey=True, sharex="col")
+    figure, axes = panels(
+        len(channels), 1 + has_orders, 1.0 + 1.3 * len(channels), sharey=True, sharex="col"
+    )
     for row, channel in enumerate(channels):
         for column in range(1 + has_orders):
             panel = axes[row, column]
             members = [
                 index
                 for index, level in enumerate(verdict.levels)
-                if level.channel == channel and not level.is_envelope and (level.order is not None) is bool(column)
+                if level.channel == channel
+                and not level.is_envelope
+                and (level.order is not None) is bool(column)
             ]
             levels = [verdict.levels[index] for index in members]
-            center = [level.order if level.order is not None else (level.low * level.high) ** 0.5 for level in levels]
-            panel.fill_between(center, -3 * spread[members], 3 * spread[members], color=LIGHT, linewidth=0)
+            center = [
+                level.order if level.order is not None else (level.low * level.high) ** 0.5
+                for level in levels
+            ]
+            panel.fill_between(
+                center, -3 * spread[members], 3 * spread[members], color=LIGHT, linewidth=0
+            )
             panel.axhline(0, color=MEASURED, linewidth=0.8)
-            panel.plot(center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1)
+            panel.plot(
+                center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1
+            )
             panel.set_title(words(channel), loc="left")
             if not column:
                 panel.set_xscale("log")
@@ -324,4 +385,6 @@ def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
         "Blue: this recording less the mean of the healthy ones. Gray: three standard deviations of healthy ones. "
         "The data hold the levels of the envelope too."
     )
-    return render_drawing(f"{key}_levels", figure, columns, title="Change of the levels", caption=caption)
+    return render_drawing(
+        f"{key}_levels", figure, columns, title="Change of the levels", caption=caption
+    )

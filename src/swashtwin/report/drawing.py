@@ -1,4 +1,6 @@
-"""Figures together with the data they show, and the pump cut open with the part that a class stands for marked."""
+"""Figures together with the data they show, and the pump cut open with the part that a class stands
+for marked.
+"""
 
 import base64
 import io
@@ -59,7 +61,9 @@ class Drawing:
 
     @property
     def within_page(self) -> str:
-        """The figure as part of a page: without its prolog and size, its ids unique, its colors the page's."""
+        """The figure as part of a page: without its prolog and size, its ids unique, its colors the
+        page's.
+        """
         body = self.svg[self.svg.index("<svg") :]
         for size in ("width", "height"):
             body = re.sub(rf'(<svg[^>]*?) {size}="[^"]*"', r"\1", body, count=1)
@@ -68,7 +72,9 @@ class Drawing:
         body = re.sub(r"url\(#([^)]+)\)", rf"url(#{self.name}-\1)", body)
         colors = re.compile("|".join(rf"{color}\b" for color in _PAGE_COLORS))
         return re.sub(
-            r'style="[^"]*"', lambda style: colors.sub(lambda color: f"var(--{_PAGE_COLORS[color[0]]})", style[0]), body
+            r'style="[^"]*"',
+            lambda style: colors.sub(lambda color: f"var(--{_PAGE_COLORS[color[0]]})", style[0]),
+            body,
         )
 
 
@@ -132,8 +138,9 @@ _MARKS: Mapping[str, tuple[tuple[str, ...], Family, str]] = MappingProxyType(
         ),
     }
 )  # fmt: skip
-"""Marked parts of the drawing, which orders rise, and why these, by class. A test compares the families with the lines
-of the twin (docs/explanation/physics.md, section 5)."""
+"""Marked parts of the drawing, which orders rise, and why these, by class. A test compares the
+families with the lines of the twin (docs/explanation/physics.md, section 5).
+"""
 
 
 @dataclass(frozen=True)
@@ -174,17 +181,28 @@ class Cutaway:
 def template(name: str) -> Template:
     """A template of this folder."""
     loader = PackageLoader("swashtwin.report", "")
-    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    options = {
+        "autoescape": True,
+        "undefined": StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+    }
     return Environment(loader=loader, **options).get_template(name)  # type: ignore[arg-type]
 
 
 def cutaway_html(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
-    """The drawing for a class as HTML, to be colored by the page's style; where `cutaway_of` has none, of no part."""
+    """The drawing for a class as HTML, to be colored by the page's style; where `cutaway_of` has
+    none, of no part.
+    """
     macro = template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
-    return "".join(macro(drawing) for drawing in cutaway_of(label, pistons, shaft) or (Cutaway("", pistons),))
+    return "".join(
+        macro(drawing) for drawing in cutaway_of(label, pistons, shaft) or (Cutaway("", pistons),)
+    )
 
 
-def cutaway_of(label: str, pistons: int | None = None, shaft: float | None = None) -> tuple[Cutaway, ...]:
+def cutaway_of(
+    label: str, pistons: int | None = None, shaft: float | None = None
+) -> tuple[Cutaway, ...]:
     """The drawing for a class; none for a healthy pump, or for a class whose part is not known."""
     part = label if label in _MARKS else propose_class(label) or ""
     return (Cutaway(part, pistons, shaft),) if part in _MARKS else ()

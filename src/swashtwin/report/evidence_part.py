@@ -37,18 +37,30 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
     pictures: tuple[Drawing, ...] = ()
     if evidence.adds_up:
         gap = percent(evidence.gap) if evidence.gap else "0 %"
-        introduction += ". The figure below divides that change between lines (by integrated gradients; "
+        introduction += (
+            ". The figure below divides that change between lines (by integrated gradients; "
+        )
         introduction += f"{gap} of it is left over)."
         pictures = (line_drawing(evidence, key),)
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
-    header: tuple[str, ...] = ("line", "channel", "share") if evidence.adds_up else ("line", "channel")
-    shares = "shares are of all contributions, for and against" if evidence.adds_up else "the strongest first"
+    header: tuple[str, ...] = (
+        ("line", "channel", "share") if evidence.adds_up else ("line", "channel")
+    )
+    shares = (
+        "shares are of all contributions, for and against"
+        if evidence.adds_up
+        else "the strongest first"
+    )
     lines = [
-        (evidence.describe(band), words(channel), percent(share)) for channel, band, share in evidence.strongest(6)
+        (evidence.describe(band), words(channel), percent(share))
+        for channel, band, share in evidence.strongest(6)
     ]
     rows = tuple(line[: len(header)] for line in lines)
-    nearest = tuple((near.recording_id, words(near.label), number_cell(near.distance)) for near in evidence.nearest)
+    nearest = tuple(
+        (near.recording_id, words(near.label), number_cell(near.distance))
+        for near in evidence.nearest
+    )
     blocks = (
         *evidence.sentences()[1:],
         introduction,
@@ -60,14 +72,21 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
             ("recording", "class", "distance"),
             nearest,
         ),
-        Bullets("What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)),
-        Bullets("What this evidence is not", tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS)),
+        Bullets(
+            "What to check next", tuple(f"{check.what} {check.why}" for check in evidence.checks)
+        ),
+        Bullets(
+            "What this evidence is not",
+            tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS),
+        ),
     )
     title = "What the network looked at" if evidence.unknown else f"Why {words(evidence.label)}"
     return Part(
         title=f"Evidence for {evidence.recording_id}",
         answer=evidence.sentences()[:1],
-        sections=(Section(SectionOrder.VERDICT, f"{title}: evidence in {evidence.recording_id}", blocks),),
+        sections=(
+            Section(SectionOrder.VERDICT, f"{title}: evidence in {evidence.recording_id}", blocks),
+        ),
         results={"evidence": [evidence.to_dict()]},
         subject=evidence.recording_id,
     )
@@ -77,8 +96,12 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
 def line_drawing(evidence: Evidence, key: str) -> Drawing:
     """Contribution of each order and third octave to the score, channel by channel."""
     channels = evidence.channels
-    steps = [1 if after.part == band.part != "whole" else 4 for band, after in pairwise(evidence.bands)]
-    positions = np.concatenate([[0], np.cumsum(steps, dtype=np.int64)])  # parts apart, with room for a lone name
+    steps = [
+        1 if after.part == band.part != "whole" else 4 for band, after in pairwise(evidence.bands)
+    ]
+    positions = np.concatenate(
+        [[0], np.cumsum(steps, dtype=np.int64)]
+    )  # parts apart, with room for a lone name
     figure, axes = panels(len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True)
     for channel, name in enumerate(channels):
         panel, adds = axes[channel, 0], evidence.lines[channel]
@@ -95,7 +118,9 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
     has_envelope = any(band.part == "envelope" for band in evidence.bands)
     along = "order of the shaft, then third octaves" if has_orders else "third octaves"
     axes[-1, 0].set_xlabel(f"{along}; then the same of the envelope" if has_envelope else along)
-    marked = " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""
+    marked = (
+        " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""
+    )
     caption = (
         f"Blue speaks for {words(evidence.label)}, orange for {words(evidence.rival)}.{marked} A bar is the "
         "contribution of the lines in that order or third octave to the network's score."
@@ -108,7 +133,9 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
         "high_hz": np.tile([band.high for band in evidence.bands], len(channels)),
         "adds": evidence.lines.ravel(),
     }
-    return render_drawing(f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption)
+    return render_drawing(
+        f"{key}_lines", figure, columns, title="Which lines speak for the verdict", caption=caption
+    )
 
 
 def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> None:
@@ -116,8 +143,12 @@ def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> 
     names: dict[int, str] = {}
     for part in ("signal", "envelope"):
         members = [index for index, band in enumerate(bands) if band.part == part]
-        octaves = [index for index in members if bands[index].order is None and bands[index].low > 0]
-        names |= {index: str(bands[index].order) for index in members if bands[index].order in _NAMED}
+        octaves = [
+            index for index in members if bands[index].order is None and bands[index].low > 0
+        ]
+        names |= {
+            index: str(bands[index].order) for index in members if bands[index].order in _NAMED
+        }
         names |= {index: f"from {hertz(bands[index].low)}" for index in octaves[1::3]}
     names |= {index: band.name for index, band in enumerate(bands) if band.part == "whole"}
     upright = any(band.order is None and band.low > 0 for band in bands)

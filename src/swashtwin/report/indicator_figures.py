@@ -1,4 +1,6 @@
-"""Figures of indicators with their data: a spectrum with its expected lines, and a trend against its baseline."""
+"""Figures of indicators with their data: a spectrum with its expected lines, and a trend against
+its baseline.
+"""
 
 import math
 
@@ -28,7 +30,9 @@ def spectrum_drawing(spectrum: LineSpectrum) -> Drawing:
         caption += " Dashed: where lines of the shaft and of the pistons are expected."
     caption += " The CSV file holds every line."
     title = f"{spectrum.kind.capitalize()} spectrum of {spectrum.recording_id}"
-    return render_drawing(f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=caption)
+    return render_drawing(
+        f"{spectrum.kind}_spectrum", figure, columns, title=title, caption=caption
+    )
 
 
 _STATUS = {
@@ -46,20 +50,39 @@ def trend_drawing(trend: Trend) -> Drawing:
     figure, axes = panels(1, 1, 4.6)
     panel = axes[0, 0]
     value, median, reach = (
-        factor * np.array([getattr(point, name) for point in trend.points]) for name in ("value", "median", "spread")
+        factor * np.array([getattr(point, name) for point in trend.points])
+        for name in ("value", "median", "spread")
     )
     x, reach = np.arange(value.size), trend.k * reach
     if (has := np.isfinite(median)).any():
         label = f"baseline ± {trend.k:g} spreads"
-        panel.bar(x[has], 2 * reach[has], bottom=(median - reach)[has], color=LIGHT, linewidth=0, label=label)
+        panel.bar(
+            x[has],
+            2 * reach[has],
+            bottom=(median - reach)[has],
+            color=LIGHT,
+            linewidth=0,
+            label=label,
+        )
         panel.hlines(median[has], x[has] - 0.4, x[has] + 0.4, color="#888888", linewidth=1)
     for status, (marker, color, meaning) in _STATUS.items():
         members = [n for n, point in enumerate(trend.points) if point.status == status]
         if members:
             face = ["white" if trend.points[n].healthy else color for n in members]
-            panel.scatter(members, value[members], 25, face, marker=marker, edgecolors=color, label=meaning, zorder=3)
+            panel.scatter(
+                members,
+                value[members],
+                25,
+                face,
+                marker=marker,
+                edgecolors=color,
+                label=meaning,
+                zorder=3,
+            )
     figure.legend(loc="outside upper center", ncols=len(_STATUS) + 1)
-    every = math.ceil(len(trend.points) / 40)  # names under the axis, as many as fit, shortened in the middle
+    every = math.ceil(
+        len(trend.points) / 40
+    )  # names under the axis, as many as fit, shortened in the middle
     ids = [point.row.recording_id for point in trend.points]
     ids = [text if len(text) <= 26 else f"{text[:13]}…{text[-12:]}" for text in ids]
     panel.set_xticks(range(0, len(ids), every), ids[::every], rotation=90, fontsize=7.5)

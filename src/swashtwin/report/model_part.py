@@ -14,7 +14,9 @@ from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import also_in_bar, facts_table, number, number_cell, percent
 
-_NO_TEST = "Shares of a training are no test: evaluate the model on recordings that had no part in it."
+_NO_TEST = (
+    "Shares of a training are no test: evaluate the model on recordings that had no part in it."
+)
 
 
 def training_part(classifier: FittedClassifier, key: str) -> Part:
@@ -24,7 +26,11 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
     if confidence is not None:
         rate = percent(confidence.error_rate)
         basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
-    tried = (Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),) if choice and choice.trials else ()
+    tried = (
+        (Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),)
+        if choice and choice.trials
+        else ()
+    )
     summary = {
         "classes": list(classifier.classes),
         "network": classifier.network.name,
@@ -37,7 +43,9 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
         answer=(() if choice is None else (choice.sentence(),)),
         sections=(
             *tried,
-            Section(SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)),
+            Section(
+                SectionOrder.TRAINING, "What the model was trained on", _training_blocks(classifier)
+            ),
         ),
         results={"trainings": [summary]},
         verdict=f"A model of {len(classifier.classes)} classes, from {plural(len(classifier.manifest), 'recording')}",
@@ -60,12 +68,21 @@ def detector_part(detector: AnomalyDetector) -> Part:
         ("channels", list(detector.layout.channels)),
         ("sample rate", f"{detector.layout.sample_rate:g} Hz"),
     ]
-    blocks = (Bullets("Notes", detector.notes_), facts_table("What the detector was made of.", entries))
+    blocks = (
+        Bullets("Notes", detector.notes_),
+        facts_table("What the detector was made of.", entries),
+    )
     return Part(
         title="Training of a detector of deviations",
-        answer=("It was made from healthy recordings alone: it raises an alarm, and names no fault.",),
+        answer=(
+            "It was made from healthy recordings alone: it raises an alarm, and names no fault.",
+        ),
         sections=(Section(SectionOrder.TRAINING, "What it was made of", blocks),),
-        results={"detectors": [{"error_rate": detector.error_rate_, "recordings": sorted(detector.manifest)}]},
+        results={
+            "detectors": [
+                {"error_rate": detector.error_rate_, "recordings": sorted(detector.manifest)}
+            ]
+        },
         verdict=f"A detector from {plural(healthy.n_recordings, 'healthy recording')}",
         certainty=(
             f"Its false-alarm rate is {percent(detector.error_rate_)} of the healthy recordings like these, at the "
@@ -100,7 +117,10 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
         for label in dict.fromkeys(reference.label)
     )
     header = ("class", *(machine or "machine not stated" for machine in machines))
-    return (Table("Measured recordings of the training, by class and machine.", header, rows), facts)
+    return (
+        Table("Measured recordings of the training, by class and machine.", header, rows),
+        facts,
+    )
 
 
 def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
@@ -114,7 +134,10 @@ def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
             "yes" if trial.is_tied else "",
         )
         for trial in choice.trials
-    ) + tuple((f"whole recordings: {name}", percent(recall), "–", "") for name, recall in choice.whole.items())
+    ) + tuple(
+        (f"whole recordings: {name}", percent(recall), "–", "")
+        for name, recall in choice.whole.items()
+    )
     caption = (
         f"What training tried: share of the recordings of {choice.group}s that were left out told right, mean over the "
         f"classes, {plural(choice.n_folds, 'fold')}. One of those as good as the best within one standard error was "
@@ -144,7 +167,9 @@ def scores_part(scores: Scores, key: str) -> Part:
     low, high = scores.accuracy_interval
     has_interval = number(low) != "—"
     interval = (
-        f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %" if has_interval else "no interval"
+        f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %"
+        if has_interval
+        else "no interval"
     )
     distance = (
         f"Level of generalization: {scores.level} ({LEVELS[scores.level]})."
@@ -156,7 +181,9 @@ def scores_part(scores: Scores, key: str) -> Part:
         f"{100 * scores.accuracy:.1f} % were classified correctly ({interval}); of the recordings, "
         f"{100 * scores.recording_accuracy:.1f} %. {distance}",
     )
-    reasons = tuple(f"{_METRICS.get(name, words(name))}: {words(why)}" for name, why in scores.reasons.items())
+    reasons = tuple(
+        f"{_METRICS.get(name, words(name))}: {words(why)}" for name, why in scores.reasons.items()
+    )
     metrics = tuple(
         (label, number_cell(getattr(scores, name), words(scores.reasons.get(name, ""))))
         for name, label in _METRICS.items()
@@ -208,7 +235,9 @@ def _actions(scores: Scores) -> tuple[str, ...]:
         actions.append(f"Test on more recordings: {scores.n_recordings} leave a wide interval.")
     if weakest := _weakest(scores):
         name = weakest.split(",")[0]
-        actions.append(f"Record more of the class {name}, or add synthetic windows of it (swashtwin synthesize).")
+        actions.append(
+            f"Record more of the class {name}, or add synthetic windows of it (swashtwin synthesize)."
+        )
     return (*actions, "Use it: swashtwin diagnose MODEL FILE --report page.html.")
 
 
@@ -221,7 +250,9 @@ def _class_table(scores: Scores) -> Table:
     for index, label in enumerate(scores.classes):
         if [cell.label for cell in scores.cells].count(label) != 1:
             value, count = scores.recall[label], int(scores.confusion[index].sum())
-            recall = number_cell(value, f"no test window of {words(label)}" if value != value else "")
+            recall = number_cell(
+                value, f"no test window of {words(label)}" if value != value else ""
+            )
             rows.append((words(label), "all", count, recall))
     header = ("class", "absolute pressure", "windows", "recall")
     return Table("Recall by class and discharge pressure.", header, tuple(rows))
@@ -229,24 +260,39 @@ def _class_table(scores: Scores) -> Table:
 
 @figure_style()
 def confusion_drawing(
-    name: str, matrices: Mapping[tuple[str, str], np.ndarray], classes: Sequence[str], *, caption: str
+    name: str,
+    matrices: Mapping[tuple[str, str], np.ndarray],
+    classes: Sequence[str],
+    *,
+    caption: str,
 ) -> Drawing:
-    """Grid of confusion matrices: windows by actual (row) and predicted class, by (row, column of the grid).
+    """Grid of confusion matrices: windows by actual (row) and predicted class, by (row, column of
+    the grid).
 
     A column beyond the classes counts the windows without a verdict.
     """
     n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
     predictions = [*classes, *["no verdict"] * (n_columns - len(classes))]
     rows = [
-        {"row": row, "column": column, "actual": actual, "predicted": predicted, "windows": matrix[i][j]}
+        {
+            "row": row,
+            "column": column,
+            "actual": actual,
+            "predicted": predicted,
+            "windows": matrix[i][j],
+        }
         for (row, column), matrix in matrices.items()
         for i, actual in enumerate(classes)
         for j, predicted in enumerate(predictions[: np.shape(matrix)[1]])
     ]
     title = "Confusion matrix" if len(matrices) == 1 else "Confusion matrices"
     figure = confusion(matrices, classes)
-    description = ". ".join(filter(None, (_in_words(key, matrix, classes) for key, matrix in matrices.items())))
-    return render_drawing(name, figure, tabulate(rows), title=title, caption=caption, description=description)
+    description = ". ".join(
+        filter(None, (_in_words(key, matrix, classes) for key, matrix in matrices.items()))
+    )
+    return render_drawing(
+        name, figure, tabulate(rows), title=title, caption=caption, description=description
+    )
 
 
 def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) -> str:
@@ -258,14 +304,20 @@ def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) 
         if total[index]
     ]
     where = ", ".join(part for part in key if part)
-    return f"Classified correctly{f' ({where})' if where else ''}: {', '.join(shares)}" if shares else ""
+    return (
+        f"Classified correctly{f' ({where})' if where else ''}: {', '.join(shares)}"
+        if shares
+        else ""
+    )
 
 
 def alarms_part(scores: AlarmScores) -> Part:
     """Part of the page about the alarms on one test set; it has no figures."""
     rate, healthy = scores.error_rate, [item for item in scores.classes if item.is_healthy]
     faulty = [item for item in scores.classes if not item.is_healthy]
-    alarms, total = (sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings"))
+    alarms, total = (
+        sum(getattr(item, name) for item in faulty) for name in ("n_alarms", "n_recordings")
+    )
     rows = tuple(
         (
             words(item.label),
@@ -277,7 +329,9 @@ def alarms_part(scores: AlarmScores) -> Part:
         for item in scores.classes
     )
     header = ("class", "recordings", "no verdict", "alarms", "share", "95 % interval", "AUROC")
-    table = Table("Alarms by class. AUROC is of the class against the healthy recordings.", header, rows)
+    table = Table(
+        "Alarms by class. AUROC is of the class against the healthy recordings.", header, rows
+    )
     return Part(
         title="Test of alarms",
         answer=tuple(
@@ -287,8 +341,12 @@ def alarms_part(scores: AlarmScores) -> Part:
         or ("No healthy recording was tested, so this test says nothing about false alarms.",),
         sections=(Section(SectionOrder.SCORES, "Alarms", (table,)),),
         results={"alarms": [scores.to_dict()]},
-        verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm" if faulty else "No fault tested",
-        certainty=() if rate is None else (f"The detector states a false-alarm rate of {percent(rate)}.",),
+        verdict=f"{alarms} of {plural(total, 'faulty recording')} raised an alarm"
+        if faulty
+        else "No fault tested",
+        certainty=()
+        if rate is None
+        else (f"The detector states a false-alarm rate of {percent(rate)}.",),
         actions=(
             *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
             "Use it: swashtwin diagnose MODEL FILE --report page.html.",

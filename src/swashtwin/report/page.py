@@ -1,4 +1,6 @@
-"""What a page is made of: cards, and sections of blocks (a text is a paragraph), which `report.html.jinja` draws."""
+"""What a page is made of: cards, and sections of blocks (a text is a paragraph), which
+`report.html.jinja` draws.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -47,7 +49,10 @@ class Table:
     @property
     def cells(self) -> list[list[Cell]]:
         """Every entry as a cell."""
-        return [[entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row] for row in self.rows]
+        return [
+            [entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row]
+            for row in self.rows
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +134,9 @@ MOST_CARDS = 2
 
 
 def cards_of(parts: Sequence[Part]) -> list[Part]:
-    """What the first screen says of each subject, in the order of the parts: its parts as one, by a short title."""
+    """What the first screen says of each subject, in the order of the parts: its parts as one, by a
+    short title.
+    """
     groups: dict[str, list[Part]] = {}
     for number, part in enumerate(parts):
         groups.setdefault(part.subject or f"part {number}", []).append(part)
@@ -156,7 +163,11 @@ def shared_facts(parts: Sequence[Part]) -> dict[str, str]:
     """What all parts that state facts agree in."""
     stated = [dict(part.facts) for part in parts if part.facts]
     first = stated[0] if stated else {}
-    return {name: value for name, value in first.items() if all(facts.get(name) == value for facts in stated)}
+    return {
+        name: value
+        for name, value in first.items()
+        if all(facts.get(name) == value for facts in stated)
+    }
 
 
 def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
@@ -172,4 +183,6 @@ def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
         for part in firsts
     ]  # fmt: skip
     caption = f"What came out for {plural(len(rows), 'recording')}; the details are below, each to be unfolded."
-    return Table(caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows))
+    return Table(
+        caption, ("recording", "result", *(name.lower() for name in names), "how sure"), tuple(rows)
+    )

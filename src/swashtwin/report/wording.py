@@ -21,7 +21,8 @@ _INTERFACES = {
 
 
 def number(value: float | None) -> str:
-    """Three significant digits, large and small ones as powers of ten, ``—`` for NaN, infinity and none.
+    """Three significant digits, large and small ones as powers of ten, ``—`` for NaN, infinity and
+    none.
 
     Examples
     --------
@@ -116,9 +117,7 @@ def also_in_bar(text: str) -> str:
     """
 
     def both(match: re.Match[str]) -> str:
-        return (
-            f"{match[0]} ({re.sub(r'[0-9.]+', lambda number: f'{10 * float(number[0]):.4g}', match[1])} bar absolute)"
-        )
+        return f"{match[0]} ({re.sub(r'[0-9.]+', lambda number: f'{10 * float(number[0]):.4g}', match[1])} bar absolute)"
 
     return re.sub(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa", both, text)
 
@@ -141,7 +140,9 @@ def _counted(name: str, value: str) -> tuple[str, str]:
 
 
 def rig_notice(facts: RecordingFacts) -> str:
-    """That recordings are of no real pump; empty unless they state that they are of the virtual rig."""
+    """That recordings are of no real pump; empty unless they state that they are of the virtual
+    rig.
+    """
     if "virtual rig" not in facts.origin:
         return ""
     return f"Recordings of the {facts.origin}: they stand in for a machine and say nothing about any real one."
@@ -201,11 +202,15 @@ class Glossary:
         """Explanations by word, in the order of the page."""
 
     def mark(self, text: str) -> Markup:
-        """The text as markup, with a button at each word that stands here first; it opens the explanation."""
+        """The text as markup, with a button at each word that stands here first; it opens the
+        explanation.
+        """
         return Markup(_MARKED.sub(self._mark, escape(text)))
 
     def _mark(self, match: re.Match[str]) -> str:
-        """A word as a button, one line with its punctuation, and an option such as ``--report`` in one line."""
+        """A word as a button, one line with its punctuation, and an option such as ``--report`` in
+        one line.
+        """
         before, term, after, option = match.groups()
         if option is not None:
             return f'<span class="option">{option}</span>'

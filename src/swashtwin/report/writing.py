@@ -11,14 +11,30 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, Diagnosis, Evidence, FaultClassifier
-from swashtwin.foundation import TEXT, VERSION, InputError, escape_controls, json_text, plural, replacing
+from swashtwin.foundation import (
+    TEXT,
+    VERSION,
+    InputError,
+    escape_controls,
+    json_text,
+    plural,
+    replacing,
+)
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
 from swashtwin.report.diagnosis_part import anomaly_part, diagnosis_part
 from swashtwin.report.drawing import template
 from swashtwin.report.evidence_part import evidence_part
 from swashtwin.report.model_part import alarms_part, detector_part, scores_part, training_part
-from swashtwin.report.page import Group, Part, Section, cards_of, drawings, overview_of, shared_facts
+from swashtwin.report.page import (
+    Group,
+    Part,
+    Section,
+    cards_of,
+    drawings,
+    overview_of,
+    shared_facts,
+)
 from swashtwin.report.wording import Glossary, fact_entries, rig_notice
 
 if TYPE_CHECKING:
@@ -34,7 +50,9 @@ Item: TypeAlias = (
 
 
 def page_text(
-    *items: Item, recordings: Sequence[Recording] = (), about: Mapping[str, str] = MappingProxyType({})
+    *items: Item,
+    recordings: Sequence[Recording] = (),
+    about: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The page of `write_report` as text; errors are the same."""
     return _page(*_contents(items, recordings, about), has_folder=False)
@@ -48,16 +66,18 @@ def write_report(
 ) -> Path:
     """Path of ``report.html``, a page that needs no other file and no network.
 
-    Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as ``figures/NAME.csv``. All
-    are written, or none is; figures of an earlier report in the same folder are replaced where they have the same name,
-    and kept otherwise. ``results.json`` names those of this report.
+    Beside it stand ``results.json`` and each figure as ``figures/NAME.svg`` with its data as
+    ``figures/NAME.csv``. All are written, or none is; figures of an earlier report in the same
+    folder are replaced where they have the same name, and kept otherwise. ``results.json`` names
+    those of this report.
 
     Parameters
     ----------
     items : in the order of the page; each adds its answer at the top and its sections below.
     folder : created if it does not exist.
-    recordings : those that the results are of. Machine, date, condition and file that they state stand below the
-        title, and a notice if they are of no real pump. A diagnosis states those of its recording by itself.
+    recordings : those that the results are of. Machine, date, condition and file that they state
+        stand below the title, and a notice if they are of no real pump. A diagnosis states those of
+        its recording by itself.
     about : further facts to stand below the title, by name, such as the file of the model.
 
     Raises
@@ -70,10 +90,19 @@ def write_report(
         raise InputError(f"{folder} is a file; name a folder for the report.")
     parts, shown = _contents(items, recordings, about)
     cards: list[Part] = shown["cards"]
-    blocks = [(*card.glance, *(block for section in card.sections for block in section.blocks)) for card in cards]
+    blocks = [
+        (*card.glance, *(block for section in card.sections for block in section.blocks))
+        for card in cards
+    ]
     figures = [drawing for each in blocks for drawing in drawings(each)]
-    texts = {folder / "report.html": _page(parts, shown, has_folder=True)}  # opens first, so is replaced last
-    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "figures": [drawing.name for drawing in figures]}
+    texts = {
+        folder / "report.html": _page(parts, shown, has_folder=True)
+    }  # opens first, so is replaced last
+    table: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "figures": [drawing.name for drawing in figures],
+    }
     for part in parts:
         for kind, entries in part.results.items():
             table.setdefault(kind, []).extend(entries)
@@ -89,10 +118,13 @@ def write_report(
 
 @singledispatch
 def part_of(item: Any, key: str) -> Part:
-    """Part of the page about an item; `key` is the start of the name of each figure. An `InputError` where none is
-    registered for its type."""
+    """Part of the page about an item; `key` is the start of the name of each figure. An
+    `InputError` where none is registered for its type.
+    """
     kind = type(item)
-    if f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration":  # which needs torch
+    if (
+        f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration"
+    ):  # which needs torch
         from swashtwin.report.calibration_part import calibration_part
 
         return calibration_part(item, key)
@@ -104,7 +136,9 @@ def part_of(item: Any, key: str) -> Part:
 part_of.register(Part)(lambda part, key: part)
 part_of.register(Scores)(scores_part)
 part_of.register(Diagnosis)(
-    lambda verdict, key: (anomaly_part if verdict.kind == "detector" else diagnosis_part)(verdict, key)
+    lambda verdict, key: (anomaly_part if verdict.kind == "detector" else diagnosis_part)(
+        verdict, key
+    )
 )
 part_of.register(Evidence)(evidence_part)
 part_of.register(FittedClassifier)(training_part)
@@ -118,10 +152,15 @@ def _contents(
 ) -> tuple[list[Part], dict[str, Any]]:
     """The parts, and what the page shows of them by its name in the template."""
     if not items:
-        raise InputError("a report needs at least one study, calibration, set of scores or diagnosis.")
+        raise InputError(
+            "a report needs at least one study, calibration, set of scores or diagnosis."
+        )
     kinds = [type(item).__name__.lower() for item in items]
     numbers = [kinds[: index + 1].count(kind) for index, kind in enumerate(kinds)]
-    keys = [f"{kind}_{number}" if kinds.count(kind) > 1 else kind for kind, number in zip(kinds, numbers, strict=True)]
+    keys = [
+        f"{kind}_{number}" if kinds.count(kind) > 1 else kind
+        for kind, number in zip(kinds, numbers, strict=True)
+    ]
     parts = [part_of(item, key) for item, key in zip(items, keys, strict=True)]
     cards = cards_of(parts)
     overview = overview_of(parts, cards)
@@ -132,7 +171,9 @@ def _contents(
     facts = agreed | dict(fact_entries(stated)) | dict(about)
     shown = {
         "facts": list(facts.items()),
-        "notices": list(dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))),
+        "notices": list(
+            dict.fromkeys(filter(None, [*(part.notice for part in parts), rig_notice(stated)]))
+        ),
         "cards": cards,
         "overview": overview,
         "sections": [] if overview else _sections(parts),
@@ -143,7 +184,8 @@ def _contents(
 def _sections(parts: Sequence[Part]) -> list[Section]:
     """Every section by its position.
 
-    Sections of one title, such as those of two calibrations, are told apart by what they are of, and folded away.
+    Sections of one title, such as those of two calibrations, are told apart by what they are of,
+    and folded away.
     """
     total = Counter(section.title for part in parts for section in part.sections)
     sections = []
@@ -164,7 +206,9 @@ def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) 
     if not is_one and "" not in subjects:
         title = f"{title.split(' of ')[0]} of {plural(len(subjects), 'recording')}"
     elif not is_one:
-        title = " and ".join(list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3])
+        title = " and ".join(
+            list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3]
+        )
     page = template("report.html.jinja").render(
         shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder
     )

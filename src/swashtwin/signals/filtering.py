@@ -30,12 +30,15 @@ def add_noise(
 ) -> Float[np.ndarray, "channel time"]:
     """Signal with noise of a stated signal-to-noise ratio [dB] added.
 
-    The signal's power is its variance over the whole of `signal`, per channel (docs/explanation/method.md, "Noise").
+    The signal's power is its variance over the whole of `signal`, per channel
+    (docs/explanation/method.md, "Noise").
 
     - ``"white"``: Gaussian, the same density at all frequencies.
-    - ``"pink"``: Gaussian, the density falls as 1/f from the first line of the signal to half the sample rate.
-    - ``"hum"``: the first 20 harmonics of the mains with amplitudes 1/h, phases uniform and drawn for each channel, at
-      50 ± 0.1 Hz, drawn once for all channels; nothing where half the sample rate is lower.
+    - ``"pink"``: Gaussian, the density falls as 1/f from the first line of the signal to half the
+      sample rate.
+    - ``"hum"``: the first 20 harmonics of the mains with amplitudes 1/h, phases uniform and drawn
+      for each channel, at 50 ± 0.1 Hz, drawn once for all channels; nothing where half the sample
+      rate is lower.
 
     Parameters
     ----------
@@ -54,7 +57,10 @@ def add_noise(
 
 
 def unit_noise(
-    shape: tuple[int, ...], rng: np.random.Generator, kind: NoiseKind = "white", sample_rate: float = 0.0
+    shape: tuple[int, ...],
+    rng: np.random.Generator,
+    kind: NoiseKind = "white",
+    sample_rate: float = 0.0,
 ) -> Float[np.ndarray, "..."]:
     """Noise of a kind of `add_noise` along the last axis, with an expected variance of 1.
 
@@ -79,7 +85,9 @@ def _pink(white: Float[np.ndarray, "*axes time"]) -> Float[np.ndarray, "*axes ti
     return inverse_transform(spectrum * (weight / np.sqrt(variance)), white.shape[-1])
 
 
-def _hum(shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator) -> Float[np.ndarray, "..."]:
+def _hum(
+    shape: tuple[int, ...], sample_rate: float, rng: np.random.Generator
+) -> Float[np.ndarray, "..."]:
     """Harmonics of the mains, at a variance of 1 over whole periods."""
     mains = MAINS + MAINS_TOLERANCE * rng.uniform(-1, 1)
     harmonics = np.arange(1, HARMONICS + 1)
@@ -107,7 +115,9 @@ def band_limited(
     """
     nyquist = sample_rate / 2
     if not 0 < low < min(high, nyquist):
-        raise InputError(f"a band of {low:g}...{high:g} Hz is none at {sample_rate:g} Hz; it needs 0 < low < high.")
+        raise InputError(
+            f"a band of {low:g}...{high:g} Hz is none at {sample_rate:g} Hz; it needs 0 < low < high."
+        )
     sos = _butterworth(low / nyquist, None if high >= 0.98 * nyquist else high / nyquist)
     return scipy.signal.sosfiltfilt(sos, signal, axis=-1)
 

@@ -66,7 +66,9 @@ class IndicatorTable:
     columns: tuple[Indicator, ...]
     """What each column is."""
     values: Float64[np.ndarray, "row indicator"]
-    """The indicators; NaN where the recording is too short or slow for one, or lacks what it needs."""
+    """The indicators; NaN where the recording is too short or slow for one, or lacks what it
+    needs.
+    """
 
     def column(self, name: str) -> tuple[Indicator, Float64[np.ndarray, " row"]]:
         """The indicator of that name and its value in each row.
@@ -78,7 +80,9 @@ class IndicatorTable:
         """
         indices = [index for index, column in enumerate(self.columns) if column.name == name]
         if not indices:
-            raise InputError(f"no indicator {name!r}; there are {', '.join(column.name for column in self.columns)}.")
+            raise InputError(
+                f"no indicator {name!r}; there are {', '.join(column.name for column in self.columns)}."
+            )
         if len(indices) > 1:
             units = ", ".join(self.columns[index].unit for index in indices)
             raise InputError(f"{name} is there in several units ({units}); pick recordings of one.")
@@ -86,17 +90,29 @@ class IndicatorTable:
 
     @property
     def csv(self) -> str:
-        """The table as text, units in the header, every number with all its digits, NaN as an empty cell."""
-        units = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in self.columns]
+        """The table as text, units in the header, every number with all its digits, NaN as an empty
+        cell.
+        """
+        units = [
+            f"{column.name} [{column.unit}]" if column.unit else column.name
+            for column in self.columns
+        ]
         rows = []
         for row, values in zip(self.rows, self.values.tolist(), strict=True):
             facts = [row.recording_id, row.channel, row.label, row.specimen, row.date, *row.point]
-            rows.append(["" if value is None or value != value else value for value in [*facts, *values]])
+            rows.append(
+                ["" if value is None or value != value else value for value in [*facts, *values]]
+            )
         return csv_text([*KEYS, *units], rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The table as JSON can hold it: columns with unit and meaning, rows with a value by name."""
-        columns = [{"name": column.name, "unit": column.unit, "meaning": column.meaning} for column in self.columns]
+        """The table as JSON can hold it: columns with unit and meaning, rows with a value by
+        name.
+        """
+        columns = [
+            {"name": column.name, "unit": column.unit, "meaning": column.meaning}
+            for column in self.columns
+        ]
         names = [column.name for column in self.columns]
         rows = [
             {**row.facts, "channel": row.channel, "values": dict(zip(names, values, strict=True))}
@@ -115,14 +131,16 @@ def indicators_of(
 ) -> IndicatorTable:
     """Indicators of each channel of a recording.
 
-    What a recording is too short, too slow or not known well enough for is NaN, or has no column: orders need a speed
-    (an `angle`, or one that somebody stated).
+    What a recording is too short, too slow or not known well enough for is NaN, or has no column:
+    orders need a speed (an `angle`, or one that somebody stated).
 
     Parameters
     ----------
     angle : shaft angle from a tachometer or a followed line.
-    pistons : number of pistons z: lines at 1, 2, z and 2 z times the shaft are described, without it at 1 and 2.
-    bands : bands whose levels are wanted, in Hz or in shaft orders; those above half the sample rate are NaN.
+    pistons : number of pistons z: lines at 1, 2, z and 2 z times the shaft are described, without
+        it at 1 and 2.
+    bands : bands whose levels are wanted, in Hz or in shaft orders; those above half the sample
+        rate are NaN.
     families : names among `FAMILIES`.
 
     Raises
@@ -135,7 +153,9 @@ def indicators_of(
     wanted = list(families)
     unknown = [name for name in wanted if name not in FAMILIES]
     if unknown:
-        raise InputError(f"no family of indicators {unknown[0]!r}; there are {', '.join(FAMILIES)}.")
+        raise InputError(
+            f"no family of indicators {unknown[0]!r}; there are {', '.join(FAMILIES)}."
+        )
     if pistons is not None and pistons < 1:
         raise InputError(f"pistons ({pistons}) must be 1 or more.")
     refuse_unfit(recording.replace(signal=recording.signal))  # a file is read once
@@ -151,7 +171,10 @@ def indicators_of(
     date = recording.attributes.get("date")
     facts = (recording.label, recording.specimen, None if date is None else str(date))
     speed = math.nan if shaft is None else 2 * math.pi * shaft
-    rows = tuple(Row(recording.recording_id, channel, *facts, speed, pressure) for channel in recording.channels)
+    rows = tuple(
+        Row(recording.recording_id, channel, *facts, speed, pressure)
+        for channel in recording.channels
+    )
     values = np.stack([value for _, value in pairs], axis=1) if pairs else np.empty((len(rows), 0))
     return IndicatorTable(rows, tuple(column for column, _ in pairs), values)
 
@@ -184,12 +207,15 @@ _STRETCHES, _STRETCH = 16, 1 << 20
 _LEVELS = ("velocity_rms", "band_rms", "order_amplitude", "envelope_amplitude")
 
 
-def long_indicators(recording: Recording, describe: Callable[[Recording], IndicatorTable]) -> IndicatorTable:
-    """What `describe` gives of a recording, or a table of its stretches where it is longer than `LONGEST`.
+def long_indicators(
+    recording: Recording, describe: Callable[[Recording], IndicatorTable]
+) -> IndicatorTable:
+    """What `describe` gives of a recording, or a table of its stretches where it is longer than
+    `LONGEST`.
 
-    A long recording is read in blocks. Its rms, peak, crest factor, kurtosis and skewness are those of all samples. The
-    others come from 16 stretches that are spread evenly over it: levels and amplitudes are the root mean square over
-    the stretches, everything else is their median.
+    A long recording is read in blocks. Its rms, peak, crest factor, kurtosis and skewness are those
+    of all samples. The others come from 16 stretches that are spread evenly over it: levels and
+    amplitudes are the root mean square over the stretches, everything else is their median.
 
     Raises
     ------
@@ -202,8 +228,12 @@ def long_indicators(recording: Recording, describe: Callable[[Recording], Indica
     length = _STRETCH // recording.n_channels
     starts = np.linspace(0, recording.n_samples - length, _STRETCHES).astype(int).tolist()
     tables = [describe(recording.slice(start, start + length)) for start in starts]
-    shared = [column for column in tables[0].columns if all(column in table.columns for table in tables)]
-    values = np.stack([table.values[:, [table.columns.index(column) for column in shared]] for table in tables])
+    shared = [
+        column for column in tables[0].columns if all(column in table.columns for table in tables)
+    ]
+    values = np.stack(
+        [table.values[:, [table.columns.index(column) for column in shared]] for table in tables]
+    )
     joined = np.median(values, axis=0)
     picked = recording.picked([row.channel for row in tables[0].rows])
     statistics = shape_statistics(picked) if any(column.name == "rms" for column in shared) else {}
@@ -216,10 +246,14 @@ def long_indicators(recording: Recording, describe: Callable[[Recording], Indica
 
 
 LEAST_HEALTHY = 5
-"""Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie 5 spreads off."""
+"""Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie
+5 spreads off.
+"""
 
 _LEAST_SPREAD = 0.01
-"""Spread of a baseline relative to its median, at least: equal samples do not make any difference a fault."""
+"""Spread of a baseline relative to its median, at least: equal samples do not make any difference a
+fault.
+"""
 
 Status = Literal["within", "above", "below", "no baseline"]
 
@@ -235,7 +269,9 @@ class TrendPoint:
     healthy: bool
     """Whether somebody stated that the machine was healthy."""
     median: float
-    """Median of the other healthy recordings at the operating point; NaN where there are too few."""
+    """Median of the other healthy recordings at the operating point; NaN where there are too
+    few.
+    """
     spread: float
     """1.4826 times their median absolute deviation, at least 1 % of the median; NaN as above."""
     count: int
@@ -266,13 +302,28 @@ class Trend:
 
     def to_dict(self) -> dict[str, Any]:
         """The trend as JSON can hold it."""
-        names = {"median": "baseline_median", "spread": "baseline_spread", "count": "baseline_count"}
+        names = {
+            "median": "baseline_median",
+            "spread": "baseline_spread",
+            "count": "baseline_count",
+        }
         points = [
-            point.row.facts | {names.get(name, name): value for name, value in vars(point).items() if name != "row"}
+            point.row.facts
+            | {names.get(name, name): value for name, value in vars(point).items() if name != "row"}
             for point in self.points
         ]
-        table = {"indicator": self.indicator.name, "unit": self.indicator.unit, "channel": self.channel, "k": self.k}
-        return {**table, "by": self.by, "points": points, "flagged": [point.row.recording_id for point in self.flagged]}
+        table = {
+            "indicator": self.indicator.name,
+            "unit": self.indicator.unit,
+            "channel": self.channel,
+            "k": self.k,
+        }
+        return {
+            **table,
+            "by": self.by,
+            "points": points,
+            "flagged": [point.row.recording_id for point in self.flagged],
+        }
 
 
 def trend_of(
@@ -284,19 +335,23 @@ def trend_of(
     k: float = 5.0,
     healthy: Sequence[str] = ("normal",),
 ) -> Trend:
-    """Each recording's indicator against the median and the MAD of the healthy ones of the same machine and point.
+    """Each recording's indicator against the median and the MAD of the healthy ones of the same
+    machine and point.
 
-    The same machine is the same `specimen`; the same operating point is a speed within 2 % and a pressure within 6 %. A
-    healthy recording is compared with the *other* healthy ones, never with itself. Few recordings make a poor baseline:
-    docs/how-to/indicators.md says how often a healthy one is flagged.
+    The same machine is the same `specimen`; the same operating point is a speed within 2 % and a
+    pressure within 6 %. A healthy recording is compared with the *other* healthy ones, never with
+    itself. Few recordings make a poor baseline: docs/how-to/indicators.md says how often a healthy
+    one is flagged.
 
     Parameters
     ----------
     indicator : name of a column of `table`.
     channel : channel to follow; the first by default.
     by : order of the recordings: by their attribute ``date``, or by their name.
-    k : spreads (1.4826 MAD, the standard deviation of Gaussian scatter) at which a value is flagged.
-    healthy : classes, or patterns of recording ids such as ``"2024-01-*"``, that somebody states to be healthy.
+    k : spreads (1.4826 MAD, the standard deviation of Gaussian scatter) at which a value is
+        flagged.
+    healthy : classes, or patterns of recording ids such as ``"2024-01-*"``, that somebody states to
+        be healthy.
 
     Raises
     ------
@@ -309,12 +364,19 @@ def trend_of(
         raise InputError(f"k ({k:g}) must be positive; 5 flags few healthy recordings.")
     column, values = table.column(indicator)
     channel = table.rows[0].channel if channel is None else channel
-    picked = [(row, float(value)) for row, value in zip(table.rows, values, strict=True) if row.channel == channel]
+    picked = [
+        (row, float(value))
+        for row, value in zip(table.rows, values, strict=True)
+        if row.channel == channel
+    ]
     if not picked:
         names = ", ".join(dict.fromkeys(row.channel for row in table.rows))
         raise InputError(f"no channel {channel!r}; there are {names}.")
     good = [
-        any(is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern) for pattern in healthy)
+        any(
+            is_same_class(row.label, pattern) or fnmatch(row.recording_id, pattern)
+            for pattern in healthy
+        )
         for row, _ in picked
     ]
     if not any(good):
@@ -322,7 +384,9 @@ def trend_of(
             f"no recording is stated to be healthy (class or id like {', '.join(healthy)}); name some with --healthy."
         )
     points = [_point(index, picked, good, k) for index in range(len(picked))]
-    return Trend(column, channel, k, by, tuple(sorted(points, key=lambda point: _order(point.row, by))))
+    return Trend(
+        column, channel, k, by, tuple(sorted(points, key=lambda point: _order(point.row, by)))
+    )
 
 
 def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:
@@ -336,7 +400,9 @@ def _order(row: Row, by: Literal["time", "name"]) -> tuple[str, str]:
     return row.date, row.recording_id
 
 
-def _point(index: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float) -> TrendPoint:
+def _point(
+    index: int, picked: Sequence[tuple[Row, float]], good: Sequence[bool], k: float
+) -> TrendPoint:
     row, value = picked[index]
     others = [
         other

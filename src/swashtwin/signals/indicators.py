@@ -50,7 +50,9 @@ class Band:
         """
         match = _BAND.fullmatch(text.strip())
         if match is None or not float(match[1]) < float(match[2]):
-            raise InputError(f'band {text!r} must be two rising numbers and a unit: "10-1000 Hz" or "0.5-6.5x".')
+            raise InputError(
+                f'band {text!r} must be two rising numbers and a unit: "10-1000 Hz" or "0.5-6.5x".'
+            )
         factor = 1000.0 if match[3] == "kHz" else 1.0
         return cls(float(match[1]) * factor, float(match[2]) * factor, in_orders=match[3] == "x")
 
@@ -77,7 +79,9 @@ class Indicator:
 
     @property
     def shown(self) -> tuple[float, str]:
-        """Factor to the unit in which people read it, and that unit, such as millimeters per second."""
+        """Factor to the unit in which people read it, and that unit, such as millimeters per
+        second.
+        """
         return _SHOWN.get(self.unit, (1.0, self.unit))
 
 
@@ -100,7 +104,9 @@ class Measured:
     def level_spectrum(self) -> Spectrum:
         """Power density that velocity and band levels are read from."""
         rate = self.recording.sample_rate
-        return power_density(self.recording.signal, rate, segment_length(self.recording.n_samples, rate))
+        return power_density(
+            self.recording.signal, rate, segment_length(self.recording.n_samples, rate)
+        )
 
 
 Values = Iterator[tuple[Indicator, Float[np.ndarray, " channel"]]]
@@ -121,11 +127,15 @@ def _statistics(measured: Measured) -> Values:
         yield Indicator(name, unit, meaning), values[name]
 
 
-def _level(measured: Measured, low: float, high: float, *, of_velocity: bool = False) -> Float[np.ndarray, " channel"]:
+def _level(
+    measured: Measured, low: float, high: float, *, of_velocity: bool = False
+) -> Float[np.ndarray, " channel"]:
     """Level in a band, or NaN where the recording is too short or too slow for it."""
     signal, rate = measured.recording.signal, measured.recording.sample_rate
     try:
-        return band_rms(signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.level_spectrum)
+        return band_rms(
+            signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.level_spectrum
+        )
     except InputError:
         return np.full(len(signal), math.nan)
 
@@ -133,18 +143,27 @@ def _level(measured: Measured, low: float, high: float, *, of_velocity: bool = F
 def _order_amplitudes(
     orders: tuple[int, ...], signal: np.ndarray, rate: float, shaft: float
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Each order with its amplitude, from one power density of the signal; NaN where it has none."""
+    """Each order with its amplitude, from one power density of the signal; NaN where it has
+    none.
+    """
     densities = segment_densities(signal, rate)
     for order in orders:
         try:
-            yield order, order_spectrum(signal, rate, shaft, np.array([order]), densities=densities).amplitude[:, 0]
+            yield (
+                order,
+                order_spectrum(
+                    signal, rate, shaft, np.array([order]), densities=densities
+                ).amplitude[:, 0],
+            )
         except InputError:
             yield order, np.full(len(signal), math.nan)
 
 
 def _velocity(measured: Measured) -> Values:
     if measured.recording.unit == "m/s^2":
-        indicator = Indicator("velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration")
+        indicator = Indicator(
+            "velocity_rms", "m/s", "rms velocity, 10 to 1000 Hz, integrated from acceleration"
+        )
         yield indicator, _level(measured, 10.0, 1000.0, of_velocity=True)
 
 
@@ -181,17 +200,30 @@ def _envelope(measured: Measured) -> Values:
         return
     bands = np.array([gram.band for gram in grams])
     height = np.array([gram.kurtosis[gram.best] for gram in grams])
-    yield Indicator("spectral_kurtosis", "", "kurtosis of the most impulsive band; 0 for Gaussian noise"), height
+    yield (
+        Indicator(
+            "spectral_kurtosis", "", "kurtosis of the most impulsive band; 0 for Gaussian noise"
+        ),
+        height,
+    )
     yield Indicator("envelope_band_low", "Hz", f"lower {meaning}"), bands[:, 0]
     yield Indicator("envelope_band_high", "Hz", f"upper {meaning}"), bands[:, 1]
     if measured.shaft is None:
         return
-    for order, amplitude in _order_amplitudes(measured.orders, envelopes(signal, rate, bands), rate, measured.shaft):
+    for order, amplitude in _order_amplitudes(
+        measured.orders, envelopes(signal, rate, bands), rate, measured.shaft
+    ):
         meaning = "peak amplitude of the envelope's line"
         yield Indicator(f"envelope_amplitude {order}x", measured.recording.unit, meaning), amplitude
 
 
 FAMILIES: Mapping[str, Callable[[Measured], Values]] = MappingProxyType(
-    {"statistics": _statistics, "velocity": _velocity, "bands": _levels, "orders": _lines, "envelope": _envelope}
+    {
+        "statistics": _statistics,
+        "velocity": _velocity,
+        "bands": _levels,
+        "orders": _lines,
+        "envelope": _envelope,
+    }
 )
 """Families of indicators, and the function that computes each."""

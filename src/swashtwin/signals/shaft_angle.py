@@ -1,8 +1,9 @@
 """From time to turns: where the shaft stood at each sample, and the recording along its angle.
 
-A speed that wanders by half a percent smears the line at order 100 over half an order; along the shaft's angle it
-stands still. The angle comes from a tachometer channel (`tachometer_speed`), from a line of the signal itself
-(`tracking.tracked_speed`), or from the speed that somebody wrote down (`stated_angle`).
+A speed that wanders by half a percent smears the line at order 100 over half an order; along the
+shaft's angle it stands still. The angle comes from a tachometer channel (`tachometer_speed`), from
+a line of the signal itself (`tracking.tracked_speed`), or from the speed that somebody wrote down
+(`stated_angle`).
 """
 
 import math
@@ -27,9 +28,13 @@ class ShaftAngle:
     sample_rate: float
     """Readings per second of the recording [Hz]."""
     deviation: float
-    """Standard deviation of the angle's error [rad], as far as noise makes it; NaN where nothing tells."""
+    """Standard deviation of the angle's error [rad], as far as noise makes it; NaN where nothing
+    tells.
+    """
     quality: float
-    """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN where nothing was measured."""
+    """Share of the time in which the pulses or the line stood clear, 0 to 1; NaN where nothing was
+    measured.
+    """
     source: str
     """Where it comes from, in words."""
 
@@ -79,23 +84,29 @@ def stated_angle(recording: Recording) -> ShaftAngle:
         angle = 2 * math.pi * shaft * recording.time
         source = "the stated speed"
     if angle[-1] <= 0:
-        raise InputError(f"{recording.recording_id}: the shaft stands still; there is no angle to go by.")
+        raise InputError(
+            f"{recording.recording_id}: the shaft stands still; there is no angle to go by."
+        )
     return ShaftAngle(angle, recording.sample_rate, math.nan, math.nan, source)
 
 
 _RISE, _FALL = 0.6, 0.4
-"""A pulse begins where the level rises through the first, once it has fallen through the second (of the range)."""
+"""A pulse begins where the level rises through the first, once it has fallen through the second (of
+the range).
+"""
 _ODD_INTERVAL = 1.5
-"""An interval that many times its neighbors', or as small a part of them, is a pulse missed or counted twice."""
+"""An interval that many times its neighbors', or as small a part of them, is a pulse missed or
+counted twice.
+"""
 
 
 def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 1) -> ShaftAngle:
     """Angle of the shaft from the rising edges of a tachometer channel.
 
-    Each edge is placed between two samples by a straight line; between edges the angle follows a monotone cubic
-    (Fritsch and Carlson), before the first and after the last it goes on at the nearest interval's speed. With one
-    pulse per turn angle 0 is the first pulse, the same mark in every recording. An encoder's marks are taken as evenly
-    spaced.
+    Each edge is placed between two samples by a straight line; between edges the angle follows a
+    monotone cubic (Fritsch and Carlson), before the first and after the last it goes on at the
+    nearest interval's speed. With one pulse per turn angle 0 is the first pulse, the same mark in
+    every recording. An encoder's marks are taken as evenly spaced.
 
     Parameters
     ----------
@@ -121,7 +132,9 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         raise InputError(f"pulses_per_turn ({pulses_per_turn}) must be 1 or more.")
     level = recording.picked([channel]).signal[0]
     if not np.isfinite(level).all():
-        raise DataError(f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there.")
+        raise DataError(
+            f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there."
+        )
     pulses = _rising_edges(level)
     if len(pulses) < 3:
         raise DataError(
@@ -129,7 +142,9 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         )
     time = pulses / recording.sample_rate
     interval = np.diff(time)
-    ratio = interval / scipy.ndimage.median_filter(interval, size=min(5, len(interval)), mode="nearest")
+    ratio = interval / scipy.ndimage.median_filter(
+        interval, size=min(5, len(interval)), mode="nearest"
+    )
     odd = np.flatnonzero((ratio > _ODD_INTERVAL) | (ratio < 1 / _ODD_INTERVAL))
     if len(odd):
         raise DataError(
@@ -139,7 +154,8 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
         )
     marks = 2 * math.pi / pulses_per_turn * np.arange(len(pulses))
     angle = _between(pulses, marks, len(level))
-    # The second difference of evenly noisy edges has six times their variance; a real acceleration only adds to it.
+    # The second difference of evenly noisy edges has six times their variance; a real acceleration
+    # only adds to it.
     scatter = float(np.std(np.diff(pulses, 2))) / math.sqrt(6)
     rate = float((marks[-1] - marks[0]) / (pulses[-1] - pulses[0]))
     covered = float((pulses[-1] - pulses[0]) / (len(level) - 1))
@@ -171,40 +187,52 @@ def _between(
     angle: np.ndarray = PchipInterpolator(pulses, marks)(np.clip(sample, pulses[0], pulses[-1]))
     first = (marks[1] - marks[0]) / (pulses[1] - pulses[0])
     last = (marks[-1] - marks[-2]) / (pulses[-1] - pulses[-2])
-    return angle + np.minimum(sample - pulses[0], 0) * first + np.maximum(sample - pulses[-1], 0) * last
+    return (
+        angle
+        + np.minimum(sample - pulses[0], 0) * first
+        + np.maximum(sample - pulses[-1], 0) * last
+    )
 
 
 _FINER = 4
-"""The samples are first made that many times denser, so that a cubic between them is exact to 1e-3 below 0.4 of the
-sample rate."""
+"""The samples are first made that many times denser, so that a cubic between them is exact to 1e-3
+below 0.4 of the sample rate.
+"""
 _DENSEST = 64
-"""Fine steps of the angle per step asked for, at most: a shaft that all but stops is not followed into aliasing."""
+"""Fine steps of the angle per step asked for, at most: a shaft that all but stops is not followed
+into aliasing.
+"""
 
 
 def resampled_by_angle(
-    recording: Recording, angle: ShaftAngle, samples_per_turn: int | None = None, *, played_at: float | None = None
+    recording: Recording,
+    angle: ShaftAngle,
+    samples_per_turn: int | None = None,
+    *,
+    played_at: float | None = None,
 ) -> Recording:
     """The recording at even steps of the shaft's angle, as if the shaft had turned steadily.
 
-    Reading 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut off in the angle
-    domain, where the cut lies at the same order however the speed changed. The new `sample_rate` is `samples_per_turn`
-    times the shaft frequency at which the turns are played back, so that order k stands at k times that frequency and
-    every verb on recordings works as before; the attributes say ``domain = angle``, the samples per turn, and where
-    the angle comes from. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
+    Reading 0 lies at a whole multiple of 2 pi. Orders from half of `samples_per_turn` on are cut
+    off in the angle domain, where the cut lies at the same order however the speed changed. The new
+    `sample_rate` is `samples_per_turn` times the shaft frequency at which the turns are played
+    back, so that order k stands at k times that frequency and every verb on recordings works as
+    before; the attributes say ``domain = angle``, the samples per turn, and where the angle comes
+    from. The condition stays that of the measurement; what lay in time (a resonance, mains hum) is
     smeared as the speed changes.
 
     Parameters
     ----------
-    samples_per_turn : even number of samples per revolution; orders below 0.4 of it are kept to 1 %. None takes as many
-        as the fastest turn has.
-    played_at : angular speed of the steady turning [rad/s]; the mean speed by default. Recordings of several speeds
-        that are to be cut into one set of windows need one in common.
+    samples_per_turn : even number of samples per revolution; orders below 0.4 of it are kept to 1
+        %. None takes as many as the fastest turn has.
+    played_at : angular speed of the steady turning [rad/s]; the mean speed by default. Recordings
+        of several speeds that are to be cut into one set of windows need one in common.
 
     Raises
     ------
     InputError
-        The angle belongs to another recording, there are too few samples per turn or less than one turn, or the
-        recording lies along an angle already.
+        The angle belongs to another recording, there are too few samples per turn or less than one
+        turn, or the recording lies along an angle already.
     """
     if recording.attributes.get("domain") == "angle":
         raise InputError(f"{recording.recording_id} lies along the shaft's angle already.")
@@ -215,7 +243,9 @@ def resampled_by_angle(
         raise InputError(f"samples_per_turn ({samples_per_turn}) must be an even number from 4 on.")
     speed = angle.mean_speed if played_at is None else played_at
     if not (math.isfinite(speed) and speed > 0):
-        raise InputError(f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860).")
+        raise InputError(
+            f"played_at ({speed:g} rad/s) must be a positive speed: 860 rev/min is rpm(860)."
+        )
     at, denser = _reading_at(angle, samples_per_turn)
     rows = []
     for row in recording.signal:
@@ -239,7 +269,9 @@ def resampled_by_angle(
 
 
 def _reading_at(angle: ShaftAngle, samples_per_turn: int) -> tuple[Float[np.ndarray, " step"], int]:
-    """Reading, with its fraction, at each fine step of the angle, and how many fine steps make one that was asked."""
+    """Reading, with its fraction, at each fine step of the angle, and how many fine steps make one
+    that was asked.
+    """
     slowest = float(np.percentile(angle.speed, 1)) / (2 * math.pi)
     wanted_density = angle.sample_rate / (samples_per_turn * max(slowest, 1e-9))
     denser = math.ceil(min(max(wanted_density, 1.0), _DENSEST))
@@ -247,6 +279,8 @@ def _reading_at(angle: ShaftAngle, samples_per_turn: int) -> tuple[Float[np.ndar
     first = math.ceil(angle.angle[0] / (2 * math.pi) - 1e-9) * 2 * math.pi
     count = math.floor((angle.angle[-1] - first) / step + 1e-9) + 1
     if count < samples_per_turn * denser:
-        raise InputError(f"{angle.turns:.2f} turns hold no whole one from a multiple of 2 pi on; record longer.")
+        raise InputError(
+            f"{angle.turns:.2f} turns hold no whole one from a multiple of 2 pi on; record longer."
+        )
     wanted = first + step * np.arange(count)
     return np.interp(wanted, angle.angle, np.arange(len(angle.angle), dtype=float)), denser

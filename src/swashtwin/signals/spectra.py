@@ -1,7 +1,7 @@
 """Tapers, transforms, power densities and lines: the one place where signals become spectra.
 
-Spectra are one-sided and, where not called power, give peak amplitudes: a sine of amplitude 1 reads 1. Only networks
-and other code that torch differentiates call `torch.fft` themselves.
+Spectra are one-sided and, where not called power, give peak amplitudes: a sine of amplitude 1 reads
+1. Only networks and other code that torch differentiates call `torch.fft` themselves.
 """
 
 import math
@@ -17,13 +17,20 @@ from swashtwin.foundation import InputError
 
 
 def hann_taper(count: int, *, symmetric: bool = False) -> Float[np.ndarray, " time"]:
-    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted mean does; read
-    only."""
-    return _kept_taper(count, symmetric) if count <= _LONGEST_KEPT else _kept_taper.__wrapped__(count, symmetric)
+    """Hann taper of `count` samples; periodic, as a spectrum wants it, or symmetric, as a weighted
+    mean does; read only.
+    """
+    return (
+        _kept_taper(count, symmetric)
+        if count <= _LONGEST_KEPT
+        else _kept_taper.__wrapped__(count, symmetric)
+    )
 
 
 _LONGEST_KEPT = 1 << 18
-"""Samples of a taper up to which it is kept: to compute it takes longer than to transform what it tapers."""
+"""Samples of a taper up to which it is kept: to compute it takes longer than to transform what it
+tapers.
+"""
 
 
 @lru_cache(maxsize=16)
@@ -33,12 +40,18 @@ def _kept_taper(count: int, symmetric: bool) -> Float[np.ndarray, " time"]:
     return taper
 
 
-def transform(signal: Float[np.ndarray, "*batch time"], count: int | None = None) -> Complex[np.ndarray, "*batch line"]:
-    """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal with zeros."""
+def transform(
+    signal: Float[np.ndarray, "*batch time"], count: int | None = None
+) -> Complex[np.ndarray, "*batch line"]:
+    """One-sided discrete Fourier transform along the last axis, unscaled; `count` pads the signal
+    with zeros.
+    """
     return np.asarray(scipy.fft.rfft(signal, count, axis=-1))
 
 
-def inverse_transform(lines: Inexact[np.ndarray, "*batch line"], count: int) -> Float[np.ndarray, "*batch time"]:
+def inverse_transform(
+    lines: Inexact[np.ndarray, "*batch line"], count: int
+) -> Float[np.ndarray, "*batch time"]:
     """Signal of `count` samples whose `transform` has these lines."""
     return np.asarray(scipy.fft.irfft(lines, count, axis=-1))
 
@@ -48,7 +61,9 @@ def line_frequencies(count: int, sample_rate: float) -> Float[np.ndarray, " line
     return np.fft.rfftfreq(count, 1 / sample_rate)
 
 
-def tapered_transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.ndarray, "*batch line"]:
+def tapered_transform(
+    signal: Float[np.ndarray, "*batch time"],
+) -> Complex[np.ndarray, "*batch line"]:
     """`transform` of a signal without its mean, times `hann_taper`; of the signal's precision."""
     taper = hann_taper(signal.shape[-1]).astype(signal.dtype, copy=False)
     moving = signal - signal.mean(axis=-1, keepdims=True)
@@ -56,7 +71,9 @@ def tapered_transform(signal: Float[np.ndarray, "*batch time"]) -> Complex[np.nd
 
 
 def signal_envelope(signal: Float[np.ndarray, "*batch time"]) -> Float[np.ndarray, "*batch time"]:
-    """Magnitude of the analytic signal, as by `scipy.signal.hilbert`, which takes four times as long."""
+    """Magnitude of the analytic signal, as by `scipy.signal.hilbert`, which takes four times as
+    long.
+    """
     length = signal.shape[-1]
     lines = transform(signal) * -1j
     lines[..., 0] = 0  # the mean and half the rate have no phase to be turned
@@ -78,7 +95,8 @@ def power_density(
 
     Parameters
     ----------
-    length : samples of the half-overlapping segments over which it is averaged (Welch); None takes the whole signal.
+    length : samples of the half-overlapping segments over which it is averaged (Welch); None takes
+        the whole signal.
     """
     length = signal.shape[-1] if length is None else min(length, signal.shape[-1])
     taper = hann_taper(length)
@@ -98,8 +116,11 @@ def power_density(
     return line_frequencies(length, sample_rate), density
 
 
-def fourier_lines(revolution: Float[np.ndarray, "*batch step"]) -> Complex[np.ndarray, "*batch order"]:
-    """Lines X_k of one period of x(t) = X_0 + Re sum_k X_k exp(i k theta), theta from 0 in equal steps.
+def fourier_lines(
+    revolution: Float[np.ndarray, "*batch step"],
+) -> Complex[np.ndarray, "*batch order"]:
+    """Lines X_k of one period of x(t) = X_0 + Re sum_k X_k exp(i k theta), theta from 0 in equal
+    steps.
 
     Examples
     --------
@@ -112,7 +133,9 @@ def fourier_lines(revolution: Float[np.ndarray, "*batch step"]) -> Complex[np.nd
     return lines
 
 
-def periodic_signal(lines: Complex[np.ndarray, "*batch order"], steps: int) -> Float[np.ndarray, "*batch step"]:
+def periodic_signal(
+    lines: Complex[np.ndarray, "*batch order"], steps: int
+) -> Float[np.ndarray, "*batch step"]:
     """One period in `steps` equal steps of the signal whose `fourier_lines` these are."""
     spectrum = lines * (steps / 2)
     spectrum[..., 0] *= 2
@@ -122,7 +145,8 @@ def periodic_signal(lines: Complex[np.ndarray, "*batch order"], steps: int) -> F
 def amplitude_spectrum(
     signal: Float[np.ndarray, "channel time"], sample_rate: float, resolution: float = 0.0
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel frequency"]]:
-    """Frequencies [Hz] and one-sided peak amplitudes, Hann taper, averaged over half-overlapping segments.
+    """Frequencies [Hz] and one-sided peak amplitudes, Hann taper, averaged over half-overlapping
+    segments.
 
     Parameters
     ----------
@@ -136,7 +160,9 @@ def amplitude_spectrum(
     1.000
     """
     length = round(sample_rate / max(resolution, sample_rate / signal.shape[-1]))
-    frequency, power = scipy.signal.welch(signal, sample_rate, "hann", nperseg=length, scaling="spectrum")
+    frequency, power = scipy.signal.welch(
+        signal, sample_rate, "hann", nperseg=length, scaling="spectrum"
+    )
     return frequency, np.sqrt(2 * power)
 
 
@@ -145,7 +171,9 @@ JITTER = 0.006
 SEGMENTS = 4
 """The scatter of the amplitudes between so many parts of a signal gives their deviation."""
 _FLOOR_BINS = 8
-"""The noise under a line is judged from at least so many samples of the spectrum that no line asked for reaches."""
+"""The noise under a line is judged from at least so many samples of the spectrum that no line asked
+for reaches.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +198,13 @@ class OrderSpectrum:
 def segment_densities(
     signal: Float[np.ndarray, "channel time"], sample_rate: float
 ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]]:
-    """`power_density` of each of `SEGMENTS` equal parts of the signal; a rest at the end is left out."""
+    """`power_density` of each of `SEGMENTS` equal parts of the signal; a rest at the end is left
+    out.
+    """
     length = signal.shape[-1] // SEGMENTS
-    return power_density(signal[:, : SEGMENTS * length].reshape(signal.shape[0], SEGMENTS, length), sample_rate)
+    return power_density(
+        signal[:, : SEGMENTS * length].reshape(signal.shape[0], SEGMENTS, length), sample_rate
+    )
 
 
 def order_spectrum(
@@ -181,13 +213,17 @@ def order_spectrum(
     shaft_frequency: float,
     orders: Int[np.ndarray, " order"],
     *,
-    densities: tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]] | None = None,
+    densities: tuple[
+        Float[np.ndarray, " frequency"], Float[np.ndarray, "channel segment frequency"]
+    ]
+    | None = None,
 ) -> OrderSpectrum:
     """Amplitudes at `orders`, each gathered over the band in which a jittering speed smears it.
 
-    The power within the band, less the noise floor beside it, is that of one sine. A smear of `JITTER` (relative) is
-    expected; the band never reaches half way to the next order asked for, and the floor is read off between the bands.
-    Lines that are in the signal but not asked for count as noise where they fall there.
+    The power within the band, less the noise floor beside it, is that of one sine. A smear of
+    `JITTER` (relative) is expected; the band never reaches half way to the next order asked for,
+    and the floor is read off between the bands. Lines that are in the signal but not asked for
+    count as noise where they fall there.
 
     Parameters
     ----------
@@ -217,7 +253,9 @@ def order_spectrum(
     centers = orders * shaft_frequency
     spacing = float(np.min(np.diff(np.unique(np.concatenate([[0], centers])))))
     halves = np.minimum(2.5 * line_width + JITTER * centers, 0.45 * spacing)
-    free = np.arange(len(frequency)) > 1  # the mean that was taken away leaves a hole in the first two
+    free = (
+        np.arange(len(frequency)) > 1
+    )  # the mean that was taken away leaves a hole in the first two
     for center, half in zip(centers, halves, strict=True):
         free &= np.abs(frequency - center) > half
     power = np.empty((signal.shape[0], SEGMENTS, len(orders)))
@@ -228,7 +266,9 @@ def order_spectrum(
         beside = free & (distance <= max(2 * half, half + 6 * line_width))
         if beside.sum() < _FLOOR_BINS:
             beside = free & (distance <= np.sort(distance[free])[:_FLOOR_BINS].max(initial=0))
-        level = np.median(density[..., beside], axis=-1) / math.log(2)  # a periodogram's median is ln 2 of its mean
+        level = np.median(density[..., beside], axis=-1) / math.log(
+            2
+        )  # a periodogram's median is ln 2 of its mean
         floor[..., i] = level * inside.sum() * line_width
         power[..., i] = density[..., inside].sum(axis=-1) * line_width - floor[..., i]
     mean_power = power.mean(axis=1)
@@ -236,17 +276,21 @@ def order_spectrum(
     noise = floor.mean(axis=1)
     spread = power.std(axis=1, ddof=1) / math.sqrt(SEGMENTS)
     power_deviation = np.sqrt(spread**2 + (noise**2) / (4 * SEGMENTS))
-    deviation = power_deviation / np.maximum(amplitude, np.sqrt(np.maximum(power_deviation, 1e-300)))
+    deviation = power_deviation / np.maximum(
+        amplitude, np.sqrt(np.maximum(power_deviation, 1e-300))
+    )
     return OrderSpectrum(np.asarray(orders), shaft_frequency, amplitude, deviation)
 
 
 def synchronous_signal(
-    lines: Complex[np.ndarray, "channel line"], orders: Int[np.ndarray, " line"], angle: Float[np.ndarray, " time"]
+    lines: Complex[np.ndarray, "channel line"],
+    orders: Int[np.ndarray, " line"],
+    angle: Float[np.ndarray, " time"],
 ) -> Float[np.ndarray, "channel time"]:
     """Signal Re sum_k lines_k exp(i k angle) along a shaft angle [rad], which may advance unevenly.
 
-    One revolution is tabulated on a grid of at least 32 points per shortest period and read off by interpolation; its
-    error is below 0.5 % of the sum of the lines' magnitudes.
+    One revolution is tabulated on a grid of at least 32 points per shortest period and read off by
+    interpolation; its error is below 0.5 % of the sum of the lines' magnitudes.
     """
     n_grid = 1 << max(12, math.ceil(math.log2(32 * (int(orders.max()) + 1))))
     every = np.zeros((lines.shape[0], n_grid // 2 + 1), dtype=complex)
@@ -262,8 +306,9 @@ def synchronous_signal(
 def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:
     """Share of each line of a spectrum in each of `n_bands` bands of equal ratio; read only.
 
-    The bands reach from half the first line to half a line after the last; a line that a band's edge cuts is shared in
-    proportion, so that the lowest bands, narrower than a line, are never empty.
+    The bands reach from half the first line to half a line after the last; a line that a band's
+    edge cuts is shared in proportion, so that the lowest bands, narrower than a line, are never
+    empty.
     """
     line = np.arange(1, n_lines + 1)
     edges = np.geomspace(0.5, n_lines + 0.5, n_bands + 1)
@@ -276,7 +321,8 @@ def band_shares(n_lines: int, n_bands: int) -> Float[np.ndarray, "line band"]:
 def aligned(
     measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel longer"]
 ) -> Float[np.ndarray, "channel time"]:
-    """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels together.
+    """Stretch of `simulated`, as long as `measured`, that correlates best with it over all channels
+    together.
 
     With `simulated` one period longer than `measured`, every phase is tried.
 
@@ -287,19 +333,29 @@ def aligned(
     """
     length = measured.shape[-1]
     if simulated.shape[-1] < length:
-        raise InputError(f"{simulated.shape[-1]} simulated samples are fewer than the {length} measured ones.")
-    score = sum(scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True))
+        raise InputError(
+            f"{simulated.shape[-1]} simulated samples are fewer than the {length} measured ones."
+        )
+    score = sum(
+        scipy.signal.correlate(s, m, "valid") for s, m in zip(simulated, measured, strict=True)
+    )
     start = int(np.argmax(score))
     return simulated[:, start : start + length]
 
 
-def waveform_rmse(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
+def waveform_rmse(
+    measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]
+) -> float:
     """Root mean square of the difference, in the signals' unit (the paper's RMSE)."""
     return float(np.sqrt(np.mean((measured - simulated) ** 2)))
 
 
-def peak_error(measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]) -> float:
-    """Mean over channels of the difference of the largest magnitudes, relative to the measured (the paper's PE)."""
+def peak_error(
+    measured: Float[np.ndarray, "channel time"], simulated: Float[np.ndarray, "channel time"]
+) -> float:
+    """Mean over channels of the difference of the largest magnitudes, relative to the measured (the
+    paper's PE).
+    """
     peaks = np.abs(measured).max(axis=-1)
     return float(np.mean(np.abs(np.abs(simulated).max(axis=-1) - peaks) / peaks))
 
@@ -307,21 +363,27 @@ def peak_error(measured: Float[np.ndarray, "channel time"], simulated: Float[np.
 def spectrum_value_error(
     measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
 ) -> float:
-    """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE; our reading)."""
+    """Sum of the amplitudes' differences over the sum of the measured amplitudes (the paper's SVE;
+    our reading).
+    """
     return float(np.abs(measured - simulated).sum() / measured.sum())
 
 
 LEVEL_RANGE = 60.0
-"""Lines further [dB] below the strongest measured one count as if they were so far below it: there is only noise."""
+"""Lines further [dB] below the strongest measured one count as if they were so far below it: there
+is only noise.
+"""
 
 
 def spectral_correlation(
     measured: Float[np.ndarray, "channel order"], simulated: Float[np.ndarray, "channel order"]
 ) -> float:
-    """Pearson's correlation of the levels in dB, over all channels and orders; 1 is a spectrum of the same shape.
+    """Pearson's correlation of the levels in dB, over all channels and orders; 1 is a spectrum of
+    the same shape.
 
-    A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line (`LEVEL_RANGE`), the
-    same floor for both sides. A common gain does not change it. It is 0 where the levels of one side are all equal.
+    A level is 20 log10 of the amplitude, no lower than 60 dB below the strongest measured line
+    (`LEVEL_RANGE`), the same floor for both sides. A common gain does not change it. It is 0 where
+    the levels of one side are all equal.
 
     Examples
     --------
@@ -330,7 +392,9 @@ def spectral_correlation(
     1.0
     """
     floor = max(float(measured.max()) * 10 ** (-LEVEL_RANGE / 20), 1e-300)
-    first, second = (20 * np.log10(np.maximum(side, floor)).ravel() for side in (measured, simulated))
+    first, second = (
+        20 * np.log10(np.maximum(side, floor)).ravel() for side in (measured, simulated)
+    )
     first, second = first - first.mean(), second - second.mean()
     width = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float(first @ second) / width if width > 0 else 0.0

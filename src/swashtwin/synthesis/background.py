@@ -1,4 +1,6 @@
-"""What differs from one synthetic window to the next, and the noise and gains that a machine's own windows lend."""
+"""What differs from one synthetic window to the next, and the noise and gains that a machine's own
+windows lend.
+"""
 
 import math
 from collections.abc import Sequence
@@ -20,13 +22,15 @@ from swashtwin.signals import inverse_transform, line_frequencies, power_density
 
 @dataclass(frozen=True)
 class Variation:
-    """Spreads of what is drawn for each synthetic window, besides the shaft's phase. Zero switches one off.
+    """Spreads of what is drawn for each synthetic window, besides the shaft's phase. Zero switches
+    one off.
 
-    Speed, pressure and temperature follow docs/explanation/physics.md, section 5. Severity, angle, interface values and
-    sensor are estimates of ours. Severity and angle are those of somebody who knows a fault's typical size and place,
-    and not how they differ from pump to pump: 95 % of the severities are within a factor of two, of the places within
-    10 degrees. Those of version 1 of the virtual rig spread less (docs/bench/rig.md). The interface values spread
-    alike; what a calibration leaves open of each comes on top of it (`synthesize`).
+    Speed, pressure and temperature follow docs/explanation/physics.md, section 5. Severity, angle,
+    interface values and sensor are estimates of ours. Severity and angle are those of somebody who
+    knows a fault's typical size and place, and not how they differ from pump to pump: 95 % of the
+    severities are within a factor of two, of the places within 10 degrees. Those of version 1 of
+    the virtual rig spread less (docs/bench/rig.md). The interface values spread alike; what a
+    calibration leaves open of each comes on top of it (`synthesize`).
     """
 
     speed: float = 0.005
@@ -50,12 +54,15 @@ DEFAULT_VARIATION = Variation()
 
 
 def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
-    """`twin` with its condition, fault and interface values as `variation` spreads them, drawn by seed and index."""
+    """`twin` with its condition, fault and interface values as `variation` spreads them, drawn by
+    seed and index.
+    """
     rng = stream(seed, "variation", twin.label, index)
     condition = replace(
         twin.condition,
         speed=twin.condition.speed * (1 + variation.speed * rng.uniform(-1, 1)),
-        discharge_pressure=twin.condition.discharge_pressure * (1 + variation.pressure * rng.uniform(-1, 1)),
+        discharge_pressure=twin.condition.discharge_pressure
+        * (1 + variation.pressure * rng.uniform(-1, 1)),
         oil_temperature=rng.uniform(*variation.temperature),
     )
     fault = twin.fault
@@ -70,12 +77,16 @@ def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
 
 
 AUDIBLE = 0.3
-"""Share of the loudest channel's amplitude below which a line may be cross-talk, which is a tenth [estimate]."""
+"""Share of the loudest channel's amplitude below which a line may be cross-talk, which is a tenth
+[estimate].
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class BackgroundNoise:
-    """Noise with the spectrum of a measured window between its piston-pass lines, in random phase."""
+    """Noise with the spectrum of a measured window between its piston-pass lines, in random
+    phase.
+    """
 
     like: WindowSet
     windows: Int[np.ndarray, " window"]
@@ -86,12 +97,14 @@ class BackgroundNoise:
     """Whether the windows are healthy ones at the pressure that was asked for."""
 
     def gains(self, twin: Twin, sensors: Sequence[int]) -> Float[np.ndarray, " channel"]:
-        """Factor on the lines of each channel that brings a healthy twin to the windows; 1 where none is healthy.
+        """Factor on the lines of each channel that brings a healthy twin to the windows; 1 where
+        none is healthy.
 
-        exp of half the median, over the piston-pass lines up to `DEFAULT_BAND` that stand above the noise, of ln
-        (measured power over simulated): no line counts more for being loud, and none is mended by itself, for that
-        would paint the healthy machine's errors over the fault. Where the twin says that another channel is so much
-        louder (`AUDIBLE`), what is measured is that channel's cross-talk and tells no gain.
+        exp of half the median, over the piston-pass lines up to `DEFAULT_BAND` that stand above the
+        noise, of ln (measured power over simulated): no line counts more for being loud, and none
+        is mended by itself, for that would paint the healthy machine's errors over the fault. Where
+        the twin says that another channel is so much louder (`AUDIBLE`), what is measured is that
+        channel's cross-talk and tells no gain.
         """
         if not self.is_healthy:
             return np.ones(len(sensors))
@@ -106,19 +119,28 @@ class BackgroundNoise:
         number = np.round(frequency / (count * twin.condition.shaft_frequency)).astype(int)
         orders = twin.with_fault(None).orders
         logarithms = []
-        for order in orders[(orders % count == 0) & (orders * twin.condition.shaft_frequency <= DEFAULT_BAND[1])]:
+        for order in orders[
+            (orders % count == 0) & (orders * twin.condition.shaft_frequency <= DEFAULT_BAND[1])
+        ]:
             near = ~clear & (number == order // count)
             above = power[:, near].sum(axis=1) - noise[:, near].sum(axis=1)
             model = simulated[:, orders == order][:, 0] ** 2 / 2
             stands = (above > noise[:, near].sum(axis=1)) & (model > AUDIBLE**2 * model.max())
-            logarithms.append(np.where(stands, np.log(np.maximum(above, 1e-30) / np.maximum(model, 1e-30)), np.nan))
+            logarithms.append(
+                np.where(
+                    stands, np.log(np.maximum(above, 1e-30) / np.maximum(model, 1e-30)), np.nan
+                )
+            )
         ratios = np.array(logarithms)
-        return np.array([np.exp(np.nanmedian(row) / 2) if np.isfinite(row).any() else 1.0 for row in ratios.T])
+        return np.array(
+            [np.exp(np.nanmedian(row) / 2) if np.isfinite(row).any() else 1.0 for row in ratios.T]
+        )
 
     def draw(self, rng: np.random.Generator) -> Float[np.ndarray, "channel time"]:
         """Noise of one window, in the unit of the measured ones."""
         window = self.like.signal[rng.choice(self.windows)].astype(float)
-        # Untapered, strong lines leak over all others. `hann_taper` differs in the last bit, and the noise with it.
+        # Untapered, strong lines leak over all others. `hann_taper` differs in the last bit, and
+        # the noise with it.
         taper = scipy.signal.get_window("hann", self.like.length)
         tapered = (window - window.mean(axis=1, keepdims=True)) * taper / np.sqrt(np.mean(taper**2))
         spectrum = np.abs(transform(tapered))
@@ -130,7 +152,8 @@ class BackgroundNoise:
 
 
 def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
-    """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where there are any.
+    """The noise of the measured windows of `like` nearest to the twin's pressure, normal ones where
+    there are any.
 
     An `InputError` where `like` has no measured window.
     """
@@ -139,13 +162,22 @@ def background_noise(like: WindowSet, twin: Twin) -> BackgroundNoise:
     if np.any(candidates & is_normal):
         candidates &= is_normal
     if not candidates.any():
-        raise InputError("no measured window to take noise from; the background can be 'none'.", field="background")
+        raise InputError(
+            "no measured window to take noise from; the background can be 'none'.",
+            field="background",
+        )
     distance = np.abs(like.discharge_pressure - twin.condition.discharge_pressure)
-    there = values_match(like.discharge_pressure, twin.condition.discharge_pressure, PRESSURE_TOLERANCE)
+    there = values_match(
+        like.discharge_pressure, twin.condition.discharge_pressure, PRESSURE_TOLERANCE
+    )
     if np.isfinite(distance[candidates]).any():
         candidates &= distance <= np.nanmin(distance[candidates]) + 1e4
     frequency = line_frequencies(like.length, like.sample_rate)
     pass_frequency = twin.pump.rotating_group.piston_count * twin.condition.shaft_frequency
-    away = np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
+    away = (
+        np.abs(frequency / pass_frequency - np.round(frequency / pass_frequency)) * pass_frequency
+    )
     healthy_there = bool(np.all((is_normal & np.asarray(there))[candidates]))
-    return BackgroundNoise(like, np.flatnonzero(candidates), away > 2.5 * frequency[1], healthy_there)
+    return BackgroundNoise(
+        like, np.flatnonzero(candidates), away > 2.5 * frequency[1], healthy_there
+    )

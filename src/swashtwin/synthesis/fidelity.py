@@ -1,7 +1,7 @@
 """Fidelity of synthetic windows to measured ones.
 
-The docstring of each metric names the measured windows it needs: held-out windows, which no filler saw, or the training
-windows that the filler drew from.
+The docstring of each metric names the measured windows it needs: held-out windows, which no filler
+saw, or the training windows that the filler drew from.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,9 @@ class TellingFeature:
     auroc: float
     """AUROC of this feature alone, above 0.5 in either direction."""
     shift: float
-    """Mean of the synthetic windows less that of the measured ones, in standard deviations of the measured."""
+    """Mean of the synthetic windows less that of the measured ones, in standard deviations of the
+    measured.
+    """
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,9 @@ class Fidelity:
     """How well synthetic windows are told from measured ones, and by what."""
 
     auroc: float | None
-    """`discriminative_score`; None where the measured or the synthetic windows are of one recording."""
+    """`discriminative_score`; None where the measured or the synthetic windows are of one
+    recording.
+    """
     spectral_distance_db: Mapping[str, float]
     features: tuple[TellingFeature, ...]
     """The features that tell most, the first most."""
@@ -78,7 +82,8 @@ def measure_fidelity(
     ----------
     measured : windows of the cell that the filler did not draw from.
     pistons : number of pistons of the twin; 0 leaves the causes out.
-    healthy : measured and synthetic healthy windows, to tell the fault's law from the sensors' path.
+    healthy : measured and synthetic healthy windows, to tell the fault's law from the sensors'
+        path.
     """
     _require_both(measured, synthetic)
     several = min(len(np.unique(windows.recording_id)) for windows in (measured, synthetic)) > 1
@@ -97,13 +102,18 @@ def measure_fidelity(
 
 
 def causes(
-    measured: WindowSet, synthetic: WindowSet, pistons: int, healthy: tuple[WindowSet, WindowSet] | None = None
+    measured: WindowSet,
+    synthetic: WindowSet,
+    pistons: int,
+    healthy: tuple[WindowSet, WindowSet] | None = None,
 ) -> dict[str, float]:
-    """By how much synthetic windows miss measured ones [dB, root mean square over lines and channels], by cause.
+    """By how much synthetic windows miss measured ones [dB, root mean square over lines and
+    channels], by cause.
 
-    ``path``: mean levels of the piston-pass lines of healthy windows; ``law``: those of the windows themselves beyond
-    that, which the fault must explain; without healthy windows both together are ``law and path``. ``floor``: levels
-    between the lines. ``variation``: the lines' standard deviation from window to window.
+    ``path``: mean levels of the piston-pass lines of healthy windows; ``law``: those of the windows
+    themselves beyond that, which the fault must explain; without healthy windows both together are
+    ``law and path``. ``floor``: levels between the lines. ``variation``: the lines' standard
+    deviation from window to window.
     """
     faulty = [_levels(windows, pistons) for windows in (measured, synthetic)]
     shift = faulty[1][0].mean(axis=0) - faulty[0][0].mean(axis=0)
@@ -119,14 +129,19 @@ def causes(
 
 
 def _levels(windows: WindowSet, pistons: int) -> tuple[np.ndarray, np.ndarray]:
-    """Levels [dB] of the piston-pass lines, and between each and the next (window, channel, line)."""
+    """Levels [dB] of the piston-pass lines, and between each and the next (window, channel,
+    line).
+    """
     power = 10 * np.log10(np.maximum(_power(windows), 1e-30))
     passing = np.nanmean(windows.speed) / (2 * np.pi) * pistons
     position = np.arange(1, power.shape[-1] + 1) * windows.sample_rate / windows.length / passing
     number, away = np.round(position).astype(int), np.abs(position - np.round(position))
     most = int(position[-1] / 1.28)
     lines = [power[..., number == line].max(axis=-1) for line in range(1, most + 1)]
-    floors = [power[..., (np.floor(position) == line) & (away > 0.3)].mean(axis=-1) for line in range(1, most + 1)]
+    floors = [
+        power[..., (np.floor(position) == line) & (away > 0.3)].mean(axis=-1)
+        for line in range(1, most + 1)
+    ]
     return np.stack(lines, axis=-1), np.stack(floors, axis=-1)
 
 
@@ -136,7 +151,12 @@ def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[Tellin
     ranks = rankdata(np.concatenate([real, synthesized]), axis=0)[len(real) :].sum(axis=0)
     auroc = (ranks - len(synthesized) * (len(synthesized) + 1) / 2) / (len(synthesized) * len(real))
     shift = (synthesized.mean(axis=0) - real.mean(axis=0)) / np.maximum(real.std(axis=0), 1e-12)
-    columns = zip(feature_names(measured.channels), np.maximum(auroc, 1 - auroc).tolist(), shift.tolist(), strict=True)
+    columns = zip(
+        feature_names(measured.channels),
+        np.maximum(auroc, 1 - auroc).tolist(),
+        shift.tolist(),
+        strict=True,
+    )
     features = [TellingFeature(*column) for column in columns]
     return tuple(sorted(features, key=lambda feature: -feature.auroc)[:_TELLING])
 
@@ -144,9 +164,9 @@ def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[Tellin
 def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.ndarray, " channel"]:
     """Log-spectral distance [dB] of each channel: 0 where the mean power spectra are the same.
 
-    d = sqrt(mean over lines of (10 log10(P_measured / P_synthetic))^2), P being the power at a line (Hann taper, mean
-    removed) averaged over the windows. A gain of 1 dB in all lines is a distance of 1 dB. Training windows as the
-    measured ones show only how well the filler was fitted.
+    d = sqrt(mean over lines of (10 log10(P_measured / P_synthetic))^2), P being the power at a line
+    (Hann taper, mean removed) averaged over the windows. A gain of 1 dB in all lines is a distance
+    of 1 dB. Training windows as the measured ones show only how well the filler was fitted.
     """
     _require_both(measured, synthetic)
     power = [np.maximum(_power(windows).mean(axis=0), 1e-30) for windows in (measured, synthetic)]
@@ -154,10 +174,12 @@ def spectral_distance(measured: WindowSet, synthetic: WindowSet) -> Float64[np.n
 
 
 def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int) -> float:
-    """AUROC of extra trees that tell synthetic from measured windows by vibration features; 0.5 is chance.
+    """AUROC of extra trees that tell synthetic from measured windows by vibration features; 0.5 is
+    chance.
 
-    It is cross-validated, no recording on both sides. A measured set of few recordings is recognized by
-    their peculiarities: copies of the training windows (`Duplicate`) show the score to be granted to every filler.
+    It is cross-validated, no recording on both sides. A measured set of few recordings is
+    recognized by their peculiarities: copies of the training windows (`Duplicate`) show the score
+    to be granted to every filler.
 
     Raises
     ------
@@ -166,7 +188,9 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
     """
     _require_both(measured, synthetic)
     groups = np.concatenate([measured.recording_id, synthetic.recording_id])
-    folds = min(_FOLDS, len(np.unique(measured.recording_id)), len(np.unique(synthetic.recording_id)))
+    folds = min(
+        _FOLDS, len(np.unique(measured.recording_id)), len(np.unique(synthetic.recording_id))
+    )
     if folds < 2:
         raise DataError(
             "measured windows of one recording would be recognized by that recording; give windows of two recordings "
@@ -177,7 +201,9 @@ def discriminative_score(measured: WindowSet, synthetic: WindowSet, *, seed: int
     tree_seed = derive_seed(seed, "discriminator") % 2**32
     trees = ExtraTreesClassifier(100, class_weight="balanced", random_state=tree_seed, n_jobs=1)
     split = StratifiedGroupKFold(folds, shuffle=True, random_state=tree_seed)
-    probability = cross_val_predict(trees, values, is_synthetic, groups=groups, cv=split, method="predict_proba")
+    probability = cross_val_predict(
+        trees, values, is_synthetic, groups=groups, cv=split, method="predict_proba"
+    )
     return float(roc_auc_score(is_synthetic, probability[:, 1]))
 
 
@@ -188,6 +214,8 @@ def _power(windows: WindowSet) -> Float64[np.ndarray, "window channel frequency"
 
 def _require_both(measured: WindowSet, synthetic: WindowSet) -> None:
     if not (len(measured) and len(synthetic)):
-        raise DataError(f"{len(measured)} measured and {len(synthetic)} synthetic windows; each side needs some.")
+        raise DataError(
+            f"{len(measured)} measured and {len(synthetic)} synthetic windows; each side needs some."
+        )
     if difference := measured.layout.difference(synthetic.layout):
         raise InputError(f"measured and synthetic windows differ: {difference}.")

@@ -30,37 +30,53 @@ def require_same_machine(
 ) -> tuple[str, ...]:
     """What cannot be known about whether a twin is of the pump that was measured, in sentences.
 
-    Speeds and pressures of the `conditions` of use are compared where recordings state them, unless `speed` or
-    `pressure` is False; the number of pistons where they have the attribute ``pistons``, and else as their lines show
-    it. Windows are too short to show it.
+    Speeds and pressures of the `conditions` of use are compared where recordings state them, unless
+    `speed` or `pressure` is False; the number of pistons where they have the attribute ``pistons``,
+    and else as their lines show it. Windows are too short to show it.
 
     Raises
     ------
     InputError
-        The twin has another number of pistons, another speed or another pressure than every recording.
+        The twin has another number of pistons, another speed or another pressure than every
+        recording.
     """
     if isinstance(like, WindowSet):
         measured = ~like.synthetic
         speeds, pressures = like.speed[measured], like.discharge_pressure[measured]
         notes: list[str] = []
     else:
-        speeds = np.array([(stated_speed(recording) or math.nan) * 2 * math.pi for recording in like])
+        speeds = np.array(
+            [(stated_speed(recording) or math.nan) * 2 * math.pi for recording in like]
+        )
         pressures = np.array([stated_pressure(recording) for recording in like])
         notes = _refuse_other_pistons(twin, conditions[0], like)
     for quantity, is_checked, simulated, stated in (
         ("speed", speed, [condition.speed for condition in conditions], speeds),
-        ("pressure", pressure, [condition.discharge_pressure for condition in conditions], pressures),
+        (
+            "pressure",
+            pressure,
+            [condition.discharge_pressure for condition in conditions],
+            pressures,
+        ),
     ):
         if is_checked:
             remedy = f"calibrate a twin on these recordings, or name the {quantity} that you want windows at"
-            refuse_other_values(np.array(simulated), stated, quantity=quantity, who="the twin runs", remedy=remedy)
+            refuse_other_values(
+                np.array(simulated), stated, quantity=quantity, who="the twin runs", remedy=remedy
+            )
             if np.isnan(stated).all():
-                notes.append(f"the recordings state no {quantity}; that it is the twin's cannot be known")
+                notes.append(
+                    f"the recordings state no {quantity}; that it is the twin's cannot be known"
+                )
     return tuple(notes)
 
 
-def _refuse_other_pistons(twin: Twin, condition: OperatingCondition, recordings: Sequence[Recording]) -> list[str]:
-    """What cannot be known of the number of pistons; an error where it is another than the twin's."""
+def _refuse_other_pistons(
+    twin: Twin, condition: OperatingCondition, recordings: Sequence[Recording]
+) -> list[str]:
+    """What cannot be known of the number of pistons; an error where it is another than the
+    twin's.
+    """
     count, pump = twin.pump.rotating_group.piston_count, twin.pump.name
     remedy = "calibrate a twin of that pump, or give recordings of this one"
     for recording in recordings:
@@ -81,10 +97,14 @@ def _refuse_other_pistons(twin: Twin, condition: OperatingCondition, recordings:
             return []
         if shown.contradicts and not contradiction:
             spacing, pistons = shown.shown * count, shown.shown * count / shaft
-            lines = f"{recording.recording_id} has piston-pass lines at multiples of {spacing:.4g} Hz"
+            lines = (
+                f"{recording.recording_id} has piston-pass lines at multiples of {spacing:.4g} Hz"
+            )
             if stated_speed(recording) and abs(pistons - round(pistons)) <= _WHOLE * pistons:
                 lines += f", those of {round(pistons)} pistons at {60 * shaft:.4g} rev/min"
             contradiction = f"{lines}, and the twin ({pump}) with its {count} at multiples of {count * shaft:.4g} Hz"
     if contradiction:
         raise InputError(f"{contradiction}; {remedy}.")
-    return [f"the recordings' lines do not show how many pistons the pump has; that it has {count} cannot be known"]
+    return [
+        f"the recordings' lines do not show how many pistons the pump has; that it has {count} cannot be known"
+    ]

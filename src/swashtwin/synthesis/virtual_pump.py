@@ -1,4 +1,6 @@
-"""Virtual pumps: power spectra of recordings what no twin knows drawn at random, and what faults change."""
+"""Virtual pumps: power spectra of recordings what no twin knows drawn at random, and what faults
+change.
+"""
 
 import math
 from collections.abc import Callable
@@ -38,7 +40,9 @@ from swashtwin.synthesis.pump_prior import (
 CELLS = 8
 """Cells of a spectrum from order to order: segments are eight turns long."""
 _AVERAGES = 12
-"""Segments whose spectra a recording averages: 4 s at 14 turns a second hold 13 that overlap by half."""
+"""Segments whose spectra a recording averages: 4 s at 14 turns a second hold 13 that overlap by
+half.
+"""
 
 
 @dataclass(eq=False)
@@ -56,13 +60,21 @@ class VirtualPump:
         nominal, timing = self.drawing, rng.normal(0, prior.timing, 2)
         plate = nominal.valve_plate
         plate = replace(
-            plate, discharge_open=plate.discharge_open + timing[0], suction_open=plate.suction_open + timing[1]
+            plate,
+            discharge_open=plate.discharge_open + timing[0],
+            suction_open=plate.suction_open + timing[1],
         )
         eccentricity = nominal.masses.rotor_eccentricity * float(spread(rng, prior.unbalance, 1)[0])
-        self.pump = replace(nominal, masses=replace(nominal.masses, rotor_eccentricity=eccentricity), valve_plate=plate)
+        self.pump = replace(
+            nominal,
+            masses=replace(nominal.masses, rotor_eccentricity=eccentricity),
+            valve_plate=plate,
+        )
         self.count = nominal.rotating_group.piston_count
         group = nominal.rotating_group
-        self.clearances = group.piston_clearance * np.clip(rng.normal(1, prior.clearances, self.count), 0.3, None)
+        self.clearances = group.piston_clearance * np.clip(
+            rng.normal(1, prior.clearances, self.count), 0.3, None
+        )
         self.slippers = rng.normal(1, prior.slippers, self.count)
         self.care = log_uniform(rng, prior.care)
         self.setting = log_uniform(rng, prior.care)
@@ -79,11 +91,15 @@ class VirtualPump:
         self.irregular, self.jitter = rng.uniform(*prior.irregular), math.radians(rng.uniform(0, 3))
         self.one_sided = rng.random()
         self.ringing = drawn_modes(rng, int(rng.integers(0, 4)), 1, prior.ringing, 0.5)
-        self.rattle: tuple[Impacts, ...] = ()  # of a healthy pump, where the force on each piston changes its sign
+        self.rattle: tuple[
+            Impacts, ...
+        ] = ()  # of a healthy pump, where the force on each piston changes its sign
         if self.program and rng.random() < 0.5:
             impulse = log_uniform(rng, (prior.impulse[0] / 2, prior.impulse[1] / 8))
             shares = spread(rng, 0.2, self.count)
-            self.rattle = (Impacts(impulse, tuple(np.radians([8.0, 188.0])), shares, int(rng.choice([0, 2]))),)
+            self.rattle = (
+                Impacts(impulse, tuple(np.radians([8.0, 188.0])), shares, int(rng.choice([0, 2]))),
+            )
 
     def spectra(self, labels: tuple[str, ...]) -> Float[np.ndarray, "recording sensor cell"]:
         """Power of one recording of each class in each cell of an eighth of an order, from 0 on."""
@@ -94,7 +110,8 @@ class VirtualPump:
         conditions = [
             OperatingCondition(
                 speed=self.speed * (1 + prior.speed_setting * self.setting * rng.uniform(-1, 1)),
-                discharge_pressure=self.pressure * (1 + prior.pressure_setting * self.setting * rng.uniform(-1, 1)),
+                discharge_pressure=self.pressure
+                * (1 + prior.pressure_setting * self.setting * rng.uniform(-1, 1)),
                 oil_temperature=warm + (rng.uniform(*prior.temperature) - warm) * self.warming,
             )
             for _ in labels
@@ -110,7 +127,9 @@ class VirtualPump:
             floors.append(floor)
         supports = torch.as_tensor(spread(rng, prior.supports, 9)).expand(len(labels), 9)
         damping = self.structure.damping(torch.stack(worn))
-        stiffness = self.structure.stiffness(torch.stack(worn), supports[:, 0], supports[:, 1], supports[:, 2:])
+        stiffness = self.structure.stiffness(
+            torch.stack(worn), supports[:, 0], supports[:, 1], supports[:, 2:]
+        )
         along, force = torch.as_tensor(frequency), torch.stack(forces)
         solver = physics.HarmonicBalance()
         motion = solver.steady_state(self.structure.mass, damping, stiffness, along, force)
@@ -122,7 +141,9 @@ class VirtualPump:
                     motion[row] += solver.steady_state(
                         self.structure.mass, damping[one], stiffness[one], along[one], further[None]
                     )[0]
-        directions = torch.stack(list(_directions(self.structure)))[:, None, :].expand(-1, self.orders.size, -1)
+        directions = torch.stack(list(_directions(self.structure)))[:, None, :].expand(
+            -1, self.orders.size, -1
+        )
         struck = solver.steady_state(
             self.structure.mass, damping[:1], stiffness[:1], along[:1], directions.to(motion.dtype)
         )
@@ -135,9 +156,14 @@ class VirtualPump:
         mixing = np.eye(self.sensors) + cross_talk[0] + self.care * cross_talk[1:]
         lines = np.abs(mixing @ (shell * path)) ** 2 / 2
         healthy = float(lines[0].sum(axis=-1).mean())
-        floor = np.einsum("rdl,rdsl->rsl", np.array(floors), np.abs(transfer[None] * path[:, None]) ** 2)
+        floor = np.einsum(
+            "rdl,rdsl->rsl", np.array(floors), np.abs(transfer[None] * path[:, None]) ** 2
+        )
         floor = floor + self._noise(hertz, np.abs(path) ** 2, troubles) * healthy
-        power = lines[..., 1:] @ self._smear() + np.repeat(floor, CELLS, axis=-1)[..., : CELLS * self.highest] / CELLS
+        power = (
+            lines[..., 1:] @ self._smear()
+            + np.repeat(floor, CELLS, axis=-1)[..., : CELLS * self.highest] / CELLS
+        )
         power += healthy * self._foreign(troubles)
         averages = rng.gamma(_AVERAGES, 1 / _AVERAGES, power.shape)
         return np.asarray(power * averages)
@@ -163,11 +189,17 @@ class VirtualPump:
                 pressing = fault
             motion = physics.excitation_lines(pump, condition, fault, self.highest)
             if isinstance(fault, SwashPlateDefect):
-                law = physics.riding_lines if fault.contact == "lift_off" else physics.displacement_lines
+                law = (
+                    physics.riding_lines
+                    if fault.contact == "lift_off"
+                    else physics.displacement_lines
+                )
                 motion[1:] = law(pump, condition, fault, self.highest, scatter=self.slippers)
                 if fault.contact == "shared":
                     motion = motion / (1 + (frequency / (2 * math.pi * self.following)) ** 2)
-            force = physics.fault_forces(pump, self.structure, "T1", fault, values, frequency, motion)
+            force = physics.fault_forces(
+                pump, self.structure, "T1", fault, values, frequency, motion
+            )
             if isinstance(fault, BoreDefect) and self.program:
                 force = force * self.one_sided
             straining += force
@@ -182,13 +214,20 @@ class VirtualPump:
     def _impacts(
         self, trouble: Trouble, condition: OperatingCondition
     ) -> tuple[Complex[np.ndarray, "line 13"], Float[np.ndarray, "direction line"]]:
-        """Force lines of impacts, and the power [N^2 per order] of their irregularity along each direction."""
-        shaft, directions = condition.shaft_frequency, [row.numpy() for row in _directions(self.structure)]
+        """Force lines of impacts, and the power [N^2 per order] of their irregularity along each
+        direction.
+        """
+        shaft, directions = (
+            condition.shaft_frequency,
+            [row.numpy() for row in _directions(self.structure)],
+        )
         frequency = self.orders * shaft
         turned = 2 * np.pi * np.arange(self.count) / self.count
         product = frequency * self.pulse
         shape = np.where(
-            np.abs(product - 0.5) < 1e-3, math.pi / 4, np.cos(np.pi * product) / (1 - 4 * product**2 + 1e-12)
+            np.abs(product - 0.5) < 1e-3,
+            math.pi / 4,
+            np.cos(np.pi * product) / (1 - 4 * product**2 + 1e-12),
         )
         heard = shape * self.ringing.response(torch.as_tensor(frequency)).numpy()[0]
         lines = np.zeros((self.orders.size, 13), dtype=complex)
@@ -206,7 +245,9 @@ class VirtualPump:
         lines[0] = 0
         return lines, floor
 
-    def _path(self, hertz: Float[np.ndarray, "recording line"]) -> Complex[np.ndarray, "recording sensor line"]:
+    def _path(
+        self, hertz: Float[np.ndarray, "recording line"]
+    ) -> Complex[np.ndarray, "recording sensor line"]:
         """Housing, mounting and gain of each sensor."""
         prior, rng = self.prior, self.rng
         modes = drawn_modes(rng, prior.modes, self.sensors, prior.mode_frequency, prior.mode_share)
@@ -223,11 +264,15 @@ class VirtualPump:
         response: Float[np.ndarray, "recording sensor line"],
         troubles: list[Trouble],
     ) -> Float[np.ndarray, "recording sensor line"]:
-        """Power of the noise in each order over that of a healthy recording: pink below 300 Hz, colored by the housing
-        and at random; a fault raises all of it, or rather the high frequencies."""
+        """Power of the noise in each order over that of a healthy recording: pink below 300 Hz,
+        colored by the housing and at random; a fault raises all of it, or rather the high
+        frequencies.
+        """
         prior, rng, middle = self.prior, self.rng, np.maximum(hertz[0], 10)
         tilt = rng.uniform(-0.5, 0.5)
-        color = (1 + 300 / np.maximum(middle, 30)) / (1 + (middle / log_uniform(rng, (2e3, 8e3))) ** 2)
+        color = (1 + 300 / np.maximum(middle, 30)) / (
+            1 + (middle / log_uniform(rng, (2e3, 8e3))) ** 2
+        )
         color = response * color * (middle / 1000) ** tilt
         color[..., 0] = 0
         share = color / color[0].sum(axis=-1, keepdims=True)
@@ -238,24 +283,34 @@ class VirtualPump:
         )
         rise = np.array([trouble.noise for trouble in troubles])[:, None, None]
         corner, slope = log_uniform(rng, (50.0, 3000.0)), rng.uniform(0, 2)
-        shape = 1 / (1 + (corner / middle) ** slope) * np.exp(smooth_curves(rng, 0.3, (len(troubles), 1), middle))
+        shape = (
+            1
+            / (1 + (corner / middle) ** slope)
+            * np.exp(smooth_curves(rng, 0.3, (len(troubles), 1), middle))
+        )
         return np.asarray(size * np.exp(level + rise * shape))
 
     def _smear(self) -> Float[np.ndarray, "order cell"]:
-        """Share of each line's power in each cell: the taper's main lobe, widened by the speed's wandering."""
+        """Share of each line's power in each cell: the taper's main lobe, widened by the speed's
+        wandering.
+        """
         cells, orders = CELLS * self.highest, self.orders[1:, None]
         half = np.maximum(log_uniform(self.rng, self.prior.wandering) * orders * CELLS, 0.3)
         reach = np.arange(-math.ceil(half.max()) - 3, math.ceil(half.max()) + 4)
         at = np.linspace(-2, 2, 81)
         lobe = np.cumsum(np.cos(np.pi / 4 * at) ** 4)
-        shares = np.interp(reach + half, at, lobe / lobe[-1]) - np.interp(reach - half, at, lobe / lobe[-1])
+        shares = np.interp(reach + half, at, lobe / lobe[-1]) - np.interp(
+            reach - half, at, lobe / lobe[-1]
+        )
         shares /= shares.sum(axis=1, keepdims=True)
         matrix = np.zeros((self.highest, cells + reach.size))
         np.put_along_axis(matrix, np.maximum(orders * CELLS + reach, 0), shares, axis=1)
         return matrix[:, :cells]
 
     def _foreign(self, troubles: list[Trouble]) -> Float[np.ndarray, "recording sensor cell"]:
-        """Power over that of a healthy recording of what else runs: single lines, a second machine, a bad bearing."""
+        """Power over that of a healthy recording of what else runs: single lines, a second machine,
+        a bad bearing.
+        """
         prior, rng = self.prior, self.rng
         power = np.zeros((len(troubles), self.sensors, CELLS * self.highest))
 
@@ -272,7 +327,11 @@ class VirtualPump:
         for _ in range(rng.poisson(3)):
             add(log_uniform(rng, (0.3, 300)), slice(None), log_uniform(rng, prior.foreign))
         if rng.random() < 0.5:
-            ratio, size, fall = log_uniform(rng, (0.3, 10)), log_uniform(rng, prior.foreign), rng.uniform(0.3, 2)
+            ratio, size, fall = (
+                log_uniform(rng, (0.3, 10)),
+                log_uniform(rng, prior.foreign),
+                rng.uniform(0.3, 2),
+            )
             for harmonic in range(1, 20):
                 add(ratio * harmonic, slice(None), size / harmonic**fall)
         for row, trouble in enumerate(troubles):
@@ -293,7 +352,9 @@ def _directions(structure: physics.Structure) -> tuple[torch.Tensor, ...]:
 
 
 def _turned(matrix: torch.Tensor, motion: torch.Tensor) -> torch.Tensor:
-    """Force lines -Re(M exp(i theta)) x of a stiffness that turns with the shaft, to first order."""
+    """Force lines -Re(M exp(i theta)) x of a stiffness that turns with the shaft, to first
+    order.
+    """
     force = torch.zeros_like(motion)
     force[1:] += motion[:-1] @ matrix.T / 2
     force[1] += motion[0] @ matrix.T / 2
@@ -332,11 +393,12 @@ def simulate_changes(
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> OrderChanges:
-    """Healthy recordings and one of each fault, of `count` virtual pumps, as changes against their references.
+    """Healthy recordings and one of each fault, of `count` virtual pumps, as changes against their
+    references.
 
-    Every other pump has a drawing of its own (`draw_drawing`), for no machine is its drawing. Only spectra of the
-    steady state are computed, no samples: about 0.1 s of a core for a pump. A pump does not depend on how many are
-    drawn with it.
+    Every other pump has a drawing of its own (`draw_drawing`), for no machine is its drawing. Only
+    spectra of the steady state are computed, no samples: about 0.1 s of a core for a pump. A pump
+    does not depend on how many are drawn with it.
 
     Parameters
     ----------
@@ -358,9 +420,13 @@ def simulate_changes(
         parts.append(part)
         if progress is not None:
             progress(number, count)
-    drawn = np.array([number % 2 == 1 for number, part in enumerate(parts) if part is not None], dtype=bool)
+    drawn = np.array(
+        [number % 2 == 1 for number, part in enumerate(parts) if part is not None], dtype=bool
+    )
     if not drawn.size:
-        raise InputError(f"no chamber pressure of {count} virtual pumps of {prior.pump.name} converges.")
+        raise InputError(
+            f"no chamber pressure of {count} virtual pumps of {prior.pump.name} converges."
+        )
     changes, scatter = zip(*(part for part in parts if part is not None), strict=True)
     return OrderChanges(
         OrderBands(prior.pump.rotating_group.piston_count),
@@ -375,17 +441,23 @@ def simulate_changes(
 def _changes_of_pump(
     prior: PumpPrior, seed: int, number: int
 ) -> tuple[Float[np.ndarray, "recording channel level"], Float[np.ndarray, "channel level"]] | None:
-    """(changes of one pump, its healthy scatter); None where the chamber pressures of a recording do not converge."""
+    """(changes of one pump, its healthy scatter); None where the chamber pressures of a recording
+    do not converge.
+    """
     torch.set_num_threads(1)
     rng = stream(seed, "pump prior", number)
     drawing = draw_drawing(rng) if number % 2 else prior.pump
     bands = OrderBands(drawing.rotating_group.piston_count)
     highest = int(bands.highest * bands.piston_count) + 1
     try:
-        power = VirtualPump(prior, rng, drawing, highest).spectra(("normal",) * _REFERENCES + _TESTED)
+        power = VirtualPump(prior, rng, drawing, highest).spectra(
+            ("normal",) * _REFERENCES + _TESTED
+        )
     except SwashTwinError:
         return None
     levels = bands.levels(power, 1 / CELLS)
     references = levels[: int(rng.integers(1, _REFERENCES + 1))]
     scatter = levels[:_REFERENCES].std(axis=0, ddof=1)
-    return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float16), scatter.astype(np.float16)
+    return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float16), scatter.astype(
+        np.float16
+    )

@@ -1,4 +1,6 @@
-"""Messages reach real servers; a server that refuses, stays silent or dawdles is an error in one line, in time."""
+"""Messages reach real servers; a server that refuses, stays silent or dawdles is an error in one
+line, in time.
+"""
 
 import json
 import socket
@@ -17,7 +19,13 @@ import pytest
 from mqtt_broker import Broker, free_port
 
 from swashtwin.monitoring.alarms.channels import AlarmMessage, ChannelError, send
-from swashtwin.monitoring.config.settings import EmailChannel, LogChannel, MqttChannel, Secret, WebhookChannel
+from swashtwin.monitoring.config.settings import (
+    EmailChannel,
+    LogChannel,
+    MqttChannel,
+    Secret,
+    WebhookChannel,
+)
 
 MESSAGE = AlarmMessage(
     "pump-1",
@@ -96,7 +104,13 @@ def hook_server(status: int = 204) -> ThreadingHTTPServer:
 
 def mail_channel(port: int, **settings: Any) -> EmailChannel:
     """A channel of mail to a server at a port, in the clear."""
-    facts = {"name": "mail", "host": "127.0.0.1", "sender": "a@b.c", "recipients": ("d@e.f",), "tls": "none"}
+    facts = {
+        "name": "mail",
+        "host": "127.0.0.1",
+        "sender": "a@b.c",
+        "recipients": ("d@e.f",),
+        "tls": "none",
+    }
     return EmailChannel(port=port, **{**facts, **settings})
 
 
@@ -115,7 +129,11 @@ class DawdlingHandler(socketserver.StreamRequestHandler):
 def test_a_log_gets_one_line_for_each_message_whatever_the_names_hold(tmp_path: Path) -> None:
     channel = LogChannel(name="log")
     send(MESSAGE, channel, folder=tmp_path)
-    send(AlarmMessage("a\nb\x1b[2J", "any", "sensor", "cleared", "now", "2"), channel, folder=tmp_path)
+    send(
+        AlarmMessage("a\nb\x1b[2J", "any", "sensor", "cleared", "now", "2"),
+        channel,
+        folder=tmp_path,
+    )
     lines = (tmp_path / "alarms.log").read_text(encoding="utf-8").splitlines()
     assert lines == [
         "2026-01-02T03:04:05+00:00 pump-1: pump alarm opened (860 rpm, 10 MPa). +9.1 dB at shaft order 9 (129 Hz), "
@@ -136,7 +154,9 @@ def test_a_webhook_gets_the_message_as_json_with_the_token(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("status", [302, 500])
-def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(tmp_path: Path, status: int) -> None:
+def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(
+    tmp_path: Path, status: int
+) -> None:
     with serving(hook_server(status)) as port:
         url = Secret(f"http://u:geheim@127.0.0.1:{port}/")
         for token, reason in ((Secret(""), f"answers {status}"), (Secret("ge\nheim"), "hook")):
@@ -145,7 +165,9 @@ def test_a_webhook_that_does_not_take_the_message_is_an_error_with_its_status(tm
             assert "heim" not in str(error.value)
 
 
-def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no_forged_header(tmp_path: Path) -> None:
+def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no_forged_header(
+    tmp_path: Path,
+) -> None:
     server = MailServer()
     with serving(server) as port:
         send(MESSAGE, mail_channel(port, recipients=("d@e.f", "g@h.i")), folder=tmp_path)
@@ -162,7 +184,11 @@ def test_a_mail_reaches_the_server_with_subject_reasons_link_and_identity_and_no
 
 @pytest.mark.parametrize(
     ("refuse", "tls", "reason"),
-    [("MAIL", "none", "550 not here"), ("RCPT", "none", "refused every recipient"), ("", "starttls", "STARTTLS")],
+    [
+        ("MAIL", "none", "550 not here"),
+        ("RCPT", "none", "refused every recipient"),
+        ("", "starttls", "STARTTLS"),
+    ],
 )
 def test_a_mail_that_is_refused_or_would_go_in_the_clear_is_an_error_with_the_reason(
     tmp_path: Path, refuse: str, tls: str, reason: str
@@ -196,11 +222,17 @@ def test_a_broker_gets_the_message_as_json(tmp_path: Path, broker: Broker) -> No
 def channels(port: int) -> list[Any]:
     """A channel of each kind that uses the network, at a port."""
     hook = WebhookChannel(name="hook", url=Secret(f"http://127.0.0.1:{port}/"))
-    return [hook, mail_channel(port), MqttChannel(name="mqtt", host="127.0.0.1", port=port, topic="a")]
+    return [
+        hook,
+        mail_channel(port),
+        MqttChannel(name="mqtt", host="127.0.0.1", port=port, topic="a"),
+    ]
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_a_server_that_is_not_there_or_stays_silent_is_an_error_in_time(tmp_path: Path, number: int) -> None:
+def test_a_server_that_is_not_there_or_stays_silent_is_an_error_in_time(
+    tmp_path: Path, number: int
+) -> None:
     with pytest.raises(ChannelError, match="Connection refused"):
         send(MESSAGE, channels(free_port())[number], folder=tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as silent:

@@ -1,4 +1,6 @@
-"""One machine's monitor: it learns, stays quiet, raises an alarm that names the levels, clears it, and says why not."""
+"""One machine's monitor: it learns, stays quiet, raises an alarm that names the levels, clears it,
+and says why not.
+"""
 
 import json
 
@@ -36,7 +38,9 @@ def watched(machine: Machine) -> PointState:
     return course(machine, [0.0] * 40)[-1].state
 
 
-def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(machine: Machine) -> None:
+def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(
+    machine: Machine,
+) -> None:
     point_judgments = course(machine, [0.0] * 21)
     assert [item.learned for item in point_judgments[:20]] == list(range(1, 21))
     assert {item.stage for item in point_judgments[:20]} == {"learning"}
@@ -45,8 +49,12 @@ def test_the_first_twenty_recordings_are_learned_from_and_judged_by_nothing(mach
     assert point_judgments[20].p_value is not None
 
 
-def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine(machine: Machine) -> None:
-    """Else a machine that is loud now and then raises false alarms, however alike its recordings are."""
+def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine(
+    machine: Machine,
+) -> None:
+    """Else a machine that is loud now and then raises false alarms, however alike its recordings
+    are.
+    """
     rises = [20.0 if number in (6, 9, 14) else 0.0 for number in range(23)]
     point_judgments = course(machine, rises)
     assert point_judgments[6].learned == 6
@@ -55,7 +63,9 @@ def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine
     assert point_judgments[-1].state.test.large_share == 4 / 24
 
 
-def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(machine: Machine, watched: PointState) -> None:
+def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(
+    machine: Machine, watched: PointState
+) -> None:
     point_judgments = course(machine, [12.0] * 8, watched, 40)
     raised = [item.pump for item in point_judgments].index("raised")
     assert raised <= 5
@@ -65,7 +75,9 @@ def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(machine: Machine,
     assert evidence.capital >= 100
     assert {change.channel for change in evidence.moved[:3]} == {"x"}
     assert any("shaft order" in reason for reason in evidence.reasons)
-    assert json.loads(json.dumps(evidence.to_dict()))["moved"][0]["change"] == pytest.approx(12, abs=4)
+    assert json.loads(json.dumps(evidence.to_dict()))["moved"][0]["change"] == pytest.approx(
+        12, abs=4
+    )
 
 
 def test_one_large_recording_raises_no_alarm(machine: Machine, watched: PointState) -> None:
@@ -90,11 +102,16 @@ def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     levels = baseline_levels(to_table(watched.baseline))
     point_judgment = course(machine, [0.0], watched, 40)[0]
     assert levels.keys() == point_judgment.levels.keys()
-    far = [abs(point_judgment.levels[key] - median) / spread for key, (median, spread) in levels.items()]
+    far = [
+        abs(point_judgment.levels[key] - median) / spread
+        for key, (median, spread) in levels.items()
+    ]
     assert np.mean(far) < 2
 
 
-def test_the_same_recordings_give_the_same_judgements(machine: Machine, watched: PointState) -> None:
+def test_the_same_recordings_give_the_same_judgements(
+    machine: Machine, watched: PointState
+) -> None:
     first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
     assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
 
@@ -102,7 +119,10 @@ def test_the_same_recordings_give_the_same_judgements(machine: Machine, watched:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda machine: machine.recording(40).replace(sample_rate=8000.0), "sample rate 4000 Hz against 8000 Hz"),
+        (
+            lambda machine: machine.recording(40).replace(sample_rate=8000.0),
+            "sample rate 4000 Hz against 8000 Hz",
+        ),
         (lambda machine: machine.recording(40, seconds=0.45), "record longer"),
         (lambda machine: broken(machine.recording(40)), "missing or infinite"),
     ],
@@ -123,10 +143,16 @@ def broken(recording: Recording) -> Recording:
 
 def recording(speed: float, pressure: float) -> Recording:
     """A recording at a speed [rev/min] and a pressure [MPa]."""
-    return Recording(np.ones((1, 9)), 100.0, "r", condition=OperatingCondition(rpm(speed), MPa(pressure)))
+    return Recording(
+        np.ones((1, 9)), 100.0, "r", condition=OperatingCondition(rpm(speed), MPa(pressure))
+    )
 
 
-POINTS = [OperatingPoint(rpm(860), MPa(10)), OperatingPoint(rpm(860), MPa(11)), OperatingPoint(rpm(1500), MPa(10))]
+POINTS = [
+    OperatingPoint(rpm(860), MPa(10)),
+    OperatingPoint(rpm(860), MPa(11)),
+    OperatingPoint(rpm(1500), MPa(10)),
+]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +164,9 @@ POINTS = [OperatingPoint(rpm(860), MPa(10)), OperatingPoint(rpm(860), MPa(11)), 
         (1200, 10, "1200 rpm, 10 MPa"),
     ],
 )
-def test_a_recording_belongs_to_the_nearest_point_or_makes_one(speed: float, pressure: float, name: str) -> None:
+def test_a_recording_belongs_to_the_nearest_point_or_makes_one(
+    speed: float, pressure: float, name: str
+) -> None:
     assert choose_point(recording(speed, pressure), POINTS).name == name
     assert choose_point(Recording(np.ones((1, 9)), 100.0, "states nothing"), POINTS).name == "any"
 

@@ -1,4 +1,6 @@
-"""Sensors at fault, and a pump that does not run, raise an alarm of their own; healthy recordings do not."""
+"""Sensors at fault, and a pump that does not run, raise an alarm of their own; healthy recordings
+do not.
+"""
 
 from collections.abc import Callable
 
@@ -46,11 +48,15 @@ def loose(signal: np.ndarray) -> np.ndarray:
 
 
 def noise(decibel: float, hum: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
-    """Noise so far below the signal, and hum of the mains of so much of it, in place of the signal."""
+    """Noise so far below the signal, and hum of the mains of so much of it, in place of the
+    signal.
+    """
 
     def changed(signal: np.ndarray) -> np.ndarray:
         mains = hum * np.sin(2 * np.pi * 50 * np.arange(signal.shape[1]) / 25600)
-        return signal.std() * (10 ** (decibel / 20) * stream(0, "noise").normal(size=signal.shape) + mains)
+        return signal.std() * (
+            10 ** (decibel / 20) * stream(0, "noise").normal(size=signal.shape) + mains
+        )
 
     return changed
 
@@ -94,7 +100,10 @@ FAULTS = {
 @pytest.fixture(scope="module")
 def rig() -> list[Recording]:
     """Twelve healthy recordings of a pump of the virtual rig."""
-    return [recording for recording, _ in plant_course(100, "A", PlantCourse(recordings=12, duration=1.0))]
+    return [
+        recording
+        for recording, _ in plant_course(100, "A", PlantCourse(recordings=12, duration=1.0))
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +139,9 @@ def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not
 
 @pytest.mark.nightly
 def test_healthy_recordings_show_a_finding_less_often_than_one_in_a_thousand() -> None:
-    """5,200 recordings of 20 machines; the upper end of the interval of Clopper and Pearson counts."""
+    """5,200 recordings of 20 machines; the upper end of the interval of Clopper and Pearson
+    counts.
+    """
     count = found = 0
     for pump in range(20):
         monitor, state = PointMonitor(f"pump-{pump}"), None

@@ -35,12 +35,16 @@ def at_speed(seed: int, gain: float = 1.0) -> Recording:
 def learned(pistons: int | None = PISTONS, count: int = 6) -> PointState:
     state = None
     for seed in range(count):
-        state = PointMonitor("pump-1", learning=5, pistons=pistons).judge(at_speed(seed), state).state
+        state = (
+            PointMonitor("pump-1", learning=5, pistons=pistons).judge(at_speed(seed), state).state
+        )
     assert state is not None
     return state
 
 
-def named(machine: Machine, recording: Recording, state: PointState, point: OperatingPoint = POINT) -> Suspect:
+def named(
+    machine: Machine, recording: Recording, state: PointState, point: OperatingPoint = POINT
+) -> Suspect:
     suspects = Suspects()
     try:
         return suspects.name(machine, point, state.baseline, recording)
@@ -57,29 +61,62 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     facts = f'pistons = {PISTONS}\nprior = "prior.safetensors"\ncalibration = "damaged.json"'
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"', machine=facts)
     for number in range(LEARNING + 10):
-        write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
+        write_hum(
+            tmp_path / "incoming" / f"{number:03}.h5",
+            number,
+            number,
+            gain=1.0 if number < LEARNING else 6.0,
+        )
     run_watch(config, once=True)
     measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
     measure_again(config, 1, "Severity is not measured: killed.", monkeypatch)
     measure_again(config, 1, "Severity: 30 um.", monkeypatch, verdict="weak")
     measure_again(config, 0, "Severity: 99 um.", monkeypatch, verdict="weak")
     run_watch(config, once=True)
-    words = ("watch", "event", config.path, "pump-1", "--found", "piston 3, 30 um", "--maintenance", "--json")
+    words = (
+        "watch",
+        "event",
+        config.path,
+        "pump-1",
+        "--found",
+        "piston 3, 30 um",
+        "--maintenance",
+        "--json",
+    )
     assert json.loads(run(*words).stdout)["found"] == "piston 3, 30 um"
     history = History.open("", config.folder)
     (alarm,) = history.read.alarms("pump-1")
-    assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == ("sure", "piston")
-    assert alarm.evidence["suspect"]["recording"] == history.read.recordings("pump-1", limit=1)[0].id
+    assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == (
+        "sure",
+        "piston",
+    )
+    assert (
+        alarm.evidence["suspect"]["recording"] == history.read.recordings("pump-1", limit=1)[0].id
+    )
     assert (alarm.evidence["found"]["text"], alarm.state) == ("piston 3, 30 um", "closed")
     severity = alarm.evidence["severity"]
-    assert (severity["label"], severity["recording"]) == ("piston", alarm.evidence["suspect"]["recording"])
-    of_recording = {item.state: item.reasons["suspect"] for item in history.read.recordings("pump-1")}
-    assert of_recording["alarm"]["probabilities"].keys() == {"normal", "piston", "cylinder_block", "other"}
+    assert (severity["label"], severity["recording"]) == (
+        "piston",
+        alarm.evidence["suspect"]["recording"],
+    )
+    of_recording = {
+        item.state: item.reasons["suspect"] for item in history.read.recordings("pump-1")
+    }
+    assert of_recording["alarm"]["probabilities"].keys() == {
+        "normal",
+        "piston",
+        "cylinder_block",
+        "other",
+    }
     assert of_recording["learning"] is None
     assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
     page = TestClient(build_app(config, history), base_url="http://127.0.0.1:8642")
     shown = page.get("/alarms/1").text
-    assert shown.index("Suspect: piston") < shown.index("Severity: 30 um.") < shown.index("Found: piston 3")
+    assert (
+        shown.index("Suspect: piston")
+        < shown.index("Severity: 30 um.")
+        < shown.index("Found: piston 3")
+    )
     assert page.get("/api/alarms/1").json()["evidence"]["severity"] == severity
     history.close()
     opened, *measured = (config.folder / "alarms.log").read_text(encoding="utf-8").splitlines()
@@ -108,8 +145,12 @@ def measure_again(
     assert len(asked) == times
 
 
-def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tmp_path: Path) -> None:
-    def measured(label: str, worn: Path | None = plant.worn, pistons: int = PISTONS) -> dict[str, object]:
+def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
+    plant: Plant, tmp_path: Path
+) -> None:
+    def measured(
+        label: str, worn: Path | None = plant.worn, pistons: int = PISTONS
+    ) -> dict[str, object]:
         machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
         return FaultSize(machine, label, worn, healthy).answer()
@@ -117,7 +158,9 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tm
     found = measured("piston")  # the pump has a recess
     assert found["verdict"] == "not detected"
     assert found["sentence"].startswith("Severity, if piston: clearance ")
-    assert found["sentence"].endswith(f"not detected; detection limit {found['detection_limit']:.3g} µm.")
+    assert found["sentence"].endswith(
+        f"not detected; detection limit {found['detection_limit']:.3g} µm."
+    )
     assert found["interval"][0] == 0 < found["value"] < found["interval"][1]
     assert any("calibration is in doubt" in note for note in found["notes"])
     elsewhere = write_recording(
@@ -127,7 +170,10 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tm
         ({"label": "other"}, "no such fault"),
         ({"label": "piston", "pistons": 9}, "another pump, 25scy14-1b"),
         ({"label": "piston", "worn": None}, "not kept any more"),
-        ({"label": "piston", "worn": elsewhere}, "is at 860 rpm, 15 MPa, the recording at 860 rpm, 10 MPa"),
+        (
+            {"label": "piston", "worn": elsewhere},
+            "is at 860 rpm, 15 MPa, the recording at 860 rpm, 10 MPa",
+        ),
     ):
         with pytest.raises(DataError, match=words):
             measured(**facts)
@@ -135,26 +181,53 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(plant: Plant, tm
 
 def test_nothing_is_found_where_there_was_no_alarm(tmp_path: Path) -> None:
     config = watch_config(tmp_path)
-    assert "had no alarm" in run("watch", "event", config.path, "pump-1", "--found", "air", code=3).stderr
+    assert (
+        "had no alarm"
+        in run("watch", "event", config.path, "pump-1", "--found", "air", code=3).stderr
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "certainty", "words"),
     [
         ({"probabilities": {"piston": 0.9, "normal": 0.1}}, "sure", "Suspect: piston (90 %)."),
-        ({"probabilities": {"piston": 0.5, "normal": 0.3}}, "unsure", "unsure: piston (50 %), or normal (30 %)."),
-        ({"probabilities": {"piston": 1.0, "normal": 0.0}, "unknown": True, "reasons": ("Unlike.",)}, "unknown", "Unl"),
-        ({"label": "normal", "probabilities": {"normal": 0.9, "piston": 0.1}}, "unsure", "unsure: piston (10 %); the"),
-        ({"label": None, "no_verdict": "it is short."}, "none", "No suspect is named: it is short."),
+        (
+            {"probabilities": {"piston": 0.5, "normal": 0.3}},
+            "unsure",
+            "unsure: piston (50 %), or normal (30 %).",
+        ),
+        (
+            {
+                "probabilities": {"piston": 1.0, "normal": 0.0},
+                "unknown": True,
+                "reasons": ("Unlike.",),
+            },
+            "unknown",
+            "Unl",
+        ),
+        (
+            {"label": "normal", "probabilities": {"normal": 0.9, "piston": 0.1}},
+            "unsure",
+            "unsure: piston (10 %); the",
+        ),
+        (
+            {"label": None, "no_verdict": "it is short."},
+            "none",
+            "No suspect is named: it is short.",
+        ),
     ],
 )
-def test_a_suspect_is_as_sure_as_its_prior(changes: dict[str, object], certainty: str, words: str) -> None:
+def test_a_suspect_is_as_sure_as_its_prior(
+    changes: dict[str, object], certainty: str, words: str
+) -> None:
     suspect = Suspect.of(replace(Diagnosis("a", "prior", label="piston"), **changes))
     assert suspect.certainty == certainty
     assert words in suspect.sentence
 
 
-def test_where_no_suspect_can_be_named_it_is_said_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_no_suspect_can_be_named_it_is_said_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     state, loud = learned(), at_speed(50, 6.0)
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"no prior")
@@ -166,7 +239,13 @@ def test_where_no_suspect_can_be_named_it_is_said_why(tmp_path: Path, monkeypatc
         (pump, loud, learned(9), POINT, "learned without its pistons"),
         (pump, loud.slice(0, 1024), learned(9), POINT, "lasts 0.2 s"),
         (pump, loud, state, POINT, "has no x but cover_z"),
-        (Machine(name="pump-1", pistons=PISTONS, prior=damaged), loud, state, POINT, "damaged.safetensors"),
+        (
+            Machine(name="pump-1", pistons=PISTONS, prior=damaged),
+            loud,
+            state,
+            POINT,
+            "damaged.safetensors",
+        ),
     ):
         suspect = named(machine, recording, known, point)
         assert (suspect.certainty, suspect.label) == ("none", None)

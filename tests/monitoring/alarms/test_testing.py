@@ -1,4 +1,6 @@
-"""The sequential test and the alarm's condition: known values, the promise, evidence after a change, their state."""
+"""The sequential test and the alarm's condition: known values, the promise, evidence after a
+change, their state.
+"""
 
 import json
 
@@ -24,8 +26,12 @@ from swashtwin.monitoring.alarms.monitor import (
 LIMIT = 0.05
 
 
-def run(scores: np.ndarray, is_large: np.ndarray, learning: int, rng: np.random.Generator) -> np.ndarray:
-    """Capital after each recording that follows the first `learning` ones; those that are not large are bet on at 1."""
+def run(
+    scores: np.ndarray, is_large: np.ndarray, learning: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Capital after each recording that follows the first `learning` ones; those that are not large
+    are bet on at 1.
+    """
     pairs = list(zip(scores.tolist(), is_large.tolist(), strict=True))
     test, capital = ConformalTest.calibrated(pairs[:learning]), []
     for score, large in pairs[learning:]:
@@ -40,7 +46,9 @@ def test_each_bet_pays_one_on_average_over_uniform_p_values(large_share: float) 
     p_values = (np.arange(40_000) + 0.5) / 40_000
     mean = np.mean([payoffs(p_value, large_share) for p_value in p_values.tolist()], axis=0)
     assert mean[1:] == pytest.approx([1.0] * (N_BETS - 1), abs=0.03)
-    assert mean[0] == pytest.approx(1 - 2.5e-5 ** POWERS[0], abs=0.2)  # the sum misses most of the pole at 0
+    assert mean[0] == pytest.approx(
+        1 - 2.5e-5 ** POWERS[0], abs=0.2
+    )  # the sum misses most of the pole at 0
 
 
 def test_bets_at_a_p_value_of_one_percent_have_the_values_of_a_hand_calculation() -> None:
@@ -68,7 +76,9 @@ def test_smoothed_p_values_of_exchangeable_scores_are_uniform_even_with_many_tie
 
 @pytest.mark.parametrize("share", [0.03, 0.3, 1.0])
 def test_exchangeable_recordings_reach_the_limit_at_most_as_often_as_promised(share: float) -> None:
-    """200 machines of 150 recordings, this share of them large; the upper end of the 95 % interval counts."""
+    """200 machines of 150 recordings, this share of them large; the upper end of the 95 % interval
+    counts.
+    """
     rng = np.random.default_rng(2)
     ever = []
     for _ in range(200):
@@ -79,7 +89,9 @@ def test_exchangeable_recordings_reach_the_limit_at_most_as_often_as_promised(sh
 
 
 @pytest.mark.parametrize(("change", "recordings"), [(30, 6), (300, 6), (2000, 6)])
-def test_a_lasting_change_is_noticed_within_six_recordings_early_and_late(change: int, recordings: int) -> None:
+def test_a_lasting_change_is_noticed_within_six_recordings_early_and_late(
+    change: int, recordings: int
+) -> None:
     rng = np.random.default_rng(3)
     for _ in range(5):
         scores = rng.exponential(size=change + recordings)
@@ -89,8 +101,14 @@ def test_a_lasting_change_is_noticed_within_six_recordings_early_and_late(change
         assert capital[: change - 20].max() < 100
 
 
-@given(some.lists(some.tuples(some.floats(0, 1e7), some.booleans(), some.floats(0.001, 1)), max_size=30))
-def test_a_test_that_went_through_json_goes_on_as_if_it_had_not(steps: list[tuple[float, bool, float]]) -> None:
+@given(
+    some.lists(
+        some.tuples(some.floats(0, 1e7), some.booleans(), some.floats(0.001, 1)), max_size=30
+    )
+)
+def test_a_test_that_went_through_json_goes_on_as_if_it_had_not(
+    steps: list[tuple[float, bool, float]],
+) -> None:
     test = other = ConformalTest.calibrated([(0.5, False), (0.0, False), (2.0, True)])
     for step in steps:
         test = test.after(*step)
@@ -101,8 +119,12 @@ def test_a_test_that_went_through_json_goes_on_as_if_it_had_not(steps: list[tupl
 
 
 @given(some.lists(some.tuples(some.booleans(), some.floats(0.001, 1)), min_size=1, max_size=40))
-def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(steps: list[tuple[bool, float]]) -> None:
-    """What the guard against drift does: its capital stays below that of the test which keeps the promise."""
+def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(
+    steps: list[tuple[bool, float]],
+) -> None:
+    """What the guard against drift does: its capital stays below that of the test which keeps the
+    promise.
+    """
     test = guarded = ConformalTest.calibrated([(1.0, False)])
     for is_large, p_value in steps:
         test = test.after(1.0, is_large, p_value)
@@ -113,7 +135,12 @@ def test_a_bet_at_one_in_place_of_a_p_value_never_raises_the_capital(steps: list
 @given(some.floats(0, 1e9), some.floats(0, 1e9))
 def test_the_grid_keeps_the_order_of_scores(first: float, second: float) -> None:
     low, high = sorted([first, second])
-    assert rank_step(low, False) <= rank_step(high, False) < rank_step(low, True) <= rank_step(high, True)
+    assert (
+        rank_step(low, False)
+        <= rank_step(high, False)
+        < rank_step(low, True)
+        <= rank_step(high, True)
+    )
 
 
 @given(some.lists(some.tuples(some.booleans(), some.booleans()), max_size=60))

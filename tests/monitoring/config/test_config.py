@@ -32,7 +32,9 @@ def test_the_example_loads_as_written(tmp_path: Path) -> None:
     config = load_watch_config(write_example(tmp_path / "watch.toml"), {})
     assert [machine.name for machine in config.machines] == ["pump-1"]
     assert config.machines[0].speed == pytest.approx(rpm(1500))
-    assert config.sources == (FolderSource(name="folder", path=tmp_path / "incoming", machine="pump-1"),)
+    assert config.sources == (
+        FolderSource(name="folder", path=tmp_path / "incoming", machine="pump-1"),
+    )
     assert config.channels == (LogChannel(name="log"),)
     assert config.folder == tmp_path / "watch-data"
     assert not config.history
@@ -41,7 +43,10 @@ def test_the_example_loads_as_written(tmp_path: Path) -> None:
 def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Path) -> None:
     path = write_example(tmp_path / "watch.toml")
     lines = path.read_text(encoding="utf-8").splitlines()
-    entries = [line[2:] if line.startswith("# ") and ("=" in line or "[[" in line) else line for line in lines]
+    entries = [
+        line[2:] if line.startswith("# ") and ("=" in line or "[[" in line) else line
+        for line in lines
+    ]
     path.write_text("\n".join(entries), encoding="utf-8")
     for name in ("model.safetensors", "prior.safetensors", "calibration.json"):
         (tmp_path / name).touch()
@@ -80,7 +85,10 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[source]]\nkind='folder'\npath='b'", "2 of .* have the name 'folder'"),
         ("[[source]]\nkind='folder'\nname='b'\npath='b'\nmachine='pump-2'", "there are pump-1"),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='clear'", "is written out"),
-        ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='${NO_SUCH}'", "variable NO_SUCH, which is not set"),
+        (
+            "[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\npassword='${NO_SUCH}'",
+            "variable NO_SUCH, which is not set",
+        ),
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
         ("[alarms]\nfalse_alarm_rate=2", "<= 0.5"),
         ("[page]\nhost='0.0.0.0'", "add users"),

@@ -51,7 +51,9 @@ def test_csv_holds_every_row_and_no_formula(filled: History, tmp_path: Path) -> 
     for name in COUNTS:
         with (tmp_path / "out" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
             header, *lines = csv.reader(file)
-        assert not [cell for line in (header, *lines) for cell in line if cell[:1] in ("=", "+", "@")]
+        assert not [
+            cell for line in (header, *lines) for cell in line if cell[:1] in ("=", "+", "@")
+        ]
         tables[name] = [dict(zip(header, line, strict=True)) for line in lines]
     assert tables["recordings"][0]["machine"] == "'=pump"
     assert tables["recordings"][0]["time"] == "2026-03-01T06:00:00Z"
@@ -64,8 +66,15 @@ def test_csv_holds_every_row_and_no_formula(filled: History, tmp_path: Path) -> 
 def test_the_command_exports_what_a_configuration_or_a_url_names_and_makes_no_database(
     tmp_path: Path, postgresql_url: str
 ) -> None:
-    config, out, url = tmp_path / "watch.toml", tmp_path / "tables", f"sqlite:///{tmp_path}/data/history.sqlite"
-    config.write_text('folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n', encoding="utf-8")
+    config, out, url = (
+        tmp_path / "watch.toml",
+        tmp_path / "tables",
+        f"sqlite:///{tmp_path}/data/history.sqlite",
+    )
+    config.write_text(
+        'folder = "data"\n[[machine]]\nname = "pump-1"\n[[source]]\nkind = "http"\n',
+        encoding="utf-8",
+    )
     for nowhere, words in ((url, "does not exist"), (postgresql_url, "has no history yet")):
         assert words in run("history", "export", nowhere, "--out", str(out), code=3).stderr
     assert not (tmp_path / "data").exists()
@@ -83,9 +92,14 @@ def test_the_command_exports_what_a_configuration_or_a_url_names_and_makes_no_da
 def test_without_its_extra_a_watch_says_what_to_install(tmp_path: Path) -> None:
     write_example(tmp_path / "watch.toml")
     program = "import sys; sys.modules['sqlalchemy'] = None; from swashtwin.cli import main; main()"
-    for words in (("history", "export", "watch.toml", "--out", "out"), ("watch", "run", "watch.toml", "--once")):
+    for words in (
+        ("history", "export", "watch.toml", "--out", "out"),
+        ("watch", "run", "watch.toml", "--once"),
+    ):
         command = [sys.executable, "-c", program, *words]
-        process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        process = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        )
         assert process.returncode == 3
         said = process.stderr.replace("'", '"')
         assert 'needs sqlalchemy, which is not installed: pip install "swashtwin[monitor]"' in said

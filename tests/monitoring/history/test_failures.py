@@ -1,4 +1,6 @@
-"""The history under kills, a full disk, a stopped database, a clock set back and other processes."""
+"""The history under kills, a full disk, a stopped database, a clock set back and other
+processes.
+"""
 
 import errno
 import multiprocessing
@@ -19,13 +21,17 @@ from swashtwin.monitoring.history import database
 from swashtwin.monitoring.history.database import HistoryError, _open_engine
 from swashtwin.monitoring.history.history import History
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")  # the writers are forked before they thread
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*fork:DeprecationWarning"
+)  # the writers are forked before they thread
 KILLS = 25
 
 
 @pytest.fixture
 def start() -> Any:
-    """Function that starts a process which runs a function of `history_writers`, everything imported already."""
+    """Function that starts a process which runs a function of `history_writers`, everything
+    imported already.
+    """
     context = multiprocessing.get_context("fork")
     processes = []
 
@@ -44,14 +50,22 @@ def start() -> Any:
 
 def _is_consistent(history: History, machine: str, count: int) -> None:
     stored = history.read.recordings(machine, limit=10_000)
-    assert sorted(item.content for item in stored) == sorted(judgment(n).content for n in range(count))
+    assert sorted(item.content for item in stored) == sorted(
+        judgment(n).content for n in range(count)
+    )
     (point,) = history.read.points(machine)
     assert point.test == {"filed": count}
     overview = next(overview for overview in history.read.machines() if overview.name == machine)
     assert overview.recordings == count
     assert overview.last == stored[0]
-    assert history.read.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(range(count))
-    assert all((history.waveforms.folder / item.waveform).is_file() for item in stored if item.waveform is not None)
+    assert history.read.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(
+        range(count)
+    )
+    assert all(
+        (history.waveforms.folder / item.waveform).is_file()
+        for item in stored
+        if item.waveform is not None
+    )
 
 
 @pytest.mark.nightly
@@ -65,7 +79,9 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     for _ in range(KILLS):
         history.close()  # no connection is shared
         process = start(file_recordings, history_url, tmp_path, "pump-1", 100_000)
-        while process.is_alive() and len(history.read.recordings(limit=10_000)) <= sum(counts[-1:], 1):
+        while process.is_alive() and len(history.read.recordings(limit=10_000)) <= sum(
+            counts[-1:], 1
+        ):
             process.join(0.01)  # until it writes, however busy the machine is
         process.join(moments.uniform(0.0, 0.5))
         process.kill()
@@ -108,15 +124,26 @@ def test_processes_that_get_the_same_deliveries_file_each_once_and_send_each_mes
     history.close()
 
 
-def test_a_claimed_message_is_due_again_after_its_lease(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_claimed_message_is_due_again_after_its_lease(
+    history: History, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with history.machine("pump-1") as transaction:
         transaction.post("log", {"text": "grün"}, alarm=7)
-    ahead = type("Clock", (datetime,), {"now": classmethod(lambda _, zone: datetime.now(zone) + timedelta(days=400))})
+    ahead = type(
+        "Clock",
+        (datetime,),
+        {"now": classmethod(lambda _, zone: datetime.now(zone) + timedelta(days=400))},
+    )
     with monkeypatch.context() as patch:  # a clock that is set back later keeps no message waiting
         patch.setattr("swashtwin.monitoring.history.history.datetime", ahead)
         (message,) = history.outbox.claim(["log"])
     (message,) = history.outbox.claim(["log"])
-    assert (message.channel, message.body, message.alarm, message.attempts) == ("log", {"text": "grün"}, 7, 2)
+    assert (message.channel, message.body, message.alarm, message.attempts) == (
+        "log",
+        {"text": "grün"},
+        7,
+        2,
+    )
     assert history.outbox.claim(["log"]) == []
     assert history.outbox.waiting(["mail"]) == 0
     history.outbox.failed(message.id, "no route", again_in=0)
@@ -141,7 +168,9 @@ def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_pat
     def fill() -> None:
         for number in range(10_000):
             with history.machine("pump-1") as transaction:
-                transaction.add_recording(judgment(number), {("x", str(n)): 1.0 for n in range(300)})
+                transaction.add_recording(
+                    judgment(number), {("x", str(n)): 1.0 for n in range(300)}
+                )
 
     with pytest.raises(HistoryError, match="full"):
         fill()
@@ -175,7 +204,9 @@ def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
             "CREATE FUNCTION fail() RETURNS trigger LANGUAGE plpgsql AS "
             f"$$ BEGIN RAISE EXCEPTION 'no room' USING ERRCODE = '{code}'; END $$"
         )
-        connection.exec_driver_sql("CREATE TRIGGER fail BEFORE INSERT ON outbox FOR EACH ROW EXECUTE FUNCTION fail()")
+        connection.exec_driver_sql(
+            "CREATE TRIGGER fail BEFORE INSERT ON outbox FOR EACH ROW EXECUTE FUNCTION fail()"
+        )
     with pytest.raises(HistoryError, match="no room"), history.machine("pump-1") as transaction:
         transaction.post(str(transaction.add_recording(judgment(1))), {})
     assert history.read.recordings() == []
@@ -210,7 +241,9 @@ def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
     history.close()
 
 
-def test_a_database_that_is_damaged_or_of_another_version_or_program_is_refused(tmp_path: Path, postgresql_url) -> None:
+def test_a_database_that_is_damaged_or_of_another_version_or_program_is_refused(
+    tmp_path: Path, postgresql_url
+) -> None:
     (tmp_path / "history.sqlite").write_bytes(b"no database" * 1000)
     with pytest.raises(HistoryError, match="not a database"):
         History.open("", tmp_path)

@@ -41,9 +41,13 @@ def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     assert history.read.recording(number + 1) is None
 
 
-def test_numbers_that_are_not_finite_become_null_or_the_largest_and_times_are_read_in_utc(history: History) -> None:
+def test_numbers_that_are_not_finite_become_null_or_the_largest_and_times_are_read_in_utc(
+    history: History,
+) -> None:
     time = datetime(2026, 7, 1, 12, tzinfo=ZoneInfo("Europe/Berlin"))
-    odd = judgment(1, time=time, ood_p=math.nan, capital=math.inf, reasons={"p": math.nan, "a": np.arange(2)})
+    odd = judgment(
+        1, time=time, ood_p=math.nan, capital=math.inf, reasons={"p": math.nan, "a": np.arange(2)}
+    )
     with history.machine("pump-1") as transaction:
         number = transaction.add_recording(odd)
     stored = history.read.recording(number)
@@ -51,14 +55,19 @@ def test_numbers_that_are_not_finite_become_null_or_the_largest_and_times_are_re
     assert stored.ood_p is None
     assert stored.capital == pytest.approx(1.797e308, rel=1e-3)
     assert stored.reasons == {"p": None, "a": [0, 1]}
-    assert (stored.time, stored.time.utcoffset()) == (datetime(2026, 7, 1, 10, tzinfo=UTC), timedelta(0))
+    assert (stored.time, stored.time.utcoffset()) == (
+        datetime(2026, 7, 1, 10, tzinfo=UTC),
+        timedelta(0),
+    )
 
 
 def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -> None:
     states = ["normal", "alarm", "normal", "unusual", "normal"]
     with history.machine("pump-1") as transaction:
         for number in (3, 0, 4, 1, 2):
-            transaction.add_recording(judgment(number, state=states[number], point="b" if number == 2 else "a"))
+            transaction.add_recording(
+                judgment(number, state=states[number], point="b" if number == 2 else "a")
+            )
         assert transaction.newest() == START + timedelta(hours=4)
     read = history.read
 
@@ -74,7 +83,9 @@ def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -
     assert numbers(since=START + timedelta(hours=1), until=START + timedelta(hours=3)) == [2, 1]
 
 
-def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(history: History) -> None:
+def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(
+    history: History,
+) -> None:
     with history.machine("pump-1") as transaction:
         for number in range(6):
             values = {("x", "rms"): float(number), ("y", "rms"): -1.0}
@@ -89,7 +100,9 @@ def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(hi
     np.testing.assert_array_equal(
         history.read.trend("pump-1", "x", "rms", since=START + timedelta(hours=5)).values, [5]
     )
-    np.testing.assert_array_equal(history.read.trend("pump-1", "", "alarm_p").values, [np.nan] + [0.5] * 5)
+    np.testing.assert_array_equal(
+        history.read.trend("pump-1", "", "alarm_p").values, [np.nan] + [0.5] * 5
+    )
     assert history.read.trend("pump-1", "z", "rms").values.size == 0
     with pytest.raises(InputError, match="capital"):
         history.read.trend("pump-1", "", "content")
@@ -114,7 +127,12 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
         transaction.acknowledge(first, "operator")
     alarm = history.read.alarm(first)
     assert alarm is not None
-    assert (alarm.state, alarm.who, alarm.note, alarm.evidence) == ("closed", "operator", "seen", {"rise": 9.0})
+    assert (alarm.state, alarm.who, alarm.note, alarm.evidence) == (
+        "closed",
+        "operator",
+        "seen",
+        {"rise": 9.0},
+    )
     assert [alarm.id for alarm in history.read.alarms("pump-1")] == [second, first]
     assert history.read.alarms(state="open") == []
     assert history.read.alarm(999) is None
@@ -172,7 +190,9 @@ def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_pat
     history.close()
 
 
-def test_sweeping_removes_old_files_that_no_recording_has(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sweeping_removes_old_files_that_no_recording_has(
+    history: History, monkeypatch: pytest.MonkeyPatch
+) -> None:
     paths = []
     for number in (1, 2):
         facts = judgment(number)

@@ -1,4 +1,6 @@
-"""A plant of four pumps whose history the pages show: one worn, one healthy, one new, one with a broken sensor."""
+"""A plant of four pumps whose history the pages show: one worn, one healthy, one new, one with a
+broken sensor.
+"""
 
 import math
 import shutil
@@ -55,19 +57,28 @@ class Plant:
     history: History
 
     def add(self, name: str, count: int, *, wear_from: int = 10**6, flat_from: int = 10**6) -> None:
-        """Deliver `count` recordings of a machine, worn or with a dead sensor from one on; its model sees the wear."""
+        """Deliver `count` recordings of a machine, worn or with a dead sensor from one on; its
+        model sees the wear.
+        """
         spool, pipeline = Spool(self.config.folder / "spool"), Pipeline(self.config, self.history)
         for index in range(count):
             wear = max(0, index - wear_from + 1)
             recording = _recording(name, index, wear=wear, is_flat=index >= flat_from)
             label = "swash_plate" if wear else "normal"
             shares = dict.fromkeys(_CLASSES, 0.0175) | {label: 0.93}
-            verdict = {"label": label, "probability": 0.93, "confidence": 0.97, "model": "1c09f2a7d1e0b3c4"}
+            verdict = {
+                "label": label,
+                "probability": 0.93,
+                "confidence": 0.97,
+                "model": "1c09f2a7d1e0b3c4",
+            }
             answer = {**verdict, "answer": {"probabilities": shares}}
             pipeline._diagnosed = lambda *_, answer=answer: dict(answer)
             time = NOW - timedelta(hours=6 * (count - index))
             path = write_recording(recording, self.config.folder / f"{name}-{index}.h5")
-            delivery = Delivery("http", path.name, time + timedelta(seconds=1), name, {"time": time.isoformat()})
+            delivery = Delivery(
+                "http", path.name, time + timedelta(seconds=1), name, {"time": time.isoformat()}
+            )
             spool.add(delivery, path)
             file = spool.next(0)
             assert file is not None
@@ -88,7 +99,9 @@ def _recording(name: str, index: int, *, wear: int, is_flat: bool) -> Recording:
     if is_flat:
         signal[1] = 0.0
     condition = OperatingCondition(speed=SPEED, discharge_pressure=PRESSURE)
-    return Recording(signal, 6400.0, f"{index}", channels=("x", "y", "z"), unit="m/s^2", condition=condition)
+    return Recording(
+        signal, 6400.0, f"{index}", channels=("x", "y", "z"), unit="m/s^2", condition=condition
+    )
 
 
 @pytest.fixture(scope="session")
@@ -107,7 +120,14 @@ def filled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         machine.add_event("note", "Ada", "Oil changed <b>twice</b>")
     detail = "no machine is called pump-9"
     history.reject(
-        rejection("x<script>.csv", "0" * 64, received=NOW, machine="pump-9", reason="machine", detail=detail)
+        rejection(
+            "x<script>.csv",
+            "0" * 64,
+            received=NOW,
+            machine="pump-9",
+            reason="machine",
+            detail=detail,
+        )
     )
     history.close()
     return folder

@@ -63,8 +63,12 @@ def test_a_trend_comes_oldest_first_with_nulls_for_no_number(reader: TestClient)
 
 
 def test_levels_recordings_events_and_rejections_are_listed(reader: TestClient) -> None:
-    assert {"channel": "x", "name": "shaft order 7"} in reader.get("/api/machines/pump-1/levels").json()
-    recordings = reader.get("/api/recordings", params={"machine": "pump-1", "state": "alarm", "limit": 3}).json()
+    assert {"channel": "x", "name": "shaft order 7"} in reader.get(
+        "/api/machines/pump-1/levels"
+    ).json()
+    recordings = reader.get(
+        "/api/recordings", params={"machine": "pump-1", "state": "alarm", "limit": 3}
+    ).json()
     assert [recording["state"] for recording in recordings] == ["alarm"] * 3
     assert reader.get(f"/api/recordings/{recordings[0]['id']}").json() == recordings[0]
     assert reader.get("/api/machines/pump-2/events").json()[0]["who"] == "Ada"
@@ -94,19 +98,31 @@ def test_a_wrong_request_is_refused_in_json(
     assert isinstance(answer.json()["detail"], str)
 
 
-def test_a_form_with_a_file_is_handed_on_with_its_facts(sender: TestClient, spool: Spool, plant) -> None:
+def test_a_form_with_a_file_is_handed_on_with_its_facts(
+    sender: TestClient, spool: Spool, plant
+) -> None:
     facts = {"machine": "pump-1", "speed": "1500 rpm", "temperature": "313 K"}
-    answer = sender.post("/api/recordings", data=facts, files={"file": ("../../evil/a b.csv", b"1,2\n")})
+    answer = sender.post(
+        "/api/recordings", data=facts, files={"file": ("../../evil/a b.csv", b"1,2\n")}
+    )
     assert answer.status_code == 202
     assert answer.json() == {"id": "c0ffee", "state": "accepted"}
-    assert spool.deliveries == [(b"1,2\n", "a_b.csv", "pump-1", {"speed": "1500 rpm", "temperature": "313 K"})]
+    assert spool.deliveries == [
+        (b"1,2\n", "a_b.csv", "pump-1", {"speed": "1500 rpm", "temperature": "313 K"})
+    ]
     assert list((plant.config.folder / "uploads").iterdir()) == []
 
 
 @pytest.mark.parametrize("part", ["data", "params"])
 def test_a_fact_of_an_unknown_name_is_refused(sender: TestClient, spool: Spool, part: str) -> None:
-    answer = sender.post("/api/recordings", files={"file": ("a.csv", b"1")}, **{part: {"sped": "1500 rpm"}})
-    assert (answer.status_code, "'sped' is no fact" in answer.json()["detail"], spool.deliveries) == (422, True, [])
+    answer = sender.post(
+        "/api/recordings", files={"file": ("a.csv", b"1")}, **{part: {"sped": "1500 rpm"}}
+    )
+    assert (
+        answer.status_code,
+        "'sped' is no fact" in answer.json()["detail"],
+        spool.deliveries,
+    ) == (422, True, [])
 
 
 def test_what_a_kill_left_of_an_upload_is_gone_at_the_next_start(plant) -> None:
@@ -118,7 +134,8 @@ def test_what_a_kill_left_of_an_upload_is_gone_at_the_next_start(plant) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "code"), [(InputError("speed (x) has no unit"), 422), (OSError(28, "No space left on device"), 507)]
+    ("error", "code"),
+    [(InputError("speed (x) has no unit"), 422), (OSError(28, "No space left on device"), 507)],
 )
 def test_what_the_spool_refuses_is_told_in_one_line(
     sender: TestClient, spool: Spool, plant, error: Exception, code: int
@@ -133,15 +150,29 @@ def test_what_the_spool_refuses_is_told_in_one_line(
     "send",
     [
         lambda sender: sender.post("/api/recordings", content=b""),
-        lambda sender: sender.post("/api/recordings", data={"machine": "a"}, files={"other": ("a", b"x")}),
-        lambda sender: sender.post("/api/recordings", files={"file": b"x"}, params={"speed": "9" * 300}),
-        lambda sender: sender.post("/api/recordings?speed=1500%20rpm&speed=100%20rpm", files={"file": b"x"}),
-        lambda sender: sender.post("/api/recordings", files={"file": b"x"}, params={"rate": "1e9 GHz"}),
-        lambda sender: sender.post("/api/recordings", content=b"x", headers={"content-type": "multipart/form-data"}),
         lambda sender: sender.post(
-            "/api/recordings", content=b"x", headers={"content-type": "multipart/form-data; boundary=a"}
+            "/api/recordings", data={"machine": "a"}, files={"other": ("a", b"x")}
         ),
-        lambda sender: sender.post("/api/recordings", data={f"f{i}": "x" for i in range(50)}, files={"file": b"x"}),
+        lambda sender: sender.post(
+            "/api/recordings", files={"file": b"x"}, params={"speed": "9" * 300}
+        ),
+        lambda sender: sender.post(
+            "/api/recordings?speed=1500%20rpm&speed=100%20rpm", files={"file": b"x"}
+        ),
+        lambda sender: sender.post(
+            "/api/recordings", files={"file": b"x"}, params={"rate": "1e9 GHz"}
+        ),
+        lambda sender: sender.post(
+            "/api/recordings", content=b"x", headers={"content-type": "multipart/form-data"}
+        ),
+        lambda sender: sender.post(
+            "/api/recordings",
+            content=b"x",
+            headers={"content-type": "multipart/form-data; boundary=a"},
+        ),
+        lambda sender: sender.post(
+            "/api/recordings", data={f"f{i}": "x" for i in range(50)}, files={"file": b"x"}
+        ),
     ],
 )
 def test_a_request_without_a_recording_is_refused(
@@ -152,13 +183,17 @@ def test_a_request_without_a_recording_is_refused(
     assert list((plant.config.folder / "uploads").iterdir()) == []
 
 
-def test_a_recording_that_is_too_large_is_refused_before_it_fills_the_disk(sender: TestClient, spool: Spool, plant):
+def test_a_recording_that_is_too_large_is_refused_before_it_fills_the_disk(
+    sender: TestClient, spool: Spool, plant
+):
     def pieces():
         for _ in range(MOST_UPLOAD_BYTES // (1 << 20) + 2):
             yield bytes(1 << 20)
 
     assert sender.post(
-        "/api/recordings", content=pieces(), headers={"content-type": "multipart/form-data; boundary=a"}
+        "/api/recordings",
+        content=pieces(),
+        headers={"content-type": "multipart/form-data; boundary=a"},
     ).status_code in (400, 413)
     assert spool.deliveries == []
     assert list((plant.config.folder / "uploads").iterdir()) == []
@@ -182,7 +217,9 @@ def test_metrics_tell_state_evidence_counts_and_health(reader: TestClient) -> No
 
 def test_health_fails_with_a_problem_of_the_watch(plant) -> None:
     status = WatchStatus(datetime.now(UTC), 0, 0, (), 1, {}, ("m is not reached",))
-    client = TestClient(build_app(plant.config, plant.history, status=lambda: status), base_url=HOST)
+    client = TestClient(
+        build_app(plant.config, plant.history, status=lambda: status), base_url=HOST
+    )
     answer = client.get("/health")
     assert answer.status_code == 503
     assert answer.json()["problems"] == ["m is not reached"]

@@ -1,4 +1,6 @@
-"""The page in a real Chromium: scripts, live changes, phone, dark mode, keyboard and accessibility."""
+"""The page in a real Chromium: scripts, live changes, phone, dark mode, keyboard and
+accessibility.
+"""
 
 import shutil
 from collections.abc import Iterator
@@ -18,7 +20,9 @@ pytestmark = MARKS
 
 
 @pytest.fixture(scope="module")
-def served(filled_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, History]]:
+def served(
+    filled_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[str, History]]:
     """Address of a page that is served, and its history."""
     folder = tmp_path_factory.mktemp("served") / "plant"
     shutil.copytree(filled_folder, folder)
@@ -42,7 +46,16 @@ def _newest(served, machine: str) -> int:
 
 def _addresses(served) -> list[str]:
     recordings = [f"/recordings/{_newest(served, name)}" for name in ("pump-1", "presse-4")]
-    return ["/", "/machines/pump-1", "/machines/pump-2", *recordings, "/alarms", "/alarms/1", "/log", "/login"]
+    return [
+        "/",
+        "/machines/pump-1",
+        "/machines/pump-2",
+        *recordings,
+        "/alarms",
+        "/alarms/1",
+        "/log",
+        "/login",
+    ]
 
 
 def test_the_overview_leads_to_a_machine_and_its_newest_recording(tab) -> None:
@@ -89,13 +102,19 @@ def test_a_spectrum_tells_values_zooms_by_dragging_and_goes_back(tab, served) ->
     tab.mouse.down()
     tab.mouse.move(box["x"] + box["width"] / 2, middle)
     tab.mouse.up()
-    assert [round(float(part)) for part in field.get_attribute("viewBox").split()[:3]] == [250, 0, 250]
+    assert [round(float(part)) for part in field.get_attribute("viewBox").split()[:3]] == [
+        250,
+        0,
+        250,
+    ]
     assert "1000" in drawing.locator(".tick").all_text_contents()
     drawing.dblclick()
     assert field.get_attribute("viewBox").startswith("0 0 1000")
 
 
-def test_an_alarm_is_acknowledged_and_other_open_pages_show_it_without_a_reload(browser, served, tab) -> None:
+def test_an_alarm_is_acknowledged_and_other_open_pages_show_it_without_a_reload(
+    browser, served, tab
+) -> None:
     for other in tabs(browser, served[0]):
         other.goto("/alarms")
         other.locator("#live.on").wait_for()
@@ -140,4 +159,6 @@ def test_the_keyboard_reaches_everything_from_the_top(tab) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_fault_on_any_page(browser, served, scheme: str) -> None:
-    check_access(browser, served[0], _addresses(served), lambda tab, address: tab.goto(address), scheme)
+    check_access(
+        browser, served[0], _addresses(served), lambda tab, address: tab.goto(address), scheme
+    )

@@ -9,7 +9,9 @@ from pathlib import Path
 from starlette.testclient import TestClient
 
 DEPLOY = Path(__file__).parents[3] / "deploy"
-UNIT, DOCKERFILE, DASHBOARD = (DEPLOY / name for name in ("swashtwin-watch.service", "Dockerfile", "grafana.json"))
+UNIT, DOCKERFILE, DASHBOARD = (
+    DEPLOY / name for name in ("swashtwin-watch.service", "Dockerfile", "grafana.json")
+)
 
 
 def _metric_names(text: str) -> set[str]:
@@ -33,14 +35,22 @@ def _is_command(words: list[str]) -> bool:
 def test_every_metric_of_the_dashboard_is_one_of_the_page(reader: TestClient) -> None:
     dashboard = json.loads(DASHBOARD.read_text())
     queries = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
-    queries += [variable["query"] for variable in dashboard["templating"]["list"] if variable["type"] == "query"]
+    queries += [
+        variable["query"]
+        for variable in dashboard["templating"]["list"]
+        if variable["type"] == "query"
+    ]
     names = {name for query in queries for name in re.findall(r"swashtwin_\w+", query)}
     assert len(names) > 10
     assert names <= _metric_names(reader.get("/metrics").text)
 
 
 def test_the_unit_starts_a_command_that_there_is_and_is_no_root() -> None:
-    unit = dict(line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] != "#")
+    unit = dict(
+        line.split("=", 1)
+        for line in UNIT.read_text().splitlines()
+        if "=" in line and line[0] != "#"
+    )
     program, *words = shlex.split(unit["ExecStart"])
     assert program.endswith("/bin/swashtwin")
     assert _is_command(words)
@@ -67,10 +77,17 @@ def test_the_page_of_the_container_is_reached_from_its_computer_alone() -> None:
 def test_the_lock_file_pins_all_that_a_plant_needs_by_hash() -> None:
     """``pip-compile`` with the options that the file's first lines state makes it again."""
     text = (DEPLOY.parent / "requirements-plant.txt").read_text()
-    pins = re.findall(r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE)
+    pins = re.findall(
+        r"^([A-Za-z0-9._-]+)(?:\[\w+\])?==\S+ \\\n    --hash=sha256:[0-9a-f]{64}",
+        text,
+        re.MULTILINE,
+    )
     assert len(pins) == len(re.findall(r"^[^\s#]", text, re.MULTILINE))
     project = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())["project"]
-    extras = (project["optional-dependencies"][name] for name in ("monitor", "mqtt", "postgresql", "readers"))
+    extras = (
+        project["optional-dependencies"][name]
+        for name in ("monitor", "mqtt", "postgresql", "readers")
+    )
     stated = [line for lines in (project["dependencies"], *extras) for line in lines]
     names = {re.match(r"[\w.-]+", line)[0].lower().replace("_", "-") for line in stated}
     assert names <= {pin.lower().replace("_", "-") for pin in pins}

@@ -1,4 +1,6 @@
-"""Requests made up from the page's OpenAPI description: none ends in an error of ours, and answers are as described."""
+"""Requests made up from the page's OpenAPI description: none ends in an error of ours, and answers
+are as described.
+"""
 
 from typing import Any
 
@@ -24,5 +26,7 @@ def test_every_address_answers_made_up_requests_as_described(application: FastAP
             case.validate_response(answer, checks=[schemathesis.checks.response_schema_conformance])
 
     for operation in operations:
-        made_up = settings(max_examples=25, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+        made_up = settings(
+            max_examples=25, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+        )
         made_up(given(case=operation.as_strategy())(check))()

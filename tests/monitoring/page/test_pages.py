@@ -27,16 +27,26 @@ def newest(plant, machine: str) -> int:
 
 
 def silence_of_pump_1(plant) -> datetime | None:
-    return next(machine.silenced for machine in plant.history.read.machines() if machine.name == "pump-1")
+    return next(
+        machine.silenced for machine in plant.history.read.machines() if machine.name == "pump-1"
+    )
 
 
-def test_the_overview_shows_the_most_urgent_machine_first_and_those_of_a_state_or_name(reader: TestClient) -> None:
+def test_the_overview_shows_the_most_urgent_machine_first_and_those_of_a_state_or_name(
+    reader: TestClient,
+) -> None:
     text = reader.get("/").text
-    positions = [text.index(f"/machines/{name}") for name in ("pump-1", "presse-4", "pump-2", "pump-3")]
+    positions = [
+        text.index(f"/machines/{name}") for name in ("pump-1", "presse-4", "pump-2", "pump-3")
+    ]
     assert positions == sorted(positions)
     assert "Swash plate" in text
     assert "1 Sensor alarm" in text
-    for query, shown in (("state=normal", "pump-2"), ("text=PRESSE", "presse-4"), ("text=no", "No machine fits.")):
+    for query, shown in (
+        ("state=normal", "pump-2"),
+        ("text=PRESSE", "presse-4"),
+        ("text=no", "No machine fits."),
+    ):
         text = reader.get(f"/?{query}").text
         assert (shown in text, "pump-1" in text) == (True, False)
 
@@ -51,7 +61,9 @@ def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> 
     assert "pump-8" in client.get("/?state=empty").text
 
 
-def test_a_machine_shows_its_alarm_the_trend_that_moved_most_and_its_recordings(client: TestClient, plant) -> None:
+def test_a_machine_shows_its_alarm_the_trend_that_moved_most_and_its_recordings(
+    client: TestClient, plant
+) -> None:
     text = client.get("/machines/pump-1").text
     assert "/alarms/1/acknowledge" in text
     assert text.count('<svg class="drawing"') == 2
@@ -68,11 +80,15 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
     assert "1500 rpm" in text
 
 
-def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestClient, plant) -> None:
+def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(
+    client: TestClient, plant
+) -> None:
     alarm = plant.history.read.alarm(1)
     with plant.history.machine("pump-2") as machine:
         for _ in range(210):
-            other = machine.open_alarm(alarm.kind, alarm.point, alarm.opened, alarm.evidence, None).id
+            other = machine.open_alarm(
+                alarm.kind, alarm.point, alarm.opened, alarm.evidence, None
+            ).id
             machine.acknowledge(other, "Ada")
             machine.clear_alarm(other, alarm.opened)
     for address in ("/alarms", "/alarms?state=open"):
@@ -82,7 +98,9 @@ def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(client: TestCl
     assert "/alarms/1/" not in client.get("/alarms?state=closed").text
 
 
-def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(client: TestClient, plant) -> None:
+def test_a_recording_with_a_dead_sensor_says_so_and_has_no_spectrum(
+    client: TestClient, plant
+) -> None:
     identity = newest(plant, "presse-4")
     text = client.get(f"/recordings/{identity}").text
     assert text.count("channel y does not move") == 2  # in its alarm, and as evidence
@@ -99,7 +117,12 @@ def test_a_recording_whose_samples_are_gone_says_so(client: TestClient, plant) -
 
 
 def test_a_form_acknowledges_an_alarm_once(client: TestClient, plant) -> None:
-    assert send(client, "/alarms/1/acknowledge", who="Ada", note="on it", next="/machines/pump-1").status_code == 303
+    assert (
+        send(
+            client, "/alarms/1/acknowledge", who="Ada", note="on it", next="/machines/pump-1"
+        ).status_code
+        == 303
+    )
     alarm = plant.history.read.alarm(1)
     assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "Ada", "on it")
     assert send(client, "/alarms/1/acknowledge", who="Bob").status_code == 409
@@ -119,13 +142,25 @@ def test_a_silence_has_an_end_and_can_be_ended(client: TestClient, plant) -> Non
     assert "Messages are silenced until" not in client.get("/machines/pump-1").text
 
 
-def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(client: TestClient, plant) -> None:
-    send(client, "/machines/pump-1/events", kind="maintenance", who="Ada", note="new slippers", found="slipper 2")
+def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(
+    client: TestClient, plant
+) -> None:
+    send(
+        client,
+        "/machines/pump-1/events",
+        kind="maintenance",
+        who="Ada",
+        note="new slippers",
+        found="slipper 2",
+    )
     assert plant.history.read.alarm(1).state == "closed"
     read = plant.history.read
     assert read.points("pump-1") == []
     text = client.get("/machines/pump-1").text
-    assert all(words in text for words in ("new slippers", "Earlier alarms", "Found: slipper 2", "No suspect is named"))
+    assert all(
+        words in text
+        for words in ("new slippers", "Earlier alarms", "Found: slipper 2", "No suspect is named")
+    )
 
 
 @pytest.mark.parametrize("address", ["/machines/x", "/recordings/99999", "/recordings/0", "/recordings/9" + "9" * 40,
@@ -138,7 +173,9 @@ def test_what_there_is_not_is_answered_by_a_page(reader: TestClient, address: st
     assert "Traceback" not in answer.text
 
 
-def test_a_history_that_cannot_be_reached_is_answered_by_a_page(client: TestClient, plant, monkeypatch) -> None:
+def test_a_history_that_cannot_be_reached_is_answered_by_a_page(
+    client: TestClient, plant, monkeypatch
+) -> None:
     def fail(*_: object, **__: object) -> None:
         raise HistoryError("postgresql://user:secret@host is gone")
 
@@ -154,7 +191,10 @@ def test_a_history_that_cannot_be_reached_is_answered_by_a_page(client: TestClie
 
 def drawings(text: str) -> list[ElementTree.Element]:
     """The figures of a page."""
-    return [ElementTree.fromstring(svg) for svg in re.findall(r'<svg class="drawing".*?</svg>.*?</svg>', text)]
+    return [
+        ElementTree.fromstring(svg)
+        for svg in re.findall(r'<svg class="drawing".*?</svg>.*?</svg>', text)
+    ]
 
 
 def field(drawing: ElementTree.Element) -> list[str | None]:
@@ -176,10 +216,14 @@ def test_the_figure_of_a_level_has_its_band_and_its_alarm(reader: TestClient) ->
     assert len(points(level, "main")) == len(level.get("data-ids").split()) == 34
     trend = reader.get("/api/machines/pump-1/trend", params=query).json()["values"]
     low, high = map(float, level.get("data-y").split())
-    assert low + (1 - points(level, "main")[:, 1] / HEIGHT) * (high - low) == pytest.approx(trend, abs=0.05)
+    assert low + (1 - points(level, "main")[:, 1] / HEIGHT) * (high - low) == pytest.approx(
+        trend, abs=0.05
+    )
 
 
-def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pistons(client: TestClient, plant) -> None:
+def test_the_figure_of_a_spectrum_lies_over_healthy_recordings_and_marks_the_pistons(
+    client: TestClient, plant
+) -> None:
     figures = drawings(client.get(f"/recordings/{newest(plant, 'pump-1')}").text)
     assert [field(figure)[-2:] for figure in figures] == [["band", "main"]] * 3
     assert [text.text for text in figures[0] if text.get("class") == "name"][:2] == ["7×", "14×"]
@@ -201,7 +245,9 @@ def test_an_axis_has_some_round_values_within_its_ends(kind: str, values: list[f
     assert ((shares > 0) & (shares < 1)).all()
 
 
-def test_the_browser_keeps_the_pages_own_files_and_no_page_and_no_other_file_is_served(reader: TestClient) -> None:
+def test_the_browser_keeps_the_pages_own_files_and_no_page_and_no_other_file_is_served(
+    reader: TestClient,
+) -> None:
     assert "max-age" in reader.get("/static/page.js").headers["cache-control"]
     assert "no-store" in reader.get("/").headers["cache-control"]
     for name in ("..%2fpage.py", "page.py", "%2e%2e/users.py", "nothing"):

@@ -41,7 +41,9 @@ PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics")
 @pytest.fixture
 def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A file with one person, whose hash takes the least time and memory that there are."""
-    monkeypatch.setattr(access_module, "_HASHER", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
+    monkeypatch.setattr(
+        access_module, "_HASHER", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+    )
     path = tmp_path / "users.json"
     add_user(path, "ada", PASSWORD)
     return path
@@ -51,7 +53,9 @@ def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def guarded(plant, users: Path) -> Iterator[TestClient]:
     """The page of the plant with logins."""
     config = replace(plant.config, page=replace(plant.config.page, users=users))
-    with TestClient(build_app(config, plant.history), base_url=HOST, follow_redirects=False) as client:
+    with TestClient(
+        build_app(config, plant.history), base_url=HOST, follow_redirects=False
+    ) as client:
         yield client
 
 
@@ -59,7 +63,9 @@ def guarded(plant, users: Path) -> Iterator[TestClient]:
 def proxied(plant, users: Path) -> TestClient:
     """The page of the plant with logins, asked by a proxy."""
     config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
-    return TestClient(build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000))
+    return TestClient(
+        build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000)
+    )
 
 
 def form_token(client: TestClient, address: str = "/login") -> str:
@@ -73,7 +79,9 @@ def named(file: UserFile, token: str) -> str | None:
 
 
 def log_in(client: TestClient, password: str = PASSWORD, name: str = "ada"):
-    return client.post("/login", data={"name": name, "password": password, "form_token": form_token(client)})
+    return client.post(
+        "/login", data={"name": name, "password": password, "form_token": form_token(client)}
+    )
 
 
 def test_a_password_and_a_token_are_known_again_and_not_to_be_read(users: Path) -> None:
@@ -93,7 +101,9 @@ def test_a_password_and_a_token_are_known_again_and_not_to_be_read(users: Path) 
         remove_entry(users, "grafana")
 
 
-def test_a_name_with_other_signs_and_a_file_that_is_damaged_or_names_nobody_are_refused(users: Path) -> None:
+def test_a_name_with_other_signs_and_a_file_that_is_damaged_or_names_nobody_are_refused(
+    users: Path,
+) -> None:
     for name in ("", " ada", "a/b", "a" * 65, "a\nb"):
         with pytest.raises(InputError, match="is none"):
             add_token(users, name)
@@ -117,7 +127,12 @@ def test_a_stranger_reads_and_changes_nothing(guarded: TestClient, plant) -> Non
         assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer")
     token = form_token(guarded)
     for address in (*CHANGES, "/api/alarms/1/acknowledge", "/api/recordings"):
-        assert guarded.post(address, data={"form_token": token, "hours": 1, "kind": "note"}).status_code == 401
+        assert (
+            guarded.post(
+                address, data={"form_token": token, "hours": 1, "kind": "note"}
+            ).status_code
+            == 401
+        )
     assert plant.history.read.alarm(1).state == "open"
     assert guarded.get("/health").json() == {"status": "ok"}
 
@@ -126,13 +141,17 @@ def test_who_logs_in_reads_and_acknowledges_under_that_name(guarded: TestClient,
     assert log_in(guarded).status_code == 303
     assert guarded.get("/").status_code == 200
     token = form_token(guarded, "/alarms/1")
-    answer = guarded.post("/alarms/1/acknowledge", data={"form_token": token, "who": "Eve", "note": "seen"})
+    answer = guarded.post(
+        "/alarms/1/acknowledge", data={"form_token": token, "who": "Eve", "note": "seen"}
+    )
     assert answer.status_code == 303
     alarm = plant.history.read.alarm(1)
     assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "ada", "seen")
 
 
-def test_a_login_changes_the_cookie_which_no_script_sees_and_a_logout_ends_it(guarded: TestClient) -> None:
+def test_a_login_changes_the_cookie_which_no_script_sees_and_a_logout_ends_it(
+    guarded: TestClient,
+) -> None:
     guarded.get("/login")
     before = guarded.cookies[COOKIE]
     given = log_in(guarded).headers["set-cookie"].lower()
@@ -158,7 +177,9 @@ def test_a_session_ends_at_its_latest_however_often_it_is_used(
     assert guarded.get("/log").status_code == 303
 
 
-def test_a_changed_password_or_a_file_that_vanishes_ends_the_session(guarded: TestClient, users: Path) -> None:
+def test_a_changed_password_or_a_file_that_vanishes_ends_the_session(
+    guarded: TestClient, users: Path
+) -> None:
     log_in(guarded)
     add_user(users, "bob", PASSWORD)
     assert guarded.get("/log").status_code == 200
@@ -175,29 +196,46 @@ def test_a_file_of_users_that_root_writes_belongs_to_the_owner_of_its_folder(
 ) -> None:
     owners: dict[str, tuple[int, int]] = {}
     monkeypatch.setattr(os, "geteuid", lambda: 0)
-    monkeypatch.setattr(os, "chown", lambda path, *ids, **_: owners.update({path.name.split("-")[0]: ids}))
+    monkeypatch.setattr(
+        os, "chown", lambda path, *ids, **_: owners.update({path.name.split("-")[0]: ids})
+    )
     add_token(tmp_path / "users.json", "grafana")
     status = tmp_path.stat()
-    assert owners == dict.fromkeys((".users.json.lock", ".users.json"), (status.st_uid, status.st_gid))
+    assert owners == dict.fromkeys(
+        (".users.json.lock", ".users.json"), (status.st_uid, status.st_gid)
+    )
 
 
-def test_a_program_reads_and_with_control_it_changes(guarded: TestClient, users: Path, plant) -> None:
+def test_a_program_reads_and_with_control_it_changes(
+    guarded: TestClient, users: Path, plant
+) -> None:
     headers = {"authorization": f"Bearer {add_token(users, 'gateway')}"}
     assert guarded.get("/api/machines", headers=headers).status_code == 200
     for address in CHANGES:
-        answer = guarded.post(f"/api{address}", data={"hours": 1, "kind": "maintenance"}, headers=headers)
-        assert (answer.status_code, "read and upload only" in answer.json()["detail"]) == (403, True)
+        answer = guarded.post(
+            f"/api{address}", data={"hours": 1, "kind": "maintenance"}, headers=headers
+        )
+        assert (answer.status_code, "read and upload only" in answer.json()["detail"]) == (
+            403,
+            True,
+        )
     log_in(guarded)
     form = {"form_token": form_token(guarded, "/alarms/1")}
     assert guarded.post("/alarms/1/acknowledge", data=form, headers=headers).status_code == 403
-    for address in ("/api/alarms/1/acknowledge", "/api/machines/pump-1/silence/end"):  # the cookie alone
+    for address in (
+        "/api/alarms/1/acknowledge",
+        "/api/machines/pump-1/silence/end",
+    ):  # the cookie alone
         assert guarded.post(address).status_code == 403
     assert plant.history.read.alarm(1).state == "open"
     headers = {"authorization": f"Bearer {add_token(users, 'scada', control=True)}"}
     for address, hours, code in (
         ("alarms/1/acknowledge", 1, 204), ("alarms/1/acknowledge", 1, 409), ("machines/pump-1/silence", 2, 204)
     ):  # fmt: skip
-        assert guarded.post(f"/api/{address}", data={"hours": hours}, headers=headers).status_code == code
+        assert (
+            guarded.post(f"/api/{address}", data={"hours": hours}, headers=headers).status_code
+            == code
+        )
     assert guarded.get("/api/alarms/1", headers=headers).json()["who"] == "scada"
     assert guarded.get("/api/machines/pump-1", headers=headers).json()["silenced_until"]
     assert guarded.post("/api/machines/pump-1/silence/end", headers=headers).status_code == 204
@@ -214,8 +252,12 @@ def test_wrong_passwords_make_the_next_attempt_wait(guarded: TestClient) -> None
 
 
 def test_behind_the_proxy_who_guesses_locks_nobody_else_out(proxied: TestClient) -> None:
-    proxied.headers["x-forwarded-for"] = "127.0.0.1, 192.0.2.66"  # the first part is the stranger's own word
-    codes = [log_in(proxied, name=f"nobody{index}").status_code for index in range(FREE_ATTEMPTS + 1)]
+    proxied.headers["x-forwarded-for"] = (
+        "127.0.0.1, 192.0.2.66"  # the first part is the stranger's own word
+    )
+    codes = [
+        log_in(proxied, name=f"nobody{index}").status_code for index in range(FREE_ATTEMPTS + 1)
+    ]
     assert codes[-1] == 429
     proxied.headers["x-forwarded-for"] = "192.0.2.66, 192.0.2.7"
     assert log_in(proxied).status_code == 303
@@ -256,7 +298,9 @@ def test_guesses_at_the_same_time_pass_the_limit_no_more_than_one_after_the_othe
 ) -> None:
     access = Access(PageSettings(users=users))
     checked: list[str] = []
-    monkeypatch.setattr(UserFile, "checked_mark", lambda _, name, password: checked.append(password))
+    monkeypatch.setattr(
+        UserFile, "checked_mark", lambda _, name, password: checked.append(password)
+    )
     request = HTTPConnection({"type": "http", "headers": [], "client": ("192.0.2.66", 5000)})
     with ThreadPoolExecutor(20) as pool:
         list(pool.map(lambda number: access.login(request, "ada", f"guess {number}"), range(41)))
@@ -266,10 +310,14 @@ def test_guesses_at_the_same_time_pass_the_limit_no_more_than_one_after_the_othe
 def test_commands_at_the_same_time_lose_no_entry(users: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         tokens = list(pool.map(lambda number: add_token(users, f"program-{number}"), range(16)))
-    assert [named(UserFile(users), token) for token in tokens] == [f"program-{number}" for number in range(16)]
+    assert [named(UserFile(users), token) for token in tokens] == [
+        f"program-{number}" for number in range(16)
+    ]
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:8642", "127.0.0.1.evil.example", "", "a b", "[::1"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8642", "127.0.0.1.evil.example", "", "a b", "[::1"]
+)
 def test_a_foreign_name_of_this_computer_is_refused(reader: TestClient, host: str) -> None:
     assert reader.get("/", headers={"host": host}).status_code == 421
 
@@ -277,9 +325,15 @@ def test_a_foreign_name_of_this_computer_is_refused(reader: TestClient, host: st
 def test_a_request_of_another_site_or_visit_changes_nothing(client: TestClient, plant) -> None:
     data = {"form_token": form_token(client, "/alarms/1"), "who": "Eve"}
     for origin in ("http://evil.example", "null", "http://127.0.0.1:9999"):
-        assert client.post("/alarms/1/acknowledge", data=data, headers={"origin": origin}).status_code == 403
+        assert (
+            client.post("/alarms/1/acknowledge", data=data, headers={"origin": origin}).status_code
+            == 403
+        )
     for address in ("/alarms/1/acknowledge", "/api/alarms/1/acknowledge"):
-        assert client.post(address, data=data, headers={"sec-fetch-site": "cross-site"}).status_code == 403
+        assert (
+            client.post(address, data=data, headers={"sec-fetch-site": "cross-site"}).status_code
+            == 403
+        )
     client.cookies.clear()
     client.get("/")
     for token in (data["form_token"], None, "", "0" * 64, "ä"):
@@ -288,7 +342,9 @@ def test_a_request_of_another_site_or_visit_changes_nothing(client: TestClient, 
     assert plant.history.read.alarm(1).state == "open"
 
 
-@pytest.mark.parametrize("address", [*PAGES, "/login", "/health", "/static/page.js", "/nothing", "/machines/x"])
+@pytest.mark.parametrize(
+    "address", [*PAGES, "/login", "/health", "/static/page.js", "/nothing", "/machines/x"]
+)
 def test_every_answer_tells_the_browser_to_run_only_our_scripts_and_has_no_other(
     reader: TestClient, address: str
 ) -> None:
@@ -296,7 +352,10 @@ def test_every_answer_tells_the_browser_to_run_only_our_scripts_and_has_no_other
     policy, text = answer.headers["content-security-policy"], answer.text
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    assert (answer.headers["x-content-type-options"], answer.headers["x-frame-options"]) == ("nosniff", "DENY")
+    assert (answer.headers["x-content-type-options"], answer.headers["x-frame-options"]) == (
+        "nosniff",
+        "DENY",
+    )
     assert text.count("<script") == text.count("<script src=")
     assert "<style" not in text
     assert " style=" not in text
@@ -304,7 +363,9 @@ def test_every_answer_tells_the_browser_to_run_only_our_scripts_and_has_no_other
     assert "http://" not in text.replace(HOST, "") or not text.startswith("<!DOCTYPE")
 
 
-@pytest.mark.parametrize("target", ["//evil.example", "https://evil.example", "/\\evil.example", "/a\nb", "evil"])
+@pytest.mark.parametrize(
+    "target", ["//evil.example", "https://evil.example", "/\\evil.example", "/a\nb", "evil"]
+)
 def test_no_form_leads_to_another_site(reader: TestClient, target: str) -> None:
     text = reader.get("/login", params={"next": target}).text
     assert 'name="next" value="/"' in text
@@ -320,7 +381,9 @@ def test_large_bodies_are_refused_with_and_without_their_length(reader: TestClie
     kind = {"content-type": "application/x-www-form-urlencoded"}
     assert reader.post("/login", content=pieces(), headers=kind).status_code in (400, 413)
     assert reader.post("/login", headers={"content-length": "-1"}).status_code == 400
-    assert reader.post("/api/recordings", headers={"content-length": str(10**11)}).status_code == 413
+    assert (
+        reader.post("/api/recordings", headers={"content-length": str(10**11)}).status_code == 413
+    )
 
 
 def test_hostile_text_of_the_history_is_shown_as_text(reader: TestClient) -> None:
@@ -328,7 +391,9 @@ def test_hostile_text_of_the_history_is_shown_as_text(reader: TestClient) -> Non
     assert "<script>" not in reader.get("/log").text
 
 
-def test_no_secret_is_logged(guarded: TestClient, users: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_no_secret_is_logged(
+    guarded: TestClient, users: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     token = add_token(users, "scada")
     with caplog.at_level(logging.DEBUG):
         log_in(guarded)

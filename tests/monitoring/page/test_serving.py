@@ -24,7 +24,9 @@ def port(plant, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.setattr(server, "ANSWER_SECONDS", 1.0)
     number = free_port()
     application = build_app(plant.config, plant.history, upload=lambda *_: "id")
-    application.router.routes.insert(0, Route("/static/large", lambda _: Response(bytes(5_000_000))))
+    application.router.routes.insert(
+        0, Route("/static/large", lambda _: Response(bytes(5_000_000)))
+    )
     with server.serving_page(application, "127.0.0.1", number):
         yield number
 
@@ -39,7 +41,9 @@ def _answer(connection: socket.socket) -> bytes:
 
 def test_who_says_nothing_or_half_of_it_is_hung_up_on(port: int) -> None:
     with contextlib.ExitStack() as stack:
-        silent, slow, second = (stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(3))
+        silent, slow, second = (
+            stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(3)
+        )
         slow.sendall(b"GET / HTTP/1.1\r\nHost: 127")
         second.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET / HT")
         before = time.monotonic()
@@ -69,7 +73,9 @@ def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> Non
             assert b" 200 " in _answer(other)[:20]
 
 
-def test_an_upload_that_breaks_off_is_no_error_of_ours(port: int, plant, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_upload_that_breaks_off_is_no_error_of_ours(
+    port: int, plant, caplog: pytest.LogCaptureFixture
+) -> None:
     head = "POST /api/recordings HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5000\r\n"
     head += "Content-Type: multipart/form-data; boundary=a\r\n\r\n"
     part = '--a\r\nContent-Disposition: form-data; name="file"; filename="a.wav"\r\n\r\nRIFF'

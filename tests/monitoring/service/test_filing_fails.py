@@ -1,4 +1,6 @@
-"""A filing whose n-th statement, write, fsync or rename fails, for every n: nothing is lost or there twice."""
+"""A filing whose n-th statement, write, fsync or rename fails, for every n: nothing is lost or
+there twice.
+"""
 
 import os
 from collections.abc import Callable
@@ -52,8 +54,12 @@ def busy() -> OperationalError:
     return OperationalError("statement", {}, Exception("database is locked"))
 
 
-def file_all(folder: Path, content: bytes, number: int, kind: str, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Whether the n-th call failed while a recording arrived and was filed, repeated as its source and the watch do."""
+def file_all(
+    folder: Path, content: bytes, number: int, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> bool:
+    """Whether the n-th call failed while a recording arrived and was filed, repeated as its source
+    and the watch do.
+    """
     config = watch_config(folder, '[[channel]]\nkind = "log"')
     history = History.open("", config.folder)
     spool = Spool(config.folder / "spool")
@@ -69,8 +75,12 @@ def file_all(folder: Path, content: bytes, number: int, kind: str, monkeypatch: 
         elif kind == "fsync":
             patch.setattr(os, "fsync", failure.before(os.fsync))
         else:
-            patch.setattr("swashtwin.monitoring.history.database.write_store", failure.before(_write_store()))
-            patch.setattr("swashtwin.monitoring.sources.spool._write", failure.before(_spool_write()))
+            patch.setattr(
+                "swashtwin.monitoring.history.database.write_store", failure.before(_write_store())
+            )
+            patch.setattr(
+                "swashtwin.monitoring.sources.spool._write", failure.before(_spool_write())
+            )
         received = datetime.now(UTC)
         repeat(lambda: spool.add(Delivery("inbox", "a.h5", received, "pump-1"), content))
         while (file := spool.next(0)) is not None:
@@ -115,7 +125,12 @@ def _spool_write() -> Callable[..., Any]:
 
 @pytest.mark.parametrize(
     ("kind", "least"),
-    [pytest.param("statement", 8, marks=pytest.mark.nightly), ("write", 3), ("fsync", 3), ("rename", 1)],
+    [
+        pytest.param("statement", 8, marks=pytest.mark.nightly),
+        ("write", 3),
+        ("fsync", 3),
+        ("rename", 1),
+    ],
 )
 def test_whichever_call_fails_once_the_recording_is_filed_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, least: int

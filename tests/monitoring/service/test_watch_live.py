@@ -84,7 +84,11 @@ def test_a_file_a_message_and_an_upload_are_judged(tmp_path: Path, broker: Broke
         broker.publish("plant/pump-1/raw", block(2))
         wait_for(lambda: len(outcomes) == 2)
         content = write_recording(hum(3), tmp_path / "c.h5").read_bytes()
-        answer = httpx.post(f"{address}/api/recordings", files={"file": ("c.h5", content)}, data={"machine": "pump-1"})
+        answer = httpx.post(
+            f"{address}/api/recordings",
+            files={"file": ("c.h5", content)},
+            data={"machine": "pump-1"},
+        )
         assert answer.status_code == 202, answer.text
         wait_for(lambda: len(outcomes) == 3)
         health = httpx.get(f"{address}/health")
@@ -96,7 +100,8 @@ def test_watches_of_one_history_and_one_broker_share_the_work(
     tmp_path: Path, broker: Broker, postgresql_url: str
 ) -> None:
     configs = [
-        watch_config(tmp_path / name, mqtt(broker, "plant") + page(), history=postgresql_url) for name in ("a", "b")
+        watch_config(tmp_path / name, mqtt(broker, "plant") + page(), history=postgresql_url)
+        for name in ("a", "b")
     ]
     with watching(configs[0]) as (_, first), watching(configs[1]) as (_, second):
         for seed in range(12):

@@ -1,7 +1,8 @@
-"""A model of the watch: deliveries, acknowledgments, silences, maintenance and restarts in any order.
+"""A model of the watch: deliveries, acknowledgments, silences, maintenance and restarts in any
+order.
 
-The model knows what must hold of alarms and messages. The rule of alarms itself is replaced by one that says what the
-recording says, so that an alarm takes no forty recordings.
+The model knows what must hold of alarms and messages. The rule of alarms itself is replaced by one
+that says what the recording says, so that an alarm takes no forty recordings.
 """
 
 import shutil
@@ -27,7 +28,13 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import LevelLayout
 from swashtwin.monitoring import History, record_event
 from swashtwin.monitoring.alarms.baseline import PointBaseline
-from swashtwin.monitoring.alarms.monitor import Condition, ConformalTest, PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.monitor import (
+    Condition,
+    ConformalTest,
+    PointJudgment,
+    PointMonitor,
+    PointState,
+)
 from swashtwin.monitoring.service import judging
 from swashtwin.monitoring.sources.contents import Contents
 from swashtwin.monitoring.sources.delivery import Delivery
@@ -37,14 +44,18 @@ from swashtwin.recordings import Recording
 START = datetime.now(UTC) - timedelta(days=30)
 
 
-def judge(monitor: PointMonitor, recording: Recording, state: PointState | None, *, point: str) -> PointJudgment:
+def judge(
+    monitor: PointMonitor, recording: Recording, state: PointState | None, *, point: str
+) -> PointJudgment:
     """An alarm whose only evidence is the first sample: large or not."""
     condition = state.pump if state is not None else Condition()
     is_large = bool(recording.signal[0, 0] > 0)
     after, change = condition.after(is_large)
     baseline = PointBaseline.empty(LevelLayout(1.0, ("x",), "", 2, 0))
     state = PointState(baseline, ConformalTest({}), after, Condition())
-    return PointJudgment("watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0)
+    return PointJudgment(
+        "watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0
+    )
 
 
 class WatchModel(RuleBasedStateMachine):
@@ -101,7 +112,9 @@ class WatchModel(RuleBasedStateMachine):
             self.alarm = "open" if self.is_cleared else None
         if is_killed:
             self.restart()
-            assert self.pipeline.judge(self.spool.next(0)).sentence == "was judged before the restart"
+            assert (
+                self.pipeline.judge(self.spool.next(0)).sentence == "was judged before the restart"
+            )
         self.spool.remove(file)
 
     @precondition(lambda self: self.count)
@@ -162,7 +175,9 @@ class WatchModel(RuleBasedStateMachine):
         assert {item.reason for item in read.rejections()} == self.rejected
         alarms = read.alarms(limit=1000)
         assert len(alarms) == self.opened
-        assert [item.state for item in alarms if item.state != "closed"] == ([self.alarm] if self.alarm else [])
+        assert [item.state for item in alarms if item.state != "closed"] == (
+            [self.alarm] if self.alarm else []
+        )
         assert all(item.who == "Ada" for item in alarms if item.state != "open")
         with self.history.machine("pump-1") as machine:
             untold = [item for item in machine.untold_alarms() if item.cleared is None]
@@ -170,7 +185,9 @@ class WatchModel(RuleBasedStateMachine):
         assert len(self.spool) == 0
 
     def told_since_silence(self) -> bool:
-        """Whether a recording was judged after the last silence, which posts what was raised in it."""
+        """Whether a recording was judged after the last silence, which posts what was raised in
+        it.
+        """
         newest = self.history.read.recordings(limit=1)
         with self.history.machine("pump-1") as machine:
             return not newest or not machine.silenced(newest[0].received)
@@ -193,5 +210,7 @@ TestWatch = WatchModel.TestCase
 
 @pytest.mark.nightly
 def test_long_courses() -> None:
-    course = settings(max_examples=30, stateful_step_count=40, deadline=None, suppress_health_check=_CHECKS)
+    course = settings(
+        max_examples=30, stateful_step_count=40, deadline=None, suppress_health_check=_CHECKS
+    )
     run_state_machine_as_test(WatchModel, settings=course)

@@ -33,7 +33,9 @@ def reasons(config: WatchConfig) -> dict[str, str]:
         with_reasons.close()
 
 
-def test_a_pump_is_learned_then_watched_and_a_louder_one_raises_an_alarm(tmp_path: Path, history_url: str) -> None:
+def test_a_pump_is_learned_then_watched_and_a_louder_one_raises_an_alarm(
+    tmp_path: Path, history_url: str
+) -> None:
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"', history=history_url)
     for number in range(LEARNING + 5):
         write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number)
@@ -66,7 +68,9 @@ def test_what_cannot_be_judged_is_filed_with_its_reason_and_stops_nothing(tmp_pa
     outcomes = judge(config)
     write_hum(inbox / "pump-1" / "last.h5", 7, 2e6)
     assert [outcome.state for outcome in judge(config)] == ["learning"]
-    rejected = {outcome.file: outcome.sentence for outcome in outcomes if outcome.state == "rejected"}
+    rejected = {
+        outcome.file: outcome.sentence for outcome in outcomes if outcome.state == "rejected"
+    }
     filed = reasons(config)
     assert filed["copy.h5"] == "double"
     assert filed["stranger.h5"] == filed["nobody.h5"] == "machine"
@@ -78,7 +82,9 @@ def test_what_cannot_be_judged_is_filed_with_its_reason_and_stops_nothing(tmp_pa
     assert sorted(copies) == sorted(name for name in rejected if name != "copy.h5")
 
 
-def test_what_comes_late_is_filed_as_late_and_a_clock_that_was_set_back_makes_nothing_late(tmp_path: Path) -> None:
+def test_what_comes_late_is_filed_as_late_and_a_clock_that_was_set_back_makes_nothing_late(
+    tmp_path: Path,
+) -> None:
     config = watch_config(tmp_path / "late")
     write_hum(tmp_path / "late" / "incoming" / "a.h5", 1, 100)
     judge(config)
@@ -94,10 +100,15 @@ def test_what_comes_late_is_filed_as_late_and_a_clock_that_was_set_back_makes_no
     assert [outcome.state for outcome in judge(config)] == ["learning"]
 
 
-def test_a_history_that_is_away_for_a_while_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_history_that_is_away_for_a_while_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = watch_config(tmp_path)
     monkeypatch.setattr(running, "_FIRST_PAUSE", 0.01)
-    machine, failures = History.machine, [HistoryError("away"), OSError(28, "No space left on device")]
+    machine, failures = (
+        History.machine,
+        [HistoryError("away"), OSError(28, "No space left on device")],
+    )
 
     def unsteady(history: History, name: str):
         if failures:
@@ -131,14 +142,21 @@ def test_an_error_of_ours_is_filed_and_the_next_recording_is_judged(
     assert "division by zero" in caplog.text
 
 
-def test_an_alarm_that_was_raised_in_a_silence_is_told_when_the_silence_is_over(tmp_path: Path) -> None:
+def test_an_alarm_that_was_raised_in_a_silence_is_told_when_the_silence_is_over(
+    tmp_path: Path,
+) -> None:
     config = watch_config(tmp_path, '[[channel]]\nkind = "log"')
     history = opened(config)
     with history.machine("pump-1") as transaction:
         transaction.silence(datetime.now(UTC) + timedelta(hours=1), "Kim")
     for first, last in ((0, LEARNING + 10), (LEARNING + 10, LEARNING + 11)):
         for number in range(first, last):
-            write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=1.0 if number < LEARNING else 6.0)
+            write_hum(
+                tmp_path / "incoming" / f"{number:03}.h5",
+                number,
+                number,
+                gain=1.0 if number < LEARNING else 6.0,
+            )
         assert judge(config)[-1].state == "alarm"
         assert (config.folder / "alarms.log").exists() == (first > 0)
         with history.machine("pump-1") as transaction:
@@ -166,12 +184,17 @@ def test_a_file_that_vanished_from_the_spool_is_forgotten(tmp_path: Path) -> Non
     assert [outcome.file for outcome in judge(config)] == ["a.h5"]
 
 
-def test_a_machine_has_a_bounded_number_of_operating_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_has_a_bounded_number_of_operating_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(judging, "_MOST_POINTS", 1)
     config = watch_config(tmp_path)
     spool = Spool(config.folder / "spool")
     for number, speed in enumerate(("1500 rpm", "1000 rpm", "1510 rpm")):
         content = write_recording(hum(number), tmp_path / f"{number}.h5").read_bytes()
-        spool.add(Delivery("inbox", f"{number}.h5", datetime.now(UTC), "pump-1", {"speed": speed}), content)
+        spool.add(
+            Delivery("inbox", f"{number}.h5", datetime.now(UTC), "pump-1", {"speed": speed}),
+            content,
+        )
     assert [outcome.state for outcome in judge(config)] == ["learning", "rejected", "learning"]
     assert reasons(config) == {"1.h5": "points"}

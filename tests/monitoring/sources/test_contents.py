@@ -56,7 +56,9 @@ def test_samples_of_a_message_are_in_si_units(tmp_path: Path) -> None:
     assert contents.signal == pytest.approx(9.80665 * np.array([[1, 3], [2, 4]]))
     assert (contents.unit, contents.channels, contents.sample_rate) == ("m/s^2", ("x", "y"), 1000)
     assert contents.condition is not None
-    assert (contents.condition.speed, contents.condition.discharge_pressure) == pytest.approx((rpm(1500), MPa(15)))
+    assert (contents.condition.speed, contents.condition.discharge_pressure) == pytest.approx(
+        (rpm(1500), MPa(15))
+    )
 
 
 def test_recordings_without_a_signal_differ_by_their_time(deliver: Deliver) -> None:
@@ -109,23 +111,33 @@ def test_the_operating_point_is_that_of_the_file_then_the_message_then_the_tags_
         assert bool(contents.notes) == (tag_file is missing)
         condition = contents.recording.condition
         assert condition is not None
-        assert (condition.speed, condition.discharge_pressure) == pytest.approx((rpm(speed), MPa(pressure)))
+        assert (condition.speed, condition.discharge_pressure) == pytest.approx(
+            (rpm(speed), MPa(pressure))
+        )
 
 
 def test_a_speed_alone_is_kept_and_no_pressure_is_invented(deliver: Deliver) -> None:
-    contents = read_contents(deliver(recording()), Machine(name="pump-1", speed=rpm(900)), None).recording
+    contents = read_contents(
+        deliver(recording()), Machine(name="pump-1", speed=rpm(900)), None
+    ).recording
     assert contents.condition is None
     assert contents.attributes["speed"] == "900.0 rpm"
 
 
-@pytest.mark.parametrize(("year", "note"), [(2031, "lies ahead"), (9999, "lies ahead"), (1980, "before 1990")])
-def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(deliver: Deliver, year: int, note: str) -> None:
+@pytest.mark.parametrize(
+    ("year", "note"), [(2031, "lies ahead"), (9999, "lies ahead"), (1980, "before 1990")]
+)
+def test_a_time_that_cannot_be_is_replaced_by_that_of_arrival(
+    deliver: Deliver, year: int, note: str
+) -> None:
     contents = read_contents(deliver(recording(), time=f"{year}-12-31T23:59:59+00:00"), PUMP, None)
     assert contents.time == NOW
     assert note in contents.notes[0]
 
 
-def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed_but_no_half_line(tmp_path: Path) -> None:
+def test_a_tag_holds_for_an_hour_and_the_file_is_read_again_when_it_changed_but_no_half_line(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "tags.csv"
     path.write_text("time,speed\n2026-11-23T13:00:00Z,900 rpm\n")
     tags = Tags(path)

@@ -58,12 +58,25 @@ def test_a_sub_folder_names_the_machine_and_links_hidden_and_unfinished_files_ar
     watch = folder_watch(tmp_path, deliveries, pattern="*.wav*")
     (tmp_path / "secret.wav").write_bytes(b"secret")
     (tmp_path / "inbox" / "link.wav").symlink_to(tmp_path / "secret.wav")
-    put(tmp_path, "pump-2/today/a.wav", "b.wav", ".hidden.wav", "a.wav.part", "~lock.wav", "notes.txt")
+    put(
+        tmp_path,
+        "pump-2/today/a.wav",
+        "b.wav",
+        ".hidden.wav",
+        "a.wav.part",
+        "~lock.wav",
+        "notes.txt",
+    )
     take(watch)
-    assert {delivery.file: delivery.machine for delivery, _ in deliveries.items} == {"a.wav": "pump-2", "b.wav": None}
+    assert {delivery.file: delivery.machine for delivery, _ in deliveries.items} == {
+        "a.wav": "pump-2",
+        "b.wav": None,
+    }
 
 
-def test_a_full_disk_or_a_folder_that_is_away_is_a_problem_until_it_is_over(tmp_path: Path, deliveries) -> None:
+def test_a_full_disk_or_a_folder_that_is_away_is_a_problem_until_it_is_over(
+    tmp_path: Path, deliveries
+) -> None:
     watch = folder_watch(tmp_path, deliveries)
     (tmp_path / "inbox").rmdir()
     watch.poll()
@@ -106,7 +119,12 @@ def forbid(monkeypatch: pytest.MonkeyPatch, method: str, name: str) -> None:
     ],
 )
 def test_a_file_that_cannot_be_removed_or_read_is_a_problem_and_holds_nothing_up(
-    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, method: str, taken_first: list[str], problem: str
+    tmp_path: Path,
+    deliveries,
+    monkeypatch: pytest.MonkeyPatch,
+    method: str,
+    taken_first: list[str],
+    problem: str,
 ) -> None:
     watch = folder_watch(tmp_path, deliveries, remove=True)
     put(tmp_path, "a.wav", "b.wav")
@@ -148,11 +166,15 @@ def test_nothing_is_forgotten_while_a_share_is_away(tmp_path: Path) -> None:
     assert [files.has(name, stamp) for name in ("7.wav", "0.wav")] == [True, False]
 
 
-@pytest.mark.parametrize(("seconds", "year"), [(300_000_000_000, 9999), (315_532_800, 1980), (-86_400, 1970)])
+@pytest.mark.parametrize(
+    ("seconds", "year"), [(300_000_000_000, 9999), (315_532_800, 1980), (-86_400, 1970)]
+)
 def test_a_file_is_taken_whatever_its_date(
     tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, seconds: int, year: int
 ) -> None:
-    monkeypatch.setattr(folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, seconds * 10**9, 0))
+    monkeypatch.setattr(
+        folder, "_stamp", lambda stat: folder.Stamp(stat.st_size, seconds * 10**9, 0)
+    )
     watch = folder_watch(tmp_path, deliveries)
     put(tmp_path, "a.wav")
     take(watch)
@@ -217,7 +239,12 @@ CHANGES = {
 @pytest.mark.parametrize("moment", ["while it is read", "while it is copied", "once it is copied"])
 @pytest.mark.parametrize("remove", [False, True])
 def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
-    tmp_path: Path, deliveries, monkeypatch: pytest.MonkeyPatch, remove: bool, moment: str, change: str
+    tmp_path: Path,
+    deliveries,
+    monkeypatch: pytest.MonkeyPatch,
+    remove: bool,
+    moment: str,
+    change: str,
 ) -> None:
     path, has_changed = tmp_path / "inbox" / "a.wav", []
     stat = Path.stat
@@ -250,15 +277,21 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
     assert has_changed
     contents = [content for _, content in deliveries.items]
     left = [item.read_bytes() for item in (tmp_path / "inbox").iterdir()]
-    stays = {"grows": b"first and more", "is replaced": b"another", "is removed": None}.get(change, b"first")
+    stays = {"grows": b"first and more", "is replaced": b"another", "is removed": None}.get(
+        change, b"first"
+    )
     stays = b"other" if "equal size" in change else stays
     assert stays is None or stays in contents
     assert left == ([] if remove or stays is None else [stays])
-    times = 2 if change in ("gets another date", "gets another name") else 1  # each is filed as double
+    times = (
+        2 if change in ("gets another date", "gets another name") else 1
+    )  # each is filed as double
     assert all(contents.count(content) <= times for content in contents)
 
 
-def test_a_restart_after_a_cut_takes_again_what_was_not_remembered_or_left_aside(tmp_path: Path, deliveries) -> None:
+def test_a_restart_after_a_cut_takes_again_what_was_not_remembered_or_left_aside(
+    tmp_path: Path, deliveries
+) -> None:
     put(tmp_path, "a.wav", "b.wav")
     take(folder_watch(tmp_path, deliveries, settle=1e-9))
     remembered = tmp_path / "taken" / "inbox.txt"
@@ -279,7 +312,9 @@ def test_a_restart_after_a_cut_takes_again_what_was_not_remembered_or_left_aside
         ({"remove": True}, False, ".notes.taken"),
     ],
 )
-def test_a_file_that_another_source_or_a_user_hid_stays_so(tmp_path: Path, deliveries, settings, is_late, name) -> None:
+def test_a_file_that_another_source_or_a_user_hid_stays_so(
+    tmp_path: Path, deliveries, settings, is_late, name
+) -> None:
     watch = folder_watch(tmp_path, deliveries, **settings)
     if is_late:
         watch.poll()
@@ -298,7 +333,9 @@ def test_a_file_that_is_put_back_replaces_none(
     watch = folder_watch(tmp_path, deliveries, remove=True)
     put(tmp_path, ".a.wav.swashtwin-taken", "a.wav", ".b.wav.swashtwin-taken")
     if has_links:
-        monkeypatch.setattr(Path, "exists", lambda path: False)  # the other arrives between a look and a change
+        monkeypatch.setattr(
+            Path, "exists", lambda path: False
+        )  # the other arrives between a look and a change
     else:
         monkeypatch.setattr(folder.os, "link", refuse)
     take(watch)

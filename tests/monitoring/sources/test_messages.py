@@ -17,7 +17,13 @@ from swashtwin.monitoring.sources.mqtt import MqttWatch, read_message, samples_r
 from swashtwin.recordings import Options
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
-HEADER = {"rate": "25.6 kHz", "unit": "g", "channels": ["x", "y"], "type": "float32", "speed": "1500 rpm"}
+HEADER = {
+    "rate": "25.6 kHz",
+    "unit": "g",
+    "channels": ["x", "y"],
+    "type": "float32",
+    "speed": "1500 rpm",
+}
 
 
 def block(number: float = 0.0, **changes) -> bytes:
@@ -46,7 +52,9 @@ def test_a_message_states_its_machine_before_its_topic() -> None:
         ('{"file": "\ud800"}\n'.encode("utf-8", "surrogatepass"), "no JSON"),
     ],
 )
-def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(payload: bytes, reason: str) -> None:
+def test_a_message_that_can_be_no_recording_is_delivered_with_the_reason(
+    payload: bytes, reason: str
+) -> None:
     delivery, content = read_message(payload, "mqtt", NOW, "pump-1")
     assert reason in str(delivery.problem)
     assert content == payload
@@ -61,10 +69,18 @@ WAVE = np.sin(np.arange(64) / 3).reshape(-1, 2)
         ("<f4", 1, {}, "m/s^2", 9.80665),
         ("<f8", 1, {"type": "float64", "count": 32}, "m/s^2", 9.80665),
         ("<f4", 1, {"unit": "V", "sensitivity": "100 mV/g"}, "m/s^2", 98.0665),
-        ("<i2", 1000, {"type": "int16", "unit": "1", "sensitivity": ["1 mg/count", "1 mg/count"]}, "m/s^2", 9.80665),
+        (
+            "<i2",
+            1000,
+            {"type": "int16", "unit": "1", "sensitivity": ["1 mg/count", "1 mg/count"]},
+            "m/s^2",
+            9.80665,
+        ),
     ],
 )
-def test_a_message_states_type_count_unit_and_sensitivity(tmp_path, kind, scale, changes, unit, factor) -> None:
+def test_a_message_states_type_count_unit_and_sensitivity(
+    tmp_path, kind, scale, changes, unit, factor
+) -> None:
     payload = json.dumps(HEADER | changes).encode() + b"\n" + (WAVE * scale).astype(kind).tobytes()
     delivery, content = read_message(payload, "mqtt", NOW, None)
     assert delivery.problem is None
@@ -87,7 +103,12 @@ def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count
 
 @contextmanager
 def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
-    source = MqttSource(name="mqtt", host=broker.host, port=broker.port, **{"topic": "plant/+/vibration", **settings})
+    source = MqttSource(
+        name="mqtt",
+        host=broker.host,
+        port=broker.port,
+        **{"topic": "plant/+/vibration", **settings},
+    )
     watch, stop = MqttWatch(source, deliveries.accept, "test-watch"), threading.Event()
     watch.standing.fail("not connected yet")
     thread = threading.Thread(target=watch.run, args=(stop,))
@@ -105,7 +126,9 @@ def names(deliveries) -> list[float]:
     return [float(np.frombuffer(content, "<f4")[0]) for _, content in deliveries.items]
 
 
-def test_messages_of_a_topic_are_recordings_of_its_machine_and_one_too_large_is_listed(broker, deliveries) -> None:
+def test_messages_of_a_topic_are_recordings_of_its_machine_and_one_too_large_is_listed(
+    broker, deliveries
+) -> None:
     with watching(broker, deliveries):
         broker.publish("plant/pump-7/vibration", block(3))
         broker.publish("plant/pump-7/vibration", block() + bytes(LARGEST))
@@ -116,7 +139,9 @@ def test_messages_of_a_topic_are_recordings_of_its_machine_and_one_too_large_is_
     assert f"at most {LARGEST} are taken" in str(large.problem)
 
 
-def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(broker, deliveries) -> None:
+def test_messages_that_come_while_the_watch_is_away_are_taken_when_it_is_back(
+    broker, deliveries
+) -> None:
     with watching(broker, deliveries):
         pass
     for number in range(5):

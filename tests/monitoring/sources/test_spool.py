@@ -30,7 +30,9 @@ def test_recordings_wait_in_the_order_of_their_arrival_also_after_a_restart(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_a_kill_left_half_written_is_removed_at_the_start_and_a_damaged_card_is_a_problem(tmp_path: Path) -> None:
+def test_what_a_kill_left_half_written_is_removed_at_the_start_and_a_damaged_card_is_a_problem(
+    tmp_path: Path,
+) -> None:
     Spool(tmp_path).add(delivery(), b"whole")
     (tmp_path / "00001-aa.wav").write_bytes(b"half")
     (tmp_path / ".00001-aa.json").write_bytes(b"{")
@@ -51,14 +53,19 @@ def test_a_full_spool_takes_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_folder_is_held_by_one_watch(tmp_path: Path) -> None:
-    with lock_folder(tmp_path), pytest.raises(InputError, match="in use by another watch"), lock_folder(tmp_path):
+    with (
+        lock_folder(tmp_path),
+        pytest.raises(InputError, match="in use by another watch"),
+        lock_folder(tmp_path),
+    ):
         pass
     with lock_folder(tmp_path):
         pass
 
 
 @pytest.mark.parametrize(
-    "file", ["../../etc/passwd", "/etc/shadow", "..", "a\0b.wav", "x" * 5000 + ".wav", "\\\\a\\b.csv"]
+    "file",
+    ["../../etc/passwd", "/etc/shadow", "..", "a\0b.wav", "x" * 5000 + ".wav", "\\\\a\\b.csv"],
 )
 def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
     waiting = Spool(tmp_path / "spool")
@@ -79,6 +86,8 @@ def test_no_name_leads_out_of_the_spool(tmp_path: Path, file: str) -> None:
         ({"unit": ""}, "must be text"),
     ],
 )
-def test_facts_that_cannot_be_are_refused_with_the_reason(facts: dict[str, str], message: str) -> None:
+def test_facts_that_cannot_be_are_refused_with_the_reason(
+    facts: dict[str, str], message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         check_facts(facts)

@@ -8,7 +8,9 @@ from swashtwin_bench.cli import rig, studies, watch_demo
 def add_commands(app: typer.Typer) -> None:
     """Add ``demo``, ``bench ...`` and ``watch demo`` to the commands of swashtwin."""
     app.command("demo", rich_help_panel="Commands")(rig.demo)
-    bench = typer.Typer(no_args_is_help=True, help="Ask whether the methods work: virtual rig, studies.")
+    bench = typer.Typer(
+        no_args_is_help=True, help="Ask whether the methods work: virtual rig, studies."
+    )
     for function in (rig.rig, studies.study):
         bench.command()(function)
     app.add_typer(bench, name="bench", rich_help_panel="More commands")

@@ -21,14 +21,18 @@ if TYPE_CHECKING:
 
 def demo(
     out: Annotated[
-        Path, typer.Option(help="Folder for the rig, the model, the twin and the report.", callback=as_folder)
+        Path,
+        typer.Option(
+            help="Folder for the rig, the model, the twin and the report.", callback=as_folder
+        ),
     ] = Path("swashtwin-demo"),
     as_json: Json = False,
 ) -> None:
-    """Diagnose a fault nobody recorded at this pressure: build a virtual rig, calibrate twins, train, write a page.
+    """Diagnose a fault nobody recorded at this pressure: build a virtual rig, calibrate twins,
+    train, write a page.
 
-    It leaves a model, the twin of a pump and a diagnosis in its folder, runs Case II of the paper, and ends with three
-    commands to go on with. A few minutes.
+    It leaves a model, the twin of a pump and a diagnosis in its folder, runs Case II of the paper,
+    and ends with three commands to go on with. A few minutes.
     """
     from swashtwin_bench import QUESTION, answer_of_demo, run_demo
 
@@ -43,7 +47,13 @@ def demo(
     def show() -> None:
         show_study(result.study)
         say("")
-        for text in (QUESTION, *answer_of_demo(result), f"Report: {result.page}", "", "Go on with:"):
+        for text in (
+            QUESTION,
+            *answer_of_demo(result),
+            f"Report: {result.page}",
+            "",
+            "Go on with:",
+        ):
             say(text)
         for what, command in commands.items():
             say(f"  {command}    ({what})")
@@ -61,8 +71,12 @@ def _next_commands(demo: "Demo") -> dict[str, str]:
     """Command lines to go on with, by what they do."""
     out = demo.model.parent
     return {
-        "diagnose another recording": _command("diagnose", demo.model, demo.other, "--report", out / "another.html"),
-        f"look at the twin of pump {demo.pump}": _command("report", demo.twin, "--out", out / "twin"),
+        "diagnose another recording": _command(
+            "diagnose", demo.model, demo.other, "--report", out / "another.html"
+        ),
+        f"look at the twin of pump {demo.pump}": _command(
+            "report", demo.twin, "--out", out / "twin"
+        ),
         "train on recordings; name the folder of your own": _command(
             "train", demo.rig, "--out", out / "own.safetensors"
         ),
@@ -90,7 +104,9 @@ def rig(
     ] = "1",
     sensor_count: Annotated[
         int,
-        typer.Option(help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."),
+        typer.Option(
+            help="Accelerometers: 3, or 13 as the paper has, where pump 25scy14-1b-13 says; version 1 only."
+        ),
     ] = 3,
     as_json: Json = False,
 ) -> None:
@@ -98,6 +114,8 @@ def rig(
     from swashtwin_bench import build_rig
 
     with progress("recording") as bar:
-        index_file = build_rig(out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar)
+        index_file = build_rig(
+            out, seed=seed, size=size, version=version, sensors=sensor_count, progress=bar
+        )
     result = {"index": index_file, "seed": seed, "size": size, "rig_version": version}
     tell(result, as_json, lambda: say(f"{index_file}\nNext: swashtwin inspect {out}"))

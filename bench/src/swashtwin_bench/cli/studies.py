@@ -56,8 +56,9 @@ def _known(name: str) -> str:
 
 
 def _has_bfloat16_arithmetic() -> bool:
-    """Whether the processor may have instructions for bfloat16: no x86 up to AVX2 has, nor the first with AVX-512,
-    which torch does not tell."""
+    """Whether the processor may have instructions for bfloat16: no x86 up to AVX2 has, nor the
+    first with AVX-512, which torch does not tell.
+    """
     import torch
 
     return torch.backends.cpu.get_cpu_capability() not in ("NO AVX", "AVX2")
@@ -89,7 +90,10 @@ def study(
     ],
     source: Annotated[
         Path | None,
-        typer.Argument(metavar="[SOURCE]", help="Index, store or folder of recordings; without it, the virtual rig."),
+        typer.Argument(
+            metavar="[SOURCE]",
+            help="Index, store or folder of recordings; without it, the virtual rig.",
+        ),
     ] = None,
     size: Annotated[
         Size,
@@ -98,10 +102,15 @@ def study(
             "hours; paper: 200 epochs, every sample a step, weeks of a CPU."
         ),
     ] = Size.quick,
-    seeds: Annotated[str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')] = "0",
+    seeds: Annotated[
+        str, typer.Option(help='Seeds; on the virtual rig a fleet each: "100,101".')
+    ] = "0",
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help='What is set of the study, NAME=VALUE: "classifiers=bitcn,tcn"; repeatable.'),
+        typer.Option(
+            "--set",
+            help='What is set of the study, NAME=VALUE: "classifiers=bitcn,tcn"; repeatable.',
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -118,8 +127,14 @@ def study(
     from swashtwin_bench import Work, run_study, write_study_report
 
     numbers, pairs = read_list(seeds, int, "--seeds") or [], read_pairs(settings, "--set")
-    if pairs.get("precision") == "bfloat16" and device is Device.cpu and not _has_bfloat16_arithmetic():
-        note("This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32.")
+    if (
+        pairs.get("precision") == "bfloat16"
+        and device is Device.cpu
+        and not _has_bfloat16_arithmetic()
+    ):
+        note(
+            "This processor has no instructions for 16 bits: bfloat16 trains many times slower here than float32."
+        )
     with progress(name) as bar:
 
         def show_activity(activity: str, count: int, total: int) -> None:
@@ -133,7 +148,11 @@ def study(
         else:
             result = run_study(name, source, work=work, size=size.value, settings=pairs)
     if name == "paper":
-        tell(answer, as_json, lambda: say("\n".join([*answer["answer"], f"Report: {answer['report']}"])))
+        tell(
+            answer,
+            as_json,
+            lambda: say("\n".join([*answer["answer"], f"Report: {answer['report']}"])),
+        )
         return
     page = None if out is None else write_study_report(result, folder=out / result.study)
 
@@ -145,8 +164,12 @@ def study(
     tell({**result.to_dict(), "report": page}, as_json, show)
 
 
-def _run_paper(work: "Work", size: str, settings: dict[str, str], source: Path | None) -> dict[str, Any]:
-    """Every experiment of the paper, or those of the setting ``experiments``, and the page of them."""
+def _run_paper(
+    work: "Work", size: str, settings: dict[str, str], source: Path | None
+) -> dict[str, Any]:
+    """Every experiment of the paper, or those of the setting ``experiments``, and the page of
+    them.
+    """
     from swashtwin_bench import EXPERIMENTS, paper_answer, run_paper, write_paper_page
 
     experiments = read_words(settings.pop("experiments", None)) or list(EXPERIMENTS)
@@ -164,7 +187,9 @@ def typed_command() -> str:
 
 def show_study(study: "StudyTable") -> None:
     """Print a study as a table with its answer and its notes."""
-    metrics = {name: words for name, words in study.metrics.items() if not name.startswith("recall_")}
+    metrics = {
+        name: words for name, words in study.metrics.items() if not name.startswith("recall_")
+    }
 
     def spread(value: dict[str, Any]) -> str:
         if value["mean"] is None:
@@ -174,7 +199,13 @@ def show_study(study: "StudyTable") -> None:
     rows = []
     for row in study.rows():
         count = max(len(value["values"]) for value in row.values() if isinstance(value, dict))
-        rows.append([*(row[name] for name in study.factors), count, *(spread(row[name]) for name in metrics)])
+        rows.append(
+            [
+                *(row[name] for name in study.factors),
+                count,
+                *(spread(row[name]) for name in metrics),
+            ]
+        )
     title = f"{study.title}; seed {', '.join(map(str, study.seeds))}, {study.wall_s:.0f} s"
     table(title, (*study.factors, "seeds", *metrics.values()), rows)
     for text in (*study.answer, *study.notes, study.origin):

@@ -1,4 +1,6 @@
-"""``swashtwin watch demo``: a pump of the virtual rig that wears over weeks, watched in some minutes."""
+"""``swashtwin watch demo``: a pump of the virtual rig that wears over weeks, watched in some
+minutes.
+"""
 
 import itertools
 import os
@@ -47,14 +49,18 @@ port = PORT
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the watch and its history.", callback=as_folder)] = Path(
-        "swashtwin-watch-demo"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Folder for the watch and its history.", callback=as_folder)
+    ] = Path("swashtwin-watch-demo"),
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8642,
-    end: Annotated[bool, typer.Option("--end", help="End after the last recording instead of at Ctrl-C.")] = False,
+    end: Annotated[
+        bool, typer.Option("--end", help="End after the last recording instead of at Ctrl-C.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, alarm, suspect and severity."""
+    """Watch a pump of the virtual rig that wears over a month, in some minutes: page, alarm,
+    suspect and severity.
+    """
     from swashtwin.calibration import calibrate
     from swashtwin.cli import require_extra, stop_signals
     from swashtwin.foundation import InputError, write_text
@@ -65,7 +71,9 @@ def demo(
     from fastapi import FastAPI
 
     if (out / "watch-data").exists():
-        raise InputError(f"{out} holds an earlier demo; remove it, or name another folder with --out.")
+        raise InputError(
+            f"{out} holds an earlier demo; remove it, or name another folder with --out."
+        )
     with serving_page(FastAPI(), PageSettings().host, port):
         pass  # a port that is taken is refused here, before minutes of work
     month = PlantCourse(recordings=RECORDINGS, kind="piston", onset=ONSET)
@@ -76,7 +84,9 @@ def demo(
     calibrate("25scy14-1b", first).save(out / "calibration.json")
     config = load_watch_config(write_text(out / "watch.toml", _CONFIG.replace("PORT", str(port))))
     incoming = config.path.parent / "incoming"
-    writer = threading.Thread(target=_write, args=(itertools.chain(first, course), incoming), daemon=True)
+    writer = threading.Thread(
+        target=_write, args=(itertools.chain(first, course), incoming), daemon=True
+    )
     alarms: list[int] = []
     counts = {"judged": 0}
 
@@ -107,15 +117,26 @@ def demo(
 
     with stop_signals() as stop:
         run_watch(config, stop=stop, started=start, progress=show)
-    result = {"folder": out, "judged": counts["judged"], "onset": ONSET, "alarm": alarms[0] if alarms else None}
+    result = {
+        "folder": out,
+        "judged": counts["judged"],
+        "onset": ONSET,
+        "alarm": alarms[0] if alarms else None,
+    }
     words = f"alarm at recording {alarms[0]}, " if alarms else "no alarm yet; "
     tell(
-        result, as_json, lambda: say(f"{words}the pistons wear from recording {ONSET + 1} on. Everything is in {out}.")
+        result,
+        as_json,
+        lambda: say(
+            f"{words}the pistons wear from recording {ONSET + 1} on. Everything is in {out}."
+        ),
     )
 
 
 def _write(recordings: "Iterable[Recording]", folder: Path) -> None:
-    """Write the recordings of a month into the folder that is watched, as fast as they are computed."""
+    """Write the recordings of a month into the folder that is watched, as fast as they are
+    computed.
+    """
     from swashtwin.recordings import write_recording
 
     first = time.time() - 86400 * RECORDINGS / PER_DAY

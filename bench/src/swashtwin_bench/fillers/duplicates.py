@@ -14,13 +14,23 @@ from swashtwin_bench.fillers.filler import fill_cell, sources_of
 
 @dataclass(frozen=True)
 class Duplicate:
-    """Random oversampling: measured windows of the cell, drawn with replacement and repeated as they are."""
+    """Random oversampling: measured windows of the cell, drawn with replacement and repeated as
+    they are.
+    """
 
-    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+    def __call__(
+        self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
+    ) -> WindowSet:
         """`count` windows of the cell, each a copy of a measured one (`Filler`)."""
         sources = draw_sources(train, label, pressure, count, seed)
         return fill_cell(
-            train.signal[sources], sources, train=train, name="duplicate", label=label, pressure=pressure, seed=seed
+            train.signal[sources],
+            sources,
+            train=train,
+            name="duplicate",
+            label=label,
+            pressure=pressure,
+            seed=seed,
         )
 
 
@@ -31,20 +41,35 @@ class NoisyDuplicate:
     snr_db: float = 30.0
     """Power of the window over that of the noise, per channel [dB]."""
 
-    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+    def __call__(
+        self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
+    ) -> WindowSet:
         """`count` windows of the cell, each a copy of a measured one with noise (`Filler`)."""
         sources = draw_sources(train, label, pressure, count, seed)
         noise = derive_seed(seed, "noisy duplicate", label)
         signal = np.stack(
-            [add_noise(train.signal[source].astype(float), self.snr_db, noise, i) for i, source in enumerate(sources)]
+            [
+                add_noise(train.signal[source].astype(float), self.snr_db, noise, i)
+                for i, source in enumerate(sources)
+            ]
         )
         return fill_cell(
-            signal, sources, train=train, name="noisy_duplicate", label=label, pressure=pressure, seed=seed
+            signal,
+            sources,
+            train=train,
+            name="noisy_duplicate",
+            label=label,
+            pressure=pressure,
+            seed=seed,
         )
 
 
-def draw_sources(train: WindowSet, label: str, pressure: float, count: int, seed: int) -> np.ndarray:
-    """Index of the measured window that each synthetic one comes from; no window repeats before all were drawn."""
+def draw_sources(
+    train: WindowSet, label: str, pressure: float, count: int, seed: int
+) -> np.ndarray:
+    """Index of the measured window that each synthetic one comes from; no window repeats before all
+    were drawn.
+    """
     require_count(count)
     return draw_indices(sources_of(train, label, pressure), label, count, seed)
 

@@ -1,4 +1,6 @@
-"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its result."""
+"""Fillers of scarce cells: the protocol, the measured windows a filler draws from and its
+result.
+"""
 
 import math
 from typing import Protocol, runtime_checkable
@@ -16,16 +18,19 @@ from swashtwin.synthesis import build_windows
 class Filler(Protocol):
     """Maker of windows for a cell (class and discharge pressure) that has too few measured ones.
 
-    A filler is fitted on the measured windows of `train` alone, makes windows of their layout and classes, marks them
-    ``synthetic=True``, and gives the same windows for the same seed.
+    A filler is fitted on the measured windows of `train` alone, makes windows of their layout and
+    classes, marks them ``synthetic=True``, and gives the same windows for the same seed.
     """
 
-    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+    def __call__(
+        self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
+    ) -> WindowSet:
         """`count` synthetic windows of `label` at `pressure`.
 
         Parameters
         ----------
-        train : training windows with labels; never test windows. Synthetic windows among them are ignored.
+        train : training windows with labels; never test windows. Synthetic windows among them are
+            ignored.
         label : class of the cell, one of the windows' classes.
         pressure : discharge pressure of the cell [Pa]; NaN for windows without a stated pressure.
         count : how many.
@@ -42,13 +47,16 @@ class Filler(Protocol):
 
 
 def in_cell(windows: WindowSet, label: str, pressure: float) -> np.ndarray:
-    """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known pressure."""
+    """Mask of the measured windows of `label` at `pressure` [Pa], or, for NaN, without a known
+    pressure.
+    """
     is_near = values_match(windows.discharge_pressure, pressure, PRESSURE_TOLERANCE)
     return ~windows.synthetic & (windows.label == label) & is_near
 
 
 def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarray, " source"]:
-    """Indices of the measured windows that stand for a cell: those in it, or, where there is none, those of its class.
+    """Indices of the measured windows that stand for a cell: those in it, or, where there is none,
+    those of its class.
 
     Raises
     ------
@@ -58,9 +66,13 @@ def sources_of(train: WindowSet, label: str, pressure: float) -> Int64[np.ndarra
         No window of the class was measured. Only a twin can fill such a cell.
     """
     if label not in train.classes:
-        raise InputError(f"class {label!r} is not among the windows' classes ({', '.join(train.classes)}).")
+        raise InputError(
+            f"class {label!r} is not among the windows' classes ({', '.join(train.classes)})."
+        )
     if not (math.isnan(pressure) or 0 < pressure < math.inf):
-        raise InputError(f"pressure ({pressure:g} Pa) must be positive; where none is stated, math.nan.")
+        raise InputError(
+            f"pressure ({pressure:g} Pa) must be positive; where none is stated, math.nan."
+        )
     is_source = in_cell(train, label, pressure)
     if not is_source.any():
         is_source = ~train.synthetic & (train.label == label)
@@ -81,7 +93,9 @@ def fill_cell(
     pressure: float,
     seed: int,
 ) -> WindowSet:
-    """`signal` as windows of a cell, made by `name` from the windows `sources` of `train`, whose speed they have."""
+    """`signal` as windows of a cell, made by `name` from the windows `sources` of `train`, whose
+    speed they have.
+    """
     return build_windows(
         signal,
         like=train,
@@ -89,6 +103,8 @@ def fill_cell(
         label=label,
         pressure=np.full(len(signal), float(pressure)),
         speed=train.speed[sources].astype(float),
-        specimen=np.array([f"{name} of {specimen}" for specimen in train.specimen[sources]], dtype=np.str_),
+        specimen=np.array(
+            [f"{name} of {specimen}" for specimen in train.specimen[sources]], dtype=np.str_
+        ),
         seed=seed,
     )

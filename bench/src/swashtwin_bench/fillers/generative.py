@@ -16,7 +16,12 @@ from swashtwin.learning import WindowSet
 from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.duplicates import draw_indices
 from swashtwin_bench.fillers.filler import fill_cell, sources_of
-from swashtwin_bench.fillers.spectra import SpectralForm, cut_extensions, extension_length, periodic_extensions
+from swashtwin_bench.fillers.spectra import (
+    SpectralForm,
+    cut_extensions,
+    extension_length,
+    periodic_extensions,
+)
 
 Draw = Callable[[Tensor, torch.Generator], Tensor]
 """Scores of new windows, from the condition of each."""
@@ -38,19 +43,29 @@ class Conditions:
         """Those of training windows."""
         log_pressures = np.log(windows.discharge_pressure[np.isfinite(windows.discharge_pressure)])
         spread = float(log_pressures.std()) if log_pressures.size else 0.0
-        return cls(len(windows.classes), float(log_pressures.mean()) if log_pressures.size else 0.0, spread or 1.0)
+        return cls(
+            len(windows.classes),
+            float(log_pressures.mean()) if log_pressures.size else 0.0,
+            spread or 1.0,
+        )
 
     def encode(
         self, target: Int64[np.ndarray, " window"], pressure: Float[np.ndarray, " window"]
     ) -> Float64[np.ndarray, "window fact"]:
-        """One column for each class, and the logarithm of the pressure, scaled; 0 where it is not known."""
+        """One column for each class, and the logarithm of the pressure, scaled; 0 where it is not
+        known.
+        """
         scaled = (np.log(pressure) - self.center) / self.spread
-        return np.concatenate([np.eye(self.classes)[target], np.nan_to_num(scaled)[:, None]], axis=1)
+        return np.concatenate(
+            [np.eye(self.classes)[target], np.nan_to_num(scaled)[:, None]], axis=1
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Batches:
-    """Which windows a step learns from, drawn so that a cell counts as the square root of its size."""
+    """Which windows a step learns from, drawn so that a cell counts as the square root of its
+    size.
+    """
 
     share: Float64[np.ndarray, " window"]
     """Probability of each window."""
@@ -81,7 +96,9 @@ def dense(widths: tuple[int, ...], seed: int) -> nn.Sequential:
 
 
 class Generative(ABC):
-    """Filler whose windows have scores that a model draws, and phases and noise of measured windows of the class."""
+    """Filler whose windows have scores that a model draws, and phases and noise of measured windows
+    of the class.
+    """
 
     name: ClassVar[str]
     components: int
@@ -89,11 +106,16 @@ class Generative(ABC):
 
     @abstractmethod
     def learn(
-        self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
+        self,
+        scores: Float[Tensor, "window component"],
+        condition: Float[Tensor, "window fact"],
+        batches: Batches,
     ) -> Draw:
         """What draws scores under conditions, after it was fitted on these."""
 
-    def __call__(self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int) -> WindowSet:
+    def __call__(
+        self, train: WindowSet, *, label: str, pressure: float, count: int, seed: int
+    ) -> WindowSet:
         """`count` windows of the cell (`Filler`), each beginning at another angle of the shaft."""
         require_count(count)
         sources_of(train, label, pressure)
@@ -110,15 +132,32 @@ class Generative(ABC):
         conditions_wanted = conditions.encode(
             np.full(count, train.classes.index(label)), np.full(count, float(pressure))
         )
-        random = torch.Generator().manual_seed(derive_seed(seed, self.name, "draw", label, pressure))
+        random = torch.Generator().manual_seed(
+            derive_seed(seed, self.name, "draw", label, pressure)
+        )
         with torch.no_grad():
             scores = draw(_tensor(conditions_wanted), random).numpy().astype(float)
-        conditions_measured = conditions.encode(measured.target[indices], measured.discharge_pressure[indices])
-        extensions = form.rebuild(
-            scores, conditions_wanted, periodic_extensions(measured, indices, form.length), conditions_measured
+        conditions_measured = conditions.encode(
+            measured.target[indices], measured.discharge_pressure[indices]
         )
-        signal = cut_extensions(extensions, measured, indices, stream(seed, self.name, "angle", label, pressure))
-        return fill_cell(signal, indices, train=measured, name=self.name, label=label, pressure=pressure, seed=seed)
+        extensions = form.rebuild(
+            scores,
+            conditions_wanted,
+            periodic_extensions(measured, indices, form.length),
+            conditions_measured,
+        )
+        signal = cut_extensions(
+            extensions, measured, indices, stream(seed, self.name, "angle", label, pressure)
+        )
+        return fill_cell(
+            signal,
+            indices,
+            train=measured,
+            name=self.name,
+            label=label,
+            pressure=pressure,
+            seed=seed,
+        )
 
 
 def _tensor(values: np.ndarray) -> Tensor:
@@ -127,10 +166,12 @@ def _tensor(values: np.ndarray) -> Tensor:
 
 @dataclass(frozen=True)
 class CVAE(Generative):
-    """Conditional variational autoencoder (Sohn, Lee and Yan 2015, NeurIPS 28), given class and pressure.
+    """Conditional variational autoencoder (Sohn, Lee and Yan 2015, NeurIPS 28), given class and
+    pressure.
 
-    It models the scores of `SpectralForm`. Its likelihood is Gaussian with a learned deviation of each score (Rybkin,
-    Daniilidis and Levine 2021, arXiv:2006.13202), which is drawn with the window: the mean alone would be too smooth.
+    It models the scores of `SpectralForm`. Its likelihood is Gaussian with a learned deviation of
+    each score (Rybkin, Daniilidis and Levine 2021, arXiv:2006.13202), which is drawn with the
+    window: the mean alone would be too smooth.
     """
 
     name: ClassVar[str] = "cvae"
@@ -147,12 +188,19 @@ class CVAE(Generative):
     """Adam's, falling to zero along a cosine."""
 
     def learn(
-        self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
+        self,
+        scores: Float[Tensor, "window component"],
+        condition: Float[Tensor, "window fact"],
+        batches: Batches,
     ) -> Draw:
         size, conditions = scores.shape[1], condition.shape[1]
         hidden = (self.width, self.width)
-        encoder = dense((size + conditions, *hidden, 2 * self.latent), derive_seed(batches.seed, "encoder"))
-        decoder = dense((self.latent + conditions, *hidden, size), derive_seed(batches.seed, "decoder"))
+        encoder = dense(
+            (size + conditions, *hidden, 2 * self.latent), derive_seed(batches.seed, "encoder")
+        )
+        decoder = dense(
+            (self.latent + conditions, *hidden, size), derive_seed(batches.seed, "decoder")
+        )
         log_deviation = torch.zeros(size, requires_grad=True)
         weights = [*encoder.parameters(), *decoder.parameters(), log_deviation]
         adam = torch.optim.Adam(weights, self.learning_rate)
@@ -182,8 +230,8 @@ class CVAE(Generative):
 class WGANGP(Generative):
     """Conditional Wasserstein GAN with gradient penalty (Gulrajani et al. 2017, arXiv:1704.00028).
 
-    Generator and critic are given class and pressure, and work on the scores of `SpectralForm`. Penalty, steps of the
-    critic and Adam's settings are the paper's.
+    Generator and critic are given class and pressure, and work on the scores of `SpectralForm`.
+    Penalty, steps of the critic and Adam's settings are the paper's.
     """
 
     name: ClassVar[str] = "wgan_gp"
@@ -204,16 +252,25 @@ class WGANGP(Generative):
     """Adam's (betas 0 and 0.9), falling to zero along a cosine."""
 
     def learn(
-        self, scores: Float[Tensor, "window component"], condition: Float[Tensor, "window fact"], batches: Batches
+        self,
+        scores: Float[Tensor, "window component"],
+        condition: Float[Tensor, "window fact"],
+        batches: Batches,
     ) -> Draw:
         size, conditions = scores.shape[1], condition.shape[1]
         hidden = (self.width, self.width)
-        generator = dense((self.latent + conditions, *hidden, size), derive_seed(batches.seed, "generator"))
+        generator = dense(
+            (self.latent + conditions, *hidden, size), derive_seed(batches.seed, "generator")
+        )
         critic = dense((size + conditions, *hidden, 1), derive_seed(batches.seed, "critic"))
         making, judging = (
-            torch.optim.Adam(network.parameters(), self.learning_rate, (0.0, 0.9)) for network in (generator, critic)
+            torch.optim.Adam(network.parameters(), self.learning_rate, (0.0, 0.9))
+            for network in (generator, critic)
         )
-        falling = [torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.steps) for optimizer in (making, judging)]
+        falling = [
+            torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, self.steps)
+            for optimizer in (making, judging)
+        ]
         random = torch.Generator().manual_seed(derive_seed(batches.seed, "noise"))
 
         def draw(condition: Tensor, random: torch.Generator) -> Tensor:
@@ -239,7 +296,9 @@ class WGANGP(Generative):
         return draw
 
 
-def _penalty(critic: nn.Module, real: Tensor, generated: Tensor, condition: Tensor, random: torch.Generator) -> Tensor:
+def _penalty(
+    critic: nn.Module, real: Tensor, generated: Tensor, condition: Tensor, random: torch.Generator
+) -> Tensor:
     """Mean square by which the critic's slope leaves 1 between measured and made scores."""
     share = torch.rand(len(real), 1, generator=random)
     between = (share * real + (1 - share) * generated).requires_grad_()

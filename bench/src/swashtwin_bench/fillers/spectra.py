@@ -1,7 +1,8 @@
-"""Spectra of windows as periodic signals of whole revolutions: amplitudes that a model can replace, phases as measured.
+"""Spectra of windows as periodic signals of whole revolutions: amplitudes that a model can replace,
+phases as measured.
 
-A periodic extension has no step where its end meets its beginning. The lines of its spectrum do not leak into each
-other, so that one can be changed without the others.
+A periodic extension has no step where its end meets its beginning. The lines of its spectrum do not
+leak into each other, so that one can be changed without the others.
 """
 
 import math
@@ -24,10 +25,11 @@ _LONGEST_SEAM = 0.2
 
 
 def extension_length(windows: WindowSet, index: int) -> int:
-    """Samples in a period of a window's extension: the whole revolutions that leave 5 % of the window for the seam.
+    """Samples in a period of a window's extension: the whole revolutions that leave 5 % of the
+    window for the seam.
 
-    It is 90 % of the window where no speed is known or the window is shorter than a revolution: the seam then joins
-    parts that do not follow each other, still without a step.
+    It is 90 % of the window where no speed is known or the window is shorter than a revolution: the
+    seam then joins parts that do not follow each other, still without a step.
     """
     speed = float(windows.speed[index])
     period = 2 * math.pi / speed * windows.sample_rate if speed > 0 else math.inf
@@ -35,11 +37,14 @@ def extension_length(windows: WindowSet, index: int) -> int:
     return round(turns * period) if turns else round(0.9 * windows.length)
 
 
-def close_period(window: Float[np.ndarray, "channel time"], length: int) -> Float[np.ndarray, "channel angle"]:
-    """The first `length` samples of a window, their beginning blended with the samples that follow their end.
+def close_period(
+    window: Float[np.ndarray, "channel time"], length: int
+) -> Float[np.ndarray, "channel angle"]:
+    """The first `length` samples of a window, their beginning blended with the samples that follow
+    their end.
 
-    The samples beyond `length` belong to the same angles of the shaft as the first ones, which they fade into: the
-    period repeats without a step.
+    The samples beyond `length` belong to the same angles of the shaft as the first ones, which they
+    fade into: the period repeats without a step.
     """
     extension = window[..., :length].astype(float)
     seam = min(window.shape[-1] - length, int(_LONGEST_SEAM * length))
@@ -56,7 +61,9 @@ def periodic_extensions(
                      for i in indices.tolist()])  # fmt: skip
 
 
-def _with_length(extension: Float[np.ndarray, "channel angle"], length: int) -> Float[np.ndarray, "channel {length}"]:
+def _with_length(
+    extension: Float[np.ndarray, "channel angle"], length: int
+) -> Float[np.ndarray, "channel {length}"]:
     return extension if extension.shape[-1] == length else resample(extension, length, axis=-1)
 
 
@@ -81,8 +88,12 @@ def cut_extensions(
     return signal
 
 
-def log_amplitude(signal: Float[np.ndarray, "window channel angle"]) -> Float64[np.ndarray, "window value"]:
-    """Natural logarithm of the amplitudes of each window's spectrum, channel after channel in one row."""
+def log_amplitude(
+    signal: Float[np.ndarray, "window channel angle"],
+) -> Float64[np.ndarray, "window value"]:
+    """Natural logarithm of the amplitudes of each window's spectrum, channel after channel in one
+    row.
+    """
     amplitude = np.abs(transform(signal.astype(float))).reshape(len(signal), -1)
     return np.log(np.maximum(amplitude, 1e-5 * amplitude.max()))
 
@@ -90,7 +101,9 @@ def log_amplitude(signal: Float[np.ndarray, "window channel angle"]) -> Float64[
 def with_amplitude(
     signal: Float[np.ndarray, "window channel angle"], amplitude: Float[np.ndarray, "window value"]
 ) -> Float[np.ndarray, "window channel angle"]:
-    """`signal` with other amplitudes, whose logarithms stand as `log_amplitude` gives them, and with its own phases."""
+    """`signal` with other amplitudes, whose logarithms stand as `log_amplitude` gives them, and
+    with its own phases.
+    """
     phase = np.angle(transform(signal.astype(float)))
     spectrum = np.exp(amplitude.reshape(phase.shape) + 1j * phase)
     return inverse_transform(spectrum, signal.shape[-1])
@@ -100,9 +113,9 @@ def with_amplitude(
 class SpectralForm:
     """Model of the logarithms of windows' amplitudes by few numbers.
 
-    A regression gives what class and pressure add to every line; principal components describe the residual. Few
-    numbers, the scores, stand for a window, so that a generative model of them is small. The rest of its spectrum is
-    noise from line to line.
+    A regression gives what class and pressure add to every line; principal components describe the
+    residual. Few numbers, the scores, stand for a window, so that a generative model of them is
+    small. The rest of its spectrum is noise from line to line.
     """
 
     length: int
@@ -122,7 +135,9 @@ class SpectralForm:
         count: int,
         seed: int,
     ) -> "SpectralForm":
-        """The form of training windows with `count` components, or as many as their number allows."""
+        """The form of training windows with `count` components, or as many as their number
+        allows.
+        """
         points = log_amplitude(extensions)
         expected = LinearRegression().fit(condition, points)
         residual = points - expected.predict(condition)
@@ -133,10 +148,18 @@ class SpectralForm:
         return cls(extensions.shape[-1], expected, pca.components_, deviation)
 
     def scores(
-        self, extensions: Float[np.ndarray, "window channel angle"], condition: Float[np.ndarray, "window fact"]
+        self,
+        extensions: Float[np.ndarray, "window channel angle"],
+        condition: Float[np.ndarray, "window fact"],
     ) -> Float64[np.ndarray, "window component"]:
-        """Scores of windows measured under `condition`, of unit variance over the training windows."""
-        return (log_amplitude(extensions) - self.expected.predict(condition)) @ self.components.T / self.deviation
+        """Scores of windows measured under `condition`, of unit variance over the training
+        windows.
+        """
+        return (
+            (log_amplitude(extensions) - self.expected.predict(condition))
+            @ self.components.T
+            / self.deviation
+        )
 
     def rebuild(
         self,
@@ -145,7 +168,8 @@ class SpectralForm:
         extensions: Float[np.ndarray, "window channel angle"],
         condition: Float[np.ndarray, "window fact"],
     ) -> Float[np.ndarray, "window channel angle"]:
-        """Extensions of other scores under `new_condition`, with the phases and the noise of `extensions`.
+        """Extensions of other scores under `new_condition`, with the phases and the noise of
+        `extensions`.
 
         Parameters
         ----------

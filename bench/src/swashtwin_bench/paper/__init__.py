@@ -1,1 +1,3 @@
-"""The paper's experiments as the paper describes them, and one page with its figures beside ours."""
+"""The paper's experiments as the paper describes them, and one page with its figures beside
+ours.
+"""

@@ -1,4 +1,6 @@
-"""`run_paper` and `write_paper_page`: every experiment of the paper by its own recipe, and one page of them."""
+"""`run_paper` and `write_paper_page`: every experiment of the paper by its own recipe, and one page
+of them.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -102,14 +104,17 @@ def run_paper(
     settings: Mapping[str, Any] | None = None,
     source: Path | None = None,
 ) -> dict[str, StudyTable]:
-    """Result of every study of some experiments, by its name; what is finished in the folder of `work` is read.
+    """Result of every study of some experiments, by its name; what is finished in the folder of
+    `work` is read.
 
     Parameters
     ----------
-    work : its seeds are fleets of the virtual rig; the algorithms are repeated on the first. It needs a folder.
+    work : its seeds are fleets of the virtual rig; the algorithms are repeated on the first. It
+        needs a folder.
     size : of the plans.
     experiments : names in `EXPERIMENTS`.
-    settings : of `PlanSettings`, by name; training sets count for the experiments that compare them.
+    settings : of `PlanSettings`, by name; training sets count for the experiments that compare
+        them.
     source : index, store or folder of recordings in place of the virtual rig.
 
     Raises
@@ -119,13 +124,18 @@ def run_paper(
     """
     unknown = [name for name in experiments if name not in EXPERIMENTS]
     if unknown or not experiments:
-        raise InputError(f"no experiment {', '.join(unknown) or 'is named'}; there are {', '.join(EXPERIMENTS)}.")
+        raise InputError(
+            f"no experiment {', '.join(unknown) or 'is named'}; there are {', '.join(EXPERIMENTS)}."
+        )
     if size not in plans.SIZES[PAPER]:
         raise InputError(f"no size {size!r}; there are {', '.join(plans.SIZES[PAPER])}.")
     if (folder := work.out) is None:
         raise InputError("the paper needs a folder (--out), which the fleets are built into.")
     chosen: PlanSettings = read_settings(PlanSettings, settings or {}, "the paper")
-    rig, recordings = "small" if size == "quick" else "paper", None if source is None else load_recordings(source)
+    rig, recordings = (
+        "small" if size == "quick" else "paper",
+        None if source is None else load_recordings(source),
+    )
 
     def fleet(version: str) -> Callable[[int], Sequence[Recording]]:
         return fleets(folder, rig, version, work) if recordings is None else lambda _: recordings
@@ -138,7 +148,9 @@ def run_paper(
         plan = plan_of(f"{PAPER_STUDY}{name}", size)
         sets = tuple(each for each in chosen.training_sets if each in plan.training_sets)
         if not sets and chosen.training_sets and len(plan.training_sets) > 1:
-            raise InputError(f"no training set {chosen.training_sets[0]!r}; there are {', '.join(plan.training_sets)}.")
+            raise InputError(
+                f"no training set {chosen.training_sets[0]!r}; there are {', '.join(plan.training_sets)}."
+            )
         plan = plan.with_settings(replace(chosen, training_sets=sets))
         results[plan.study] = run_plan(plan, fleet(plan.rig), work)
     return results
@@ -156,7 +168,9 @@ def _experiments(results: Mapping[str, StudyTable]) -> Iterator[tuple[str, Study
 
 
 def _result(study: StudyTable) -> str:
-    """The last row of the paper's network that the paper prints a figure for, at each level; and how others differ."""
+    """The last row of the paper's network that the paper prints a figure for, at each level; and
+    how others differ.
+    """
     if not isinstance(study, StudyResult):
         return study.answer[0]
     rows = [row for row in study.rows() if row["classifier"] == MAIN]
@@ -168,8 +182,14 @@ def _result(study: StudyTable) -> str:
     levels = ", ".join(f"{each['accuracy']['mean']:.3f} at {each['level']}" for each in same)
     count = len(row["accuracy"]["values"])
     sentence = f"{_test_of(row, study)}: accuracy {levels}; n = {count}; the paper: {paper_words(study.study, row)}."
-    near = [pair for pair in study.differences() if pair.factor == "classifier" and pair.first["level"] == "L2"]
-    near = [pair for pair in near if pair.first.get("perturbation", "") == row.get("perturbation", "")]
+    near = [
+        pair
+        for pair in study.differences()
+        if pair.factor == "classifier" and pair.first["level"] == "L2"
+    ]
+    near = [
+        pair for pair in near if pair.first.get("perturbation", "") == row.get("perturbation", "")
+    ]
     sentences = [sentence, *(pair.sentence for pair in near)]
     if study.study == f"{PAPER_STUDY}ablation":
         sentences.append(convergence_sentence(study))
@@ -178,12 +198,16 @@ def _result(study: StudyTable) -> str:
 
 def _test_of(row: Mapping[str, Any], study: StudyResult) -> str:
     """Training set and test of a row in words, without its level and how its windows were dealt."""
-    return ", ".join(in_words(n, row[n]) for n in study.factors if n not in ("classifier", "level", "windows"))
+    return ", ".join(
+        in_words(n, row[n]) for n in study.factors if n not in ("classifier", "level", "windows")
+    )
 
 
 def convergence(study: StudyResult) -> dict[str, tuple[float, float]]:
-    """By network, mean epochs and CPU seconds [s] to a training loss that all reach, over the seeds that have all
-    networks: the first epoch at which the loss is at most the least loss of the network that comes down least."""
+    """By network, mean epochs and CPU seconds [s] to a training loss that all reach, over the seeds
+    that have all
+    networks: the first epoch at which the loss is at most the least loss of the network that comes
+    down least."""
     names = list(dict.fromkeys(run["factors"]["classifier"] for run in study.runs))
     found: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
 
@@ -196,13 +220,17 @@ def convergence(study: StudyResult) -> dict[str, tuple[float, float]]:
             common = max(min(losses(run)) for run in runs)
             for run in runs:
                 epoch = 1 + next(index for index, loss in enumerate(losses(run)) if loss <= common)
-                found[run["factors"]["classifier"]].append((epoch, epoch * run["values"].get("epoch_cpu_s", np.nan)))
+                found[run["factors"]["classifier"]].append(
+                    (epoch, epoch * run["values"].get("epoch_cpu_s", np.nan))
+                )
     means = {name: np.mean(pairs, axis=0) for name, pairs in found.items() if pairs}
     return {name: (float(epochs), float(seconds)) for name, (epochs, seconds) in means.items()}
 
 
 def convergence_sentence(study: StudyResult) -> str:
-    """Epochs and seconds of each network to the common loss, and whether the full network is the first by both."""
+    """Epochs and seconds of each network to the common loss, and whether the full network is the
+    first by both.
+    """
     means = convergence(study)
     if MAIN not in means:
         return "Convergence: no fleet has a training of every network yet."
@@ -219,7 +247,8 @@ def convergence_sentence(study: StudyResult) -> str:
 
 
 def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path) -> Path:
-    """Path of ``report.html``: what came out of each experiment beside the paper, then a part for each study.
+    """Path of ``report.html``: what came out of each experiment beside the paper, then a part for
+    each study.
 
     Parameters
     ----------
@@ -235,12 +264,24 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
     if not results:
         raise InputError("there is no result of any experiment to write a page of.")
     parts = [_part(study) for study in _with_each_twin_once(results)]
-    shown = [drawing.name for part in parts for section in part.sections for drawing in drawings(section.blocks)]
+    shown = [
+        drawing.name
+        for part in parts
+        for section in part.sections
+        for drawing in drawings(section.blocks)
+    ]
     pictures = tuple(
-        (Cell(name), Cell(", ".join(each for each in shown if each.endswith(endings)) or "none on this page"))
+        (
+            Cell(name),
+            Cell(
+                ", ".join(each for each in shown if each.endswith(endings)) or "none on this page"
+            ),
+        )
         for name, endings in PICTURES.items()
     )
-    overview = tuple((Cell(heading), Cell(_result(study))) for heading, study in _experiments(results))
+    overview = tuple(
+        (Cell(heading), Cell(_result(study))) for heading, study in _experiments(results)
+    )
     first = next(iter(results.values()))
     lead = Part(
         title="The paper, row by row",
@@ -258,7 +299,11 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
                     "there; ours come from the runs of this folder.",
                     Bullets("The same as in the paper", SAME),
                     Bullets("Different, and why", (*_smaller(size), *DIFFERENT)),
-                    Table("Pictures of the paper, and ours: files in figures/.", ("picture", "figures"), pictures),
+                    Table(
+                        "Pictures of the paper, and ours: files in figures/.",
+                        ("picture", "figures"),
+                        pictures,
+                    ),
                 ),
             ),
         ),
@@ -272,7 +317,9 @@ def _part(study: StudyTable) -> Part:
     if study.study != IDENTIFICATION:
         return part
     blocks = (values_table(study), rates_drawing(study))
-    return replace(part, sections=(*part.sections, Section(SectionOrder.CALIBRATION, "The six values", blocks)))
+    return replace(
+        part, sections=(*part.sections, Section(SectionOrder.CALIBRATION, "The six values", blocks))
+    )
 
 
 def _with_each_twin_once(results: Mapping[str, StudyTable]) -> Iterator[StudyTable]:
@@ -280,8 +327,13 @@ def _with_each_twin_once(results: Mapping[str, StudyTable]) -> Iterator[StudyTab
     shown: set[tuple[str, str, tuple[str, ...]]] = set()
     for study in results.values():
         if isinstance(study, StudyResult):
-            named = {(study.origin, each.twin.pump.name, each.recording_ids): each for each in study.calibrations}
-            study = replace(study, calibrations=tuple(each for name, each in named.items() if name not in shown))
+            named = {
+                (study.origin, each.twin.pump.name, each.recording_ids): each
+                for each in study.calibrations
+            }
+            study = replace(
+                study, calibrations=tuple(each for name, each in named.items() if name not in shown)
+            )
             shown |= named.keys()
         yield study
 
@@ -293,7 +345,9 @@ def _smaller(size: str) -> tuple[str, ...]:
         return ()
     text = f"Size {size}: {training.epochs} epochs in place of {paper.epochs}"
     if size == "medium":
-        return (f"{text}, and the paper's network reads patches of {plans.PATCH} samples in place of every sample.",)
+        return (
+            f"{text}, and the paper's network reads patches of {plans.PATCH} samples in place of every sample.",
+        )
     counts, full = plans.SCENARIOS[PAPER, size], plans.SCENARIOS[PAPER, "paper"]
     return (
         f"{text}, batches of {training.batch_size} in place of {paper.batch_size}; {counts.windows} windows of each "
@@ -305,14 +359,26 @@ def _smaller(size: str) -> tuple[str, ...]:
 
 def _certainty(size: str, results: Mapping[str, StudyTable]) -> tuple[str, ...]:
     """What the size, and the numbers of fleets, trainings and pumps, let one say."""
-    remarks = ["Size quick shows that every experiment runs, not how good it is."] if size == "quick" else []
+    remarks = (
+        ["Size quick shows that every experiment runs, not how good it is."]
+        if size == "quick"
+        else []
+    )
     repeated = f"{PAPER_STUDY}algorithms"
-    seeds = sorted({seed for name, study in results.items() if name != repeated for seed in study.seeds})
+    seeds = sorted(
+        {seed for name, study in results.items() if name != repeated for seed in study.seeds}
+    )
     if seeds:
         remarks.append(
             f"{plural(len(seeds), 'fleet')} of pumps (seeds {', '.join(map(str, seeds))}). "
-            + ("Differences are paired by fleet." if len(seeds) > 1 else "Differences have no interval.")
+            + (
+                "Differences are paired by fleet."
+                if len(seeds) > 1
+                else "Differences have no interval."
+            )
         )
     if repeated in results:
-        remarks.append(f"Algorithms: {plural(len(results[repeated].seeds), 'training')} of each on one fleet.")
+        remarks.append(
+            f"Algorithms: {plural(len(results[repeated].seeds), 'training')} of each on one fleet."
+        )
     return tuple(remarks)

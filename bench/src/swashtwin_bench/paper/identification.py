@@ -1,8 +1,10 @@
-"""The paper's identification: IPINN at each learning rate of its grid, its loss curves, and RMSE, PE and SVE.
+"""The paper's identification: IPINN at each learning rate of its grid, its loss curves, and RMSE,
+PE and SVE.
 
-Each pump of a fleet is calibrated on its recordings of the swash plate fault at one pressure but the last, which the
-errors are measured on. Two Gauss-Newton searches, alike but for the phases of the lines, show what becomes of the
-waveform's RMSE where phases are compared and where they are not.
+Each pump of a fleet is calibrated on its recordings of the swash plate fault at one pressure but
+the last, which the errors are measured on. Two Gauss-Newton searches, alike but for the phases of
+the lines, show what becomes of the waveform's RMSE where phases are compared and where they are
+not.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,12 +45,17 @@ METRICS = {
     "wall_s": "time of one search [s]",
 }
 
-_PRINTED = {"slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m", "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m"}
+_PRINTED = {
+    "slipper_swash.damping": "1.86·10⁶ to 0.778·10⁶ N·s/m",
+    "piston_bore.damping": "3.40·10⁴ to 15.3·10⁴ N·s/m",
+}
 _LETTERS = dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_hz", "K_hz"), strict=True))
 """Letter of each value in the paper."""
 
 _CUT = 2
-"""The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far above."""
+"""The figure ends at so many times the median loss of epoch 1: single epochs of a high rate are far
+above.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +69,10 @@ class _Pump:
 
 
 def methods(size: str) -> dict[str, Contender | None]:
-    """Ways to identify the six values, by name; None for the nominal ones. At the paper's size IPINN with the settled
-    answer of RK4 inside the loss too, which is solved by lines and not step by step."""
+    """Ways to identify the six values, by name; None for the nominal ones. At the paper's size
+    IPINN with the settled answer of RK4 inside the loss too, which is solved by lines and not step
+    by step.
+    """
     searches = {f"ipinn_{rate:g}": Contender(IPINN(learning_rate=rate)) for rate in PAPER_RATES}
     if size == "paper":
         searches["ipinn_rk4"] = Contender(IPINN(solver=RK4()))
@@ -71,8 +80,11 @@ def methods(size: str) -> dict[str, Contender | None]:
     return {NOMINAL: None, **searches, **{name: CONTENDERS[name] for name in phases_apart}}
 
 
-def run_identification(work: Work, size: str, fleet: Callable[[int], Sequence[Recording]]) -> StudyTable:
-    """Errors of every way to identify the six values, a trial for each pump, and the loss of each epoch.
+def run_identification(
+    work: Work, size: str, fleet: Callable[[int], Sequence[Recording]]
+) -> StudyTable:
+    """Errors of every way to identify the six values, a trial for each pump, and the loss of each
+    epoch.
 
     Parameters
     ----------
@@ -86,24 +98,42 @@ def run_identification(work: Work, size: str, fleet: Callable[[int], Sequence[Re
         No pump has two recordings of the fault at the pressure.
     """
     pumps = [pump for seed in work.seeds for pump in _pumps(fleet(seed), seed)]
-    cases = [(name, contender, pump, work.out) for name, contender in methods(size).items() for pump in pumps]
+    cases = [
+        (name, contender, pump, work.out)
+        for name, contender in methods(size).items()
+        for pump in pumps
+    ]
     runs = work.each("searches", _run, cases)
     results = [(name, pump, run) for (name, _, pump, _), run in zip(cases, runs, strict=True)]
-    refusals = dict.fromkeys(f"{name}: {run['refusal']}" for name, _, run in results if "refusal" in run)
+    refusals = dict.fromkeys(
+        f"{name}: {run['refusal']}" for name, _, run in results if "refusal" in run
+    )
 
     def named(key: str) -> list[tuple[dict[str, Any], Any]]:
-        return [({"twin": n, "seed": p.seed, "specimen": p.name}, run[key]) for n, p, run in results if run.get(key)]
+        return [
+            ({"twin": n, "seed": p.seed, "specimen": p.name}, run[key])
+            for n, p, run in results
+            if run.get(key)
+        ]
 
     study = StudyTable(
         study=STUDY,
         title="The paper's identification: learning rates of the IPINN, and errors of the twin",
         metrics=METRICS,
         trials=tuple(
-            Trial({"twin": name}, pump.seed, {metric: run[metric] for metric in METRICS if metric in run})
+            Trial(
+                {"twin": name},
+                pump.seed,
+                {metric: run[metric] for metric in METRICS if metric in run},
+            )
             for name, pump, run in results
         ),
         answer=(),
-        settings={"label": LABEL, "pressure_Pa": PRESSURE, "methods": {n: repr(c) for n, c in methods(size).items()}},
+        settings={
+            "label": LABEL,
+            "pressure_Pa": PRESSURE,
+            "methods": {n: repr(c) for n, c in methods(size).items()},
+        },
         origin=origin_of([pumps[0].held_out]),
         command=work.command,
         notes=(
@@ -114,7 +144,10 @@ def run_identification(work: Work, size: str, fleet: Callable[[int], Sequence[Re
         ),
         details={
             "curves": [{**names, "loss": loss} for names, loss in named("curve")],
-            "parameters": [{**names, **dict(zip(PARAMETERS, six, strict=True))} for names, six in named("parameters")],
+            "parameters": [
+                {**names, **dict(zip(PARAMETERS, six, strict=True))}
+                for names, six in named("parameters")
+            ],
         },
     )
     return replace(study, answer=(_sentence(study),))
@@ -130,7 +163,9 @@ def _pumps(recordings: Sequence[Recording], seed: int) -> list[_Pump]:
             and values_match(condition.discharge_pressure, PRESSURE, PRESSURE_TOLERANCE)
         ):
             by_pump.setdefault(str(recording.specimen), []).append(recording)
-    pumps = [_Pump(seed, name, tuple(of[:-1]), of[-1]) for name, of in by_pump.items() if len(of) > 1]
+    pumps = [
+        _Pump(seed, name, tuple(of[:-1]), of[-1]) for name, of in by_pump.items() if len(of) > 1
+    ]
     if not pumps:
         raise DataError(
             f"no pump has two recordings of {LABEL} at {PRESSURE / 1e6:g} MPa, one to calibrate on and one to test on."
@@ -190,7 +225,9 @@ def _sentence(study: StudyTable) -> str:
         low, high = paired_interval(pairs.tolist())
         interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
         change = f"change {pairs.mean():+.3f}{interval}" if pairs.size else "no search ended"
-        changes.append(f"{metric.upper()} {number(float(np.nanmean(before)))} in the nominal twin, {change}")
+        changes.append(
+            f"{metric.upper()} {number(float(np.nanmean(before)))} in the nominal twin, {change}"
+        )
     failed = len(study.of(twin=CHOSEN)) - pairs.size
     return (
         f"IPINN at the paper's rate, errors on recordings held out: {'; '.join(changes)}; n = {pairs.size} pumps"
@@ -209,25 +246,46 @@ def values_table(study: StudyTable) -> Table:
         before, found = float(np.exp(logarithms(NOMINAL, name).mean())), logarithms(CHOSEN, name)
         identified = "every search failed"
         if found.size:
-            spread = f" (× or ÷ {number(float(np.exp(found.std(ddof=1))))})" if found.size > 1 else ""
+            spread = (
+                f" (× or ÷ {number(float(np.exp(found.std(ddof=1))))})" if found.size > 1 else ""
+            )
             identified = f"{number(float(np.exp(found.mean())) / before)}{spread}"
         printed = _PRINTED.get(name, "not printed")
         rows.append(
-            tuple(map(Cell, (f"{_LETTERS[name]}, {words(name)}", printed, number(before), f"{moved:g}", identified)))
+            tuple(
+                map(
+                    Cell,
+                    (
+                        f"{_LETTERS[name]}, {words(name)}",
+                        printed,
+                        number(before),
+                        f"{moved:g}",
+                        identified,
+                    ),
+                )
+            )
         )
     return Table(
         "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the rig's mean, and the "
         "geometric mean over the pumps with the factor of one standard deviation. The rig's own factor is "
         f"{number(float(np.exp(DISPERSION)))}. The rig was built so that C_sw and C_hz move as the paper found: to "
         "agree with the paper proves nothing.",
-        ("value", "the paper, empirical to identified", "nominal", "true / nominal", "identified / nominal"),
+        (
+            "value",
+            "the paper, empirical to identified",
+            "nominal",
+            "true / nominal",
+            "identified / nominal",
+        ),
         tuple(rows),
     )
 
 
 @figure_style()
 def rates_drawing(study: StudyTable) -> Drawing:
-    """Loss of each epoch: for each learning rate the median over pumps, and the middle half of them."""
+    """Loss of each epoch: for each learning rate the median over pumps, and the middle half of
+    them.
+    """
     curves = study.details["curves"]
     names = list(dict.fromkeys(curve["twin"] for curve in curves))
     colors = series_colors(names)
@@ -252,7 +310,13 @@ def rates_drawing(study: StudyTable) -> Drawing:
     if names:
         figure.legend(loc="outside upper center", ncols=3)
     rows = [
-        {"twin": curve["twin"], "seed": curve["seed"], "specimen": curve["specimen"], "epoch": epoch, "loss": loss}
+        {
+            "twin": curve["twin"],
+            "seed": curve["seed"],
+            "specimen": curve["specimen"],
+            "epoch": epoch,
+            "loss": loss,
+        }
         for curve in curves
         for epoch, loss in enumerate(curve["loss"], 1)
     ]

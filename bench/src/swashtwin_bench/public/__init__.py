@@ -1,1 +1,3 @@
-"""Public sets of recordings, read as published and asked what an honest split leaves of the usual score."""
+"""Public sets of recordings, read as published and asked what an honest split leaves of the usual
+score.
+"""

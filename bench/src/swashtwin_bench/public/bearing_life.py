@@ -1,7 +1,8 @@
 """When alarms come in the life of bearings that ran until they failed, by two rules.
 
-The watch: `PointMonitor` with its defaults. The plain rule: a band stands 6 dB above its median of the first 20
-recordings, which are taken for healthy, in two of three. No threshold is fitted to these bearings.
+The watch: `PointMonitor` with its defaults. The plain rule: a band stands 6 dB above its median of
+the first 20 recordings, which are taken for healthy, in two of three. No threshold is fitted to
+these bearings.
 """
 
 import math
@@ -57,10 +58,15 @@ def bearing_life(work: Work, folder: Path) -> StudyTable:
     """
     inner = Path(folder) / "bearing_run_to_failure"
     recordings = read_bearing_run_to_failure(inner if inner.is_dir() else folder)
-    lives = {name: list(group) for name, group in groupby(recordings, key=lambda item: str(item.specimen))}
+    lives = {
+        name: list(group)
+        for name, group in groupby(recordings, key=lambda item: str(item.specimen))
+    }
     for name, life in lives.items():
         if len(life) < 2 * N_HEALTHY:
-            raise InputError(f"{name} has {len(life)} recordings; {2 * N_HEALTHY} are needed at least.")
+            raise InputError(
+                f"{name} has {len(life)} recordings; {2 * N_HEALTHY} are needed at least."
+            )
     values = work.each("bearings", _values, [(life,) for life in lives.values()])
     answers = []
     for metric, rule in (("watch_at", "watch"), ("plain_at", "plain rule")):
@@ -74,7 +80,9 @@ def bearing_life(work: Work, folder: Path) -> StudyTable:
         study="run-to-failure",
         title="Does the alarm come before the end, and not too early?",
         metrics=METRICS,
-        trials=tuple(Trial({"bearing": name}, 0, each) for name, each in zip(lives, values, strict=True)),
+        trials=tuple(
+            Trial({"bearing": name}, 0, each) for name, each in zip(lives, values, strict=True)
+        ),
         answer=tuple(answers),
         settings={"healthy": N_HEALTHY, "early": EARLY},
         origin="bearing_run_to_failure: six bearings run until they failed (PRONOSTIA, IEEE PHM 2012).",
@@ -83,7 +91,11 @@ def bearing_life(work: Work, folder: Path) -> StudyTable:
 
 
 def _values(life: Sequence[Recording]) -> dict[str, float]:
-    return {"watch_at": watch_alarm(life), "plain_at": plain_alarm(life), "recordings": float(len(life))}
+    return {
+        "watch_at": watch_alarm(life),
+        "plain_at": plain_alarm(life),
+        "recordings": float(len(life)),
+    }
 
 
 def watch_alarm(life: Sequence[Recording]) -> float:
@@ -103,11 +115,13 @@ def watch_alarm(life: Sequence[Recording]) -> float:
 
 
 def plain_alarm(life: Sequence[Recording]) -> float:
-    """Share of life at which a band is `PLAIN_RISE` above its median in two of three recordings, or NaN.
+    """Share of life at which a band is `PLAIN_RISE` above its median in two of three recordings, or
+    NaN.
 
     Parameters
     ----------
-    life : recordings of one bearing, in order of time to its end; the first `N_HEALTHY` make the median.
+    life : recordings of one bearing, in order of time to its end; the first `N_HEALTHY` make the
+        median.
     """
     layout, _ = level_layout(life)
     bands = np.array([level.is_band for level in layout.levels])

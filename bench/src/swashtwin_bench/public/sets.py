@@ -1,16 +1,19 @@
-"""Public sets of recordings, each read as it was published, and their honest splits, which keep whole groups apart.
+"""Public sets of recordings, each read as it was published, and their honest splits, which keep
+whole groups apart.
 
-A set's reader takes the folder of its files and gives recordings whose `attributes` name the groups; its docstring says
-which attribute is which, and what misleads in the set. No data comes with this package.
+A set's reader takes the folder of its files and gives recordings whose `attributes` name the
+groups; its docstring says which attribute is which, and what misleads in the set. No data comes
+with this package.
 
 =========================  ======================================  ===========================================
-set                        labels                                  groups (attributes, or ``specimen``)
+set                        labels                                  groups (attributes, or
+``specimen``)
 =========================  ======================================  ===========================================
-``bearing_run_to_failure`` none: six bearings until they failed    ``specimen``
-``cwru``                   normal, inner_race, ball, outer_race    ``specimen``, ``fault_size_mil``, ``end``
-``motor_pump_industrial``  healthy, faulty                         ``block``
-``pump_cavitation``        healthy, cavitation25, 50, 75, 100      ``speed_nominal``, ``repeat``
-``uci_hydraulic``          no_, weak_, severe_leakage              ``pump_run``, ``cooler_block``
+``bearing_run_to_failure`` none: six bearings until they failed    ``specimen`` ``cwru``
+normal, inner_race, ball, outer_race    ``specimen``, ``fault_size_mil``, ``end``
+``motor_pump_industrial``  healthy, faulty                         ``block`` ``pump_cavitation``
+healthy, cavitation25, 50, 75, 100      ``speed_nominal``, ``repeat`` ``uci_hydraulic``
+no_, weak_, severe_leakage              ``pump_run``, ``cooler_block``
 =========================  ======================================  ===========================================
 """
 
@@ -57,7 +60,9 @@ def read_public_set(name: str, folder: Path | str) -> list[Recording]:
         The folder holds none of its files, or one is damaged.
     """
     if name not in PUBLIC_SETS:
-        raise InputError(f"{name!r} is no public set that is known; there are {', '.join(PUBLIC_SETS)}.")
+        raise InputError(
+            f"{name!r} is no public set that is known; there are {', '.join(PUBLIC_SETS)}."
+        )
     return PUBLIC_SETS[name](Path(folder))
 
 
@@ -97,13 +102,17 @@ class Split:
     folds: tuple[Fold, ...]
     """Every pair of sides."""
     floor: float
-    """Balanced accuracy by window of the reference that came with the aims: extra trees on 48 bands."""
+    """Balanced accuracy by window of the reference that came with the aims: extra trees on 48
+    bands.
+    """
 
 
 def _held_out(groups: Sequence[str]) -> tuple[Fold, ...]:
     """Each group held out once."""
     if len(groups) < 2:
-        raise DataError("the recordings are of one group only, so nothing can be held out; take the whole set.")
+        raise DataError(
+            "the recordings are of one group only, so nothing can be held out; take the whole set."
+        )
     return tuple(Fold(group, frozenset(groups) - {group}, frozenset({group})) for group in groups)
 
 
@@ -121,7 +130,10 @@ def cavitation_splits(recordings: Sequence[Recording]) -> list[Split]:
 def hydraulic_splits(recordings: Sequence[Recording]) -> list[Split]:
     """Runs of the pump, in five folds of whole runs, and each state of the cooler in turn."""
     splits = []
-    for name, attribute, floor in (("pump_run", "pump_run", 0.88), ("cooler", "cooler_block", 0.77)):
+    for name, attribute, floor in (
+        ("pump_run", "pump_run", 0.88),
+        ("cooler", "cooler_block", 0.77),
+    ):
         group = _of_attribute(attribute)
         of_recording = np.array(list(map(group, recordings)))
         names = np.unique(of_recording).tolist()
@@ -139,7 +151,8 @@ def _five_folds(group: np.ndarray) -> tuple[Fold, ...]:
 
 
 def bearing_splits(recordings: Sequence[Recording]) -> list[Split]:
-    """Each fault size at the drive end in turn, and the fan end after the drive end; recordings at 12 kHz.
+    """Each fault size at the drive end in turn, and the fan end after the drive end; recordings at
+    12 kHz.
 
     Outer races of the drive end are those damaged at 6 o'clock, in the load zone.
     """
@@ -149,24 +162,41 @@ def bearing_splits(recordings: Sequence[Recording]) -> list[Split]:
 
     def is_used(recording: Recording) -> bool:
         facts = recording.attributes
-        beside = recording.label == "outer_race" and facts["end"] == "DE" and facts["or_position"] != "6"
-        sound = recording.label in ("ball", "inner_race", "outer_race") and recording.sample_rate == 12000.0
+        beside = (
+            recording.label == "outer_race" and facts["end"] == "DE" and facts["or_position"] != "6"
+        )
+        sound = (
+            recording.label in ("ball", "inner_race", "outer_race")
+            and recording.sample_rate == 12000.0
+        )
         return sound and facts["fault_size_mil"] in _CWRU_SIZES and not beside
 
     selected = tuple(filter(is_used, recordings))
     if not selected:
-        raise DataError("the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil.")
+        raise DataError(
+            "the CWRU folder holds no recording at 12 kHz with a fault of 7, 14 or 21 mil."
+        )
     drive, fan = ([f"{end} {size}" for size in _CWRU_SIZES] for end in ("DE", "FE"))
     return [
         Split("cwru/size", selected, group, _held_out(drive), 0.50),
-        Split("cwru/drive_to_fan", selected, group, (Fold("fan end", frozenset(drive), frozenset(fan)),), 0.29),
+        Split(
+            "cwru/drive_to_fan",
+            selected,
+            group,
+            (Fold("fan end", frozenset(drive), frozenset(fan)),),
+            0.29,
+        ),
     ]
 
 
 def motor_splits(recordings: Sequence[Recording]) -> list[Split]:
     """A block of each class on either side."""
-    folds = tuple(Fold(" + ".join(test), frozenset(train), frozenset(test)) for train, test in _MOTOR_BLOCKS)
-    return [Split("motor_pump_industrial/block", tuple(recordings), _of_attribute("block"), folds, 0.62)]
+    folds = tuple(
+        Fold(" + ".join(test), frozenset(train), frozenset(test)) for train, test in _MOTOR_BLOCKS
+    )
+    return [
+        Split("motor_pump_industrial/block", tuple(recordings), _of_attribute("block"), folds, 0.62)
+    ]
 
 
 SPLITS: Mapping[str, Callable[[Sequence[Recording]], list[Split]]] = {

@@ -1,4 +1,6 @@
-"""The ordinary training on every public set, on splits that keep groups apart, beside windows dealt at random."""
+"""The ordinary training on every public set, on splits that keep groups apart, beside windows dealt
+at random.
+"""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -69,12 +71,16 @@ class _Case:
         return Task("public", self.seed, factors, {"model": settings, **sides}, self.data)
 
     def estimator(self, train: Sequence[Recording]) -> FaultClassifier:
-        """The classifier before its training; others than the default take the default's windows."""
+        """The classifier before its training; others than the default take the default's
+        windows.
+        """
         if self.classifier == CHOSEN:
             return FaultClassifier(seed=self.seed)
         window = usual_window(train) if train else None
         scaling = "none" if self.classifier in ON_FEATURES else RECOMMENDED_TRAINING.normalization
-        return FaultClassifier(self.classifier, window=window, normalization=scaling, seed=self.seed)
+        return FaultClassifier(
+            self.classifier, window=window, normalization=scaling, seed=self.seed
+        )
 
     def run(self, out: Path | None) -> dict[str, Any]:
         """Its run, read or done."""
@@ -84,7 +90,11 @@ class _Case:
         """Scores on the test side, and what they cost."""
         begun = time.process_time()
         train, test = (
-            [recording for recording in self.split.recordings if self.split.group(recording) in side]
+            [
+                recording
+                for recording in self.split.recordings
+                if self.split.group(recording) in side
+            ]
             for side in (self.fold.train, self.fold.test)
         )
         try:
@@ -99,7 +109,9 @@ class _Case:
             "balanced_accuracy": by_window,
             "recording_balanced_accuracy": float(balanced_accuracy_score(label, predicted)),
             "copies": len(test) - len(unseen),
-            "choice": "" if (choice := getattr(classifier.fitted_, "choice", None)) is None else choice.sentence(),
+            "choice": ""
+            if (choice := getattr(classifier.fitted_, "choice", None)) is None
+            else choice.sentence(),
             "window": classifier.fitted_.layout.length,
             "cpu_s": time.process_time() - begun,
         }
@@ -116,12 +128,14 @@ class PublicSettings:
 
 
 def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
-    """Scores of classifiers with default settings on splits that keep machines, speeds or runs apart.
+    """Scores of classifiers with default settings on splits that keep machines, speeds or runs
+    apart.
 
     Parameters
     ----------
     work : its seeds are of the trainings.
-    folder : a folder with one folder for each public set, named as in `SPLITS`; missing sets are left out.
+    folder : a folder with one folder for each public set, named as in `SPLITS`; missing sets are
+        left out.
 
     Raises
     ------
@@ -132,7 +146,9 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
     """
     for name in settings.classifiers:
         if name not in (CHOSEN, *NETWORKS):
-            raise InputError(f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join(NETWORKS)}.")
+            raise InputError(
+                f"no classifier is called {name!r}; there are {CHOSEN}, {', '.join(NETWORKS)}."
+            )
     there = _sets_there(Path(folder), settings.sets)
     rows: list[tuple[_Case, dict[str, Any]]] = []
     leaky: list[Trial] = []
@@ -146,13 +162,27 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
             for seed in work.seeds
             for fold in split.folds
         ]
-        rows += zip(cases, work.each(name, _Case.run, [(case, work.out) for case in cases]), strict=True)
+        rows += zip(
+            cases, work.each(name, _Case.run, [(case, work.out) for case in cases]), strict=True
+        )
         leaky += [trial_at_random(split, seed) for split in splits for seed in work.seeds]
     trials = _trials(rows)
-    refused = {f"{case.split.name}, {case.classifier}: {row['refused']}" for case, row in rows if "refused" in row}
+    refused = {
+        f"{case.split.name}, {case.classifier}: {row['refused']}"
+        for case, row in rows
+        if "refused" in row
+    }
     missing = [name for name in settings.sets or SPLITS if name not in there]
     absent = (f"{name} is not in {Path(folder).name} and was left out." for name in missing)
-    shown = ("balanced_accuracy", "recording_balanced_accuracy", "copies", "choice", "window", "cpu_s", "refused")
+    shown = (
+        "balanced_accuracy",
+        "recording_balanced_accuracy",
+        "copies",
+        "choice",
+        "window",
+        "cpu_s",
+        "refused",
+    )
     return StudyTable(
         study="public",
         title="Real recordings, honest splits: the training of somebody who sets nothing",
@@ -164,7 +194,11 @@ def public(work: Work, settings: PublicSettings, folder: Path) -> StudyTable:
         notes=(*_NOTES, *sorted(refused), *absent),
         details={
             "folds": [
-                {**case.task.factors, "seed": case.seed, **{name: row[name] for name in shown if name in row}}
+                {
+                    **case.task.factors,
+                    "seed": case.seed,
+                    **{name: row[name] for name in shown if name in row},
+                }
                 for case, row in rows
             ]
         },
@@ -188,7 +222,9 @@ def trial_at_random(split: Split, seed: int) -> Trial:
     """Balanced accuracy of extra trees over five folds of windows dealt at random."""
     groups = frozenset().union(*(fold.train | fold.test for fold in split.folds))
     recordings = [recording for recording in split.recordings if split.group(recording) in groups]
-    windows = cut_windows(recordings, length=usual_window(recordings), allow_partial_revolution=True)
+    windows = cut_windows(
+        recordings, length=usual_window(recordings), allow_partial_revolution=True
+    )
     trees = ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
     folds = StratifiedKFold(5, shuffle=True, random_state=seed)
     predicted = cross_val_predict(trees, feature_values(windows.signal), windows.label, cv=folds)
@@ -208,7 +244,9 @@ def _live(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _trials(rows: Sequence[tuple[_Case, Mapping[str, Any]]]) -> tuple[Trial, ...]:
-    """One trial for each split, classifier and seed: the mean over the folds, NaN where one was refused."""
+    """One trial for each split, classifier and seed: the mean over the folds, NaN where one was
+    refused.
+    """
     grouped: dict[tuple[str, str, int], list[Mapping[str, Any]]] = {}
     floors = {case.split.name: case.split.floor for case, _ in rows}
     for case, row in rows:
@@ -216,9 +254,15 @@ def _trials(rows: Sequence[tuple[_Case, Mapping[str, Any]]]) -> tuple[Trial, ...
     trials = []
     for (split, classifier, seed), folds in grouped.items():
         means = {
-            name: float(np.mean([fold.get(name, np.nan) for fold in folds])) for name in METRICS if name != "floor"
+            name: float(np.mean([fold.get(name, np.nan) for fold in folds]))
+            for name in METRICS
+            if name != "floor"
         }
-        trials.append(Trial({"split": split, "classifier": classifier}, seed, {**means, "floor": floors[split]}))
+        trials.append(
+            Trial(
+                {"split": split, "classifier": classifier}, seed, {**means, "floor": floors[split]}
+            )
+        )
     return tuple(trials)
 
 
@@ -228,8 +272,12 @@ def _answer(trials: Sequence[Trial], classifiers: Sequence[str]) -> tuple[str, .
     for classifier in classifiers:
         of_split: dict[str, list[float]] = {}
         for trial in trials:
-            if trial.factors["classifier"] == classifier and not trial.factors["split"].startswith("uci_hydraulic"):
-                of_split.setdefault(trial.factors["split"], []).append(trial.values["recording_balanced_accuracy"])
+            if trial.factors["classifier"] == classifier and not trial.factors["split"].startswith(
+                "uci_hydraulic"
+            ):
+                of_split.setdefault(trial.factors["split"], []).append(
+                    trial.values["recording_balanced_accuracy"]
+                )
         if means := {split: float(np.mean(values)) for split, values in of_split.items()}:
             floors = {trial.factors["split"]: trial.values["floor"] for trial in trials}
             above = sum(mean >= floors[split] for split, mean in means.items())

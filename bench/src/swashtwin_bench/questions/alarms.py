@@ -1,5 +1,6 @@
-"""Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose fault grows, whose
-suspect a pump prior names that is adapted to what the watch learned."""
+"""Whether the watch's alarm keeps its promise: on healthy pumps that drift, and on pumps whose
+fault grows, whose suspect a pump prior names that is adapted to what the watch learned.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -71,10 +72,16 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     """
     pumps = [chr(ord("A") + number) for number in range(settings.pumps)]
     courses = [(HEALTHY, seed, pump, settings, work.out) for seed in work.seeds for pump in pumps]
-    courses += [(kind, seed, "A", settings, work.out) for kind in trends_of(settings.rig) for seed in work.seeds]
+    courses += [
+        (kind, seed, "A", settings, work.out)
+        for kind in trends_of(settings.rig)
+        for seed in work.seeds
+    ]
     trials = [
         Trial({"course": kind, "pump": pump}, seed, {name: run[name] for name in METRICS})
-        for (kind, seed, pump, *_), run in zip(courses, work.each("courses", _run, courses), strict=True)
+        for (kind, seed, pump, *_), run in zip(
+            courses, work.each("courses", _run, courses), strict=True
+        )
     ]
     shortest = PlantCourse(recordings=1, duration=0.1, version=settings.rig)
     first = next(plant_course(work.seeds[0], "A", shortest))[0]
@@ -95,7 +102,9 @@ def alarms(work: Work, settings: AlarmStudySettings) -> StudyTable:
     return replace(study, answer=tuple(_answer(study, settings)))
 
 
-def _run(kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None) -> dict[str, Any]:
+def _run(
+    kind: str, seed: int, pump: str, settings: AlarmStudySettings, out: Path | None
+) -> dict[str, Any]:
     factors = {"course": kind, "pump": pump}
     task = Task("alarms", seed, factors, asdict(settings), f"virtual rig {settings.rig}")
     return task.run(out, lambda: _course(kind, seed, pump, settings))
@@ -112,7 +121,9 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         duration=settings.duration,
         version=settings.rig,
     )
-    monitor = PointMonitor(f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning)
+    monitor = PointMonitor(
+        f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning
+    )
     counts = ("watched", "false_alarms", "large", "findings")
     state, values = None, {name: 0.0 if name in counts else math.nan for name in METRICS}
     learned: list[Recording] = []
@@ -132,11 +143,15 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
     return values
 
 
-def _suspected(learned: Sequence[Recording], recording: Recording, rig: str, seed: int) -> dict[str, float]:
+def _suspected(
+    learned: Sequence[Recording], recording: Recording, rig: str, seed: int
+) -> dict[str, float]:
     """Figures of the suspect of an alarm."""
     specimen = VERSIONS[rig].draw_specimen(load_pump(PUMP), str(recording.specimen), seed)
     pistons = len(specimen.clearances) if rig in OTHER_DESIGNS else None
-    suspect = Suspect.of(PriorClassifier.load(PUMP).fit(learned, pistons=pistons).diagnose(recording))
+    suspect = Suspect.of(
+        PriorClassifier.load(PUMP).fit(learned, pistons=pistons).diagnose(recording)
+    )
     is_right, is_sure = suspect.label == recording.label, suspect.certainty == "sure"
     return {
         "named_right": float(is_sure and is_right),
@@ -168,7 +183,9 @@ def _answer(study: StudyTable, settings: AlarmStudySettings) -> Iterator[str]:
     for kind in trends:
         yield _detection(kind.replace("_", " "), study.of(course=kind))
     is_held = {kind: fault.label in CLASSES for kind, fault in trends.items()}
-    yield _suspicion("faults that the prior holds", [item for item in worn if is_held[item.factors["course"]]])
+    yield _suspicion(
+        "faults that the prior holds", [item for item in worn if is_held[item.factors["course"]]]
+    )
     if not all(is_held.values()):
         yield _suspicion("others", [item for item in worn if not is_held[item.factors["course"]]])
 

@@ -1,10 +1,12 @@
-"""How near calibrated twins come to pumps of the virtual rig, and whether their intervals hold what they promise.
+"""How near calibrated twins come to pumps of the virtual rig, and whether their intervals hold what
+they promise.
 
-Each pump of each fleet is calibrated by every method on all but one of its recordings of one class at one pressure.
-Errors (RMSE, PE, SVE) are those on the recording that was kept. The six values are held against those that held in the
-rig on average over the recordings calibrated on (the rig takes a pump apart between two recordings, and its films
-follow oil and pressure). Two rows are no twins but the rig's own lines without their noise: of the very recording that
-is tested on, which nothing can beat, and of another recording of the pump, which is all that can be known without it.
+Each pump of each fleet is calibrated by every method on all but one of its recordings of one class
+at one pressure. Errors (RMSE, PE, SVE) are those on the recording that was kept. The six values are
+held against those that held in the rig on average over the recordings calibrated on (the rig takes
+a pump apart between two recordings, and its films follow oil and pressure). Two rows are no twins
+but the rig's own lines without their noise: of the very recording that is tested on, which nothing
+can beat, and of another recording of the pump, which is all that can be known without it.
 """
 
 from collections.abc import Sequence
@@ -60,7 +62,10 @@ CONTENDERS: dict[str, Contender] = {
 
 _ERRORS = ("rmse", "pe", "sve")
 
-FAULTS = {"normal": None, "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))}
+FAULTS = {
+    "normal": None,
+    "swash_plate": SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24)),
+}
 """What the twin of each class simulates: the recess as it was machined."""
 
 METRICS = {
@@ -91,7 +96,9 @@ class CalibrationStudySettings:
 
     def __post_init__(self) -> None:
         if self.label not in FAULTS:
-            raise InputError(f"label {self.label!r} has no twin here; choose one of {', '.join(FAULTS)}.")
+            raise InputError(
+                f"label {self.label!r} has no twin here; choose one of {', '.join(FAULTS)}."
+            )
         if self.repeats < 2 or self.specimens < 1:
             raise InputError(
                 f"repeats ({self.repeats}) must be at least 2, of which one is tested on, and specimens "
@@ -99,7 +106,9 @@ class CalibrationStudySettings:
             )
         unknown = [name for name in self.contenders if name not in CONTENDERS]
         if unknown:
-            raise InputError(f"methods {', '.join(unknown)} are unknown; choose among {', '.join(CONTENDERS)}.")
+            raise InputError(
+                f"methods {', '.join(unknown)} are unknown; choose among {', '.join(CONTENDERS)}."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +122,8 @@ class _Pump:
 
 
 def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
-    """Errors, coverage and cost of the nominal twin and of every way to calibrate, a trial for each pump.
+    """Errors, coverage and cost of the nominal twin and of every way to calibrate, a trial for each
+    pump.
 
     Parameters
     ----------
@@ -148,21 +158,29 @@ def calibration(work: Work, settings: CalibrationStudySettings) -> StudyTable:
             "RMSE and PE contain the recording's noise and the reassembly of the pump between two recordings: the "
             "rows of the rig's truth say how much no twin can explain.",
         ),
-        details={"intervals": _intervals(settings.contenders, [row for _, rows in by_pump for row in rows])},
+        details={
+            "intervals": _intervals(
+                settings.contenders, [row for _, rows in by_pump for row in rows]
+            )
+        },
     )
     return replace(table, answer=_answer(table, names))
 
 
 def _fleet(seed: int, settings: CalibrationStudySettings, jobs: int) -> list[_Pump]:
     size = RigSize(specimens=settings.specimens, repeats=settings.repeats)
-    pairs = rig_recordings(seed, size, labels=(settings.label,), pressures=(settings.pressure,), jobs=jobs)
+    pairs = rig_recordings(
+        seed, size, labels=(settings.label,), pressures=(settings.pressure,), jobs=jobs
+    )
     of_pump: dict[str, list[tuple[Recording, Run]]] = {}
     for pair in pairs:
         of_pump.setdefault(str(pair[0].specimen), []).append(pair)
     return [_Pump(seed, name, train, held_out) for name, (*train, held_out) in of_pump.items()]
 
 
-def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> tuple[list[Trial], list[dict[str, Any]]]:
+def _of_pump(
+    pump: _Pump, settings: CalibrationStudySettings
+) -> tuple[list[Trial], list[dict[str, Any]]]:
     """(A trial for each twin of a pump, a row for each value of each calibration.)"""
     train, held_out = [recording for recording, _ in pump.train], pump.held_out[0]
     assert train[0].condition is not None
@@ -182,7 +200,8 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> tuple[list[Tria
             seed=pump.seed,
         )
         own = [
-            _interval(pump, name, estimate, true) for estimate, true in zip(calibration.estimates, truth, strict=True)
+            _interval(pump, name, estimate, true)
+            for estimate, true in zip(calibration.estimates, truth, strict=True)
         ]
         sure = [row["held"] for row in own if row["verdict"] == "identified"]
         values = {
@@ -194,7 +213,10 @@ def _of_pump(pump: _Pump, settings: CalibrationStudySettings) -> tuple[list[Tria
         }
         trials.append(Trial({"twin": name}, pump.seed, values))
         rows += own
-    for name, run in (("rig_truth_of_another_recording", pump.train[0][1]), ("rig_truth", pump.held_out[1])):
+    for name, run in (
+        ("rig_truth_of_another_recording", pump.train[0][1]),
+        ("rig_truth", pump.held_out[1]),
+    ):
         trials.append(Trial({"twin": name}, pump.seed, _errors_of_truth(held_out, nominal, run)))
     return trials, rows
 
@@ -234,7 +256,9 @@ def _errors(near: Agreement) -> dict[str, float]:
 
 
 def _intervals(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """For each way to calibrate: how often intervals held, of all pumps together, and every single one."""
+    """For each way to calibrate: how often intervals held, of all pumps together, and every single
+    one.
+    """
     table: dict[str, Any] = {}
     for name in names:
         own = [row for row in rows if row["twin"] == name]
@@ -261,8 +285,14 @@ def _share(hits: Sequence[bool]) -> float | None:
 def _answer(table: StudyTable, names: Sequence[str]) -> tuple[str, ...]:
     def over_nominal(name: str) -> str:
         """Mean errors over those of the nominal twin."""
-        means = [[np.mean(table.values(metric, twin=twin)) for metric in _ERRORS] for twin in (name, "nominal")]
-        return ", ".join(f"{metric.upper()} {own / of:.2f}" for metric, own, of in zip(_ERRORS, *means, strict=True))
+        means = [
+            [np.mean(table.values(metric, twin=twin)) for metric in _ERRORS]
+            for twin in (name, "nominal")
+        ]
+        return ", ".join(
+            f"{metric.upper()} {own / of:.2f}"
+            for metric, own, of in zip(_ERRORS, *means, strict=True)
+        )
 
     sentences = []
     for name in names[1:-2]:
@@ -274,4 +304,7 @@ def _answer(table: StudyTable, names: Sequence[str]) -> tuple[str, ...]:
                 f"{pooled['held_of_identified']:.0%} of their intervals hold the truth."
             )
     floor = over_nominal("rig_truth_of_another_recording")
-    return (*sentences, f"The rig's own truth of another recording of the same pump over nominal: {floor}.")
+    return (
+        *sentences,
+        f"The rig's own truth of another recording of the same pump over nominal: {floor}.",
+    )

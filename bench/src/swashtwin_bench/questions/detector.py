@@ -1,4 +1,6 @@
-"""What a detector from twenty healthy recordings catches at its stated rate, and what two odd ones among them cost."""
+"""What a detector from twenty healthy recordings catches at its stated rate, and what two odd ones
+among them cost.
+"""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -41,17 +43,25 @@ class DetectorStudySettings:
 
 
 def detector(work: Work, settings: DetectorStudySettings) -> StudyTable:
-    """Table by kind of odd recording, of which two stand among the twenty that train; a fleet for each seed."""
+    """Table by kind of odd recording, of which two stand among the twenty that train; a fleet for
+    each seed.
+    """
     found = work.each("fleets", _of_fleet, [(seed, settings) for seed in work.seeds])
     pairs = list(zip(work.seeds, found, strict=True))
     study = StudyTable(
         study="detector",
         title="Does a detector keep its rate, and what do odd healthy recordings cost it?",
         metrics=METRICS,
-        trials=tuple(Trial({"two odd ones": kind}, seed, values[kind]) for kind in ODD for seed, values in pairs),
+        trials=tuple(
+            Trial({"two odd ones": kind}, seed, values[kind])
+            for kind in ODD
+            for seed, values in pairs
+        ),
         answer=(),
         settings=asdict(settings),
-        origin=origin_of([next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))[0]]),
+        origin=origin_of(
+            [next(rig_recordings(work.seeds[0], RigSize(1, 1, 0.1), version=settings.rig))[0]]
+        ),
         notes=(
             "Of twenty, 0.05 is promised, of eighteen 0.053, in the mean over sets of healthy ones. All recordings "
             "of a pump are compared with one set, so false alarms come in clusters, and intervals are too narrow.",
@@ -74,14 +84,28 @@ def _of_fleet(seed: int, settings: DetectorStudySettings) -> dict[str, dict[str,
     for pump in sorted({str(recording.specimen) for recording in recordings}):
         of_pump = [recording for recording in recordings if recording.specimen == pump]
         own, faults = of_pump[: len(PRESSURES) * _HEALTHY], of_pump[len(PRESSURES) * _HEALTHY :]
-        own = [recording for repeat in range(_HEALTHY) for recording in own[repeat::_HEALTHY]]  # pressures in turn
-        usual, last, new, spare = own[: _TRAIN - 2], own[_TRAIN - 2 : _TRAIN], own[_TRAIN:-2], own[-2:]
+        own = [
+            recording for repeat in range(_HEALTHY) for recording in own[repeat::_HEALTHY]
+        ]  # pressures in turn
+        usual, last, new, spare = (
+            own[: _TRAIN - 2],
+            own[_TRAIN - 2 : _TRAIN],
+            own[_TRAIN:-2],
+            own[-2:],
+        )
         before = _alarms(AnomalyDetector().fit(usual), faults)
         for kind in ODD:
             odd = last if kind == "none" else [_odd(kind, recording, seed) for recording in spare]
             fitted = AnomalyDetector().fit([*usual, *odd])
             left_out = sum(recording.recording_id not in fitted.manifest for recording in odd)
-            sums[kind] += len(new), _alarms(fitted, new), len(faults), before, _alarms(fitted, faults), left_out
+            sums[kind] += (
+                len(new),
+                _alarms(fitted, new),
+                len(faults),
+                before,
+                _alarms(fitted, faults),
+                left_out,
+            )
     return {kind: dict(zip(METRICS, values.tolist(), strict=True)) for kind, values in sums.items()}
 
 
@@ -90,22 +114,34 @@ def _alarms(fitted: AnomalyDetector, recordings: list[Recording]) -> int:
 
 
 def _odd(kind: str, recording: Recording, seed: int) -> Recording:
-    """Three to eight knocks of 8 to 25 times the rms; a channel with another gain or with hum; another set pressure."""
-    rng, signal, rate = stream(seed, kind, recording.recording_id), recording.signal.copy(), recording.sample_rate
+    """Three to eight knocks of 8 to 25 times the rms; a channel with another gain or with hum;
+    another set pressure.
+    """
+    rng, signal, rate = (
+        stream(seed, kind, recording.recording_id),
+        recording.signal.copy(),
+        recording.sample_rate,
+    )
     if kind == "another pressure" and (condition := recording.condition) is not None:
         other = PRESSURES[0] if condition.discharge_pressure > PRESSURES[0] else PRESSURES[-1]
         return recording.replace(condition=replace(condition, discharge_pressure=other))
     if kind == "bursts":
         time, rms = np.arange(round(0.3 * rate)) / rate, signal.std(axis=1, keepdims=True)
         for start in rng.integers(0, signal.shape[1] - len(time), rng.integers(3, 9)).tolist():
-            knock = np.exp(-time / rng.uniform(0.01, 0.06)) * np.sin(2 * np.pi * rng.uniform(400, 5000) * time)
+            knock = np.exp(-time / rng.uniform(0.01, 0.06)) * np.sin(
+                2 * np.pi * rng.uniform(400, 5000) * time
+            )
             signal[:, start : start + len(time)] += rng.uniform(8, 25) * rms * knock
     if kind == "a disturbed sensor":
         row = signal[rng.integers(len(signal))]
         if rng.integers(2):
             row *= 10 ** (rng.choice([-1, 1]) * rng.uniform(3, 9) / 20)
         else:
-            row += row.std() * rng.uniform(0.5, 2) * np.sign(np.sin(100 * np.pi * np.arange(len(row)) / rate + 0.1))
+            row += (
+                row.std()
+                * rng.uniform(0.5, 2)
+                * np.sign(np.sin(100 * np.pi * np.arange(len(row)) / rate + 0.1))
+            )
     return recording.replace(signal=signal)
 
 

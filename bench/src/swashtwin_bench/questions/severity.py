@@ -8,7 +8,13 @@ from itertools import pairwise
 import numpy as np
 import scipy.stats
 
-from swashtwin.calibration import GaussNewton, Nuisances, SeveritySettings, calibrate, estimate_severity
+from swashtwin.calibration import (
+    GaussNewton,
+    Nuisances,
+    SeveritySettings,
+    calibrate,
+    estimate_severity,
+)
 from swashtwin.foundation import mm
 from swashtwin.physics import Twin
 from swashtwin.pump import FAULT_KINDS, SwashPlateDefect, load_pump
@@ -29,7 +35,9 @@ METRICS = {
     "wall_s": "time per recording [s]",
 }
 START = mm(36)
-"""Length of a recess from which the search starts; the rig's are 30 mm. Depths start at the paper's 0.6 mm."""
+"""Length of a recess from which the search starts; the rig's are 30 mm. Depths start at the paper's
+0.6 mm.
+"""
 PUMPS = ("A",)
 """Pumps of each fleet."""
 
@@ -54,7 +62,9 @@ class _Case:
 
     @property
     def error(self) -> float:
-        """Logarithm of the estimate over the truth; an estimate near zero counts as a twentieth of the truth."""
+        """Logarithm of the estimate over the truth; an estimate near zero counts as a twentieth of
+        the truth.
+        """
         return math.log(max(self.estimate, 0.05 * self.truth) / self.truth)
 
 
@@ -69,8 +79,8 @@ class SeverityStudySettings:
 def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
     """Table of errors by fault and dimension, on trends of the virtual rig's pumps.
 
-    Each pump is calibrated on four healthy recordings at 10 MPa, with the usual nuisances, up to 1 kHz; each recording
-    of its trends, and a fifth healthy one, is then inverted on its own.
+    Each pump is calibrated on four healthy recordings at 10 MPa, with the usual nuisances, up to 1
+    kHz; each recording of its trends, and a fifth healthy one, is then inverted on its own.
 
     Parameters
     ----------
@@ -78,14 +88,20 @@ def severity(work: Work, settings: SeverityStudySettings) -> StudyTable:
     """
     pumps = [(seed, name, settings.severities) for seed in work.seeds for name in PUMPS]
     cases = [case for pump in work.each("pumps", _of_pump, pumps) for case in pump]
-    first = next(trend_recordings(work.seeds[0], PUMPS[0], severities=(), healthy=1, duration=0.1))[0]
+    first = next(trend_recordings(work.seeds[0], PUMPS[0], severities=(), healthy=1, duration=0.1))[
+        0
+    ]
     return StudyTable(
         study="severity",
         title="How severe is the fault? Severity by inversion against the hidden truth",
         metrics=METRICS,
         trials=tuple(_trials(cases, work.seeds)),
         answer=tuple(_answer(cases)),
-        settings={"severities": list(settings.severities), "pumps": list(PUMPS), **asdict(SeveritySettings())},
+        settings={
+            "severities": list(settings.severities),
+            "pumps": list(PUMPS),
+            **asdict(SeveritySettings()),
+        },
         origin=origin_of([first]),
         notes=(
             "A severity found to be zero counts as a twentieth of the truth in error and bias.",
@@ -117,7 +133,9 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
         start = FAULT_KINDS[kind]
         assert start is not None
         start = replace(start, length=START) if isinstance(start, SwashPlateDefect) else start
-        trend = estimate_severity(calibration, [recording for recording, _ in of_trend], start, healthy=healthy[:-1])
+        trend = estimate_severity(
+            calibration, [recording for recording, _ in of_trend], start, healthy=healthy[:-1]
+        )
         for (recording, run), severity in zip(of_trend, trend.estimates, strict=True):
             cases += [
                 _Case(
@@ -126,7 +144,9 @@ def _of_pump(seed: int, specimen: str, severities: Sequence[float]) -> list[_Cas
                     seed=seed,
                     specimen=specimen,
                     recording_id=recording.recording_id,
-                    truth=0.0 if run.fault is None else float(getattr(run.fault, estimate.dimension.name)),
+                    truth=0.0
+                    if run.fault is None
+                    else float(getattr(run.fault, estimate.dimension.name)),
                     estimate=estimate.value,
                     low=estimate.interval[0],
                     high=estimate.interval[1],
@@ -147,7 +167,13 @@ def _trials(cases: Sequence[_Case], seeds: Sequence[int]) -> list[Trial]:
         Trial(
             {"fault": kind, "dimension": dimension},
             seed,
-            _values([case for case in cases if (case.kind, case.dimension, case.seed) == (kind, dimension, seed)]),
+            _values(
+                [
+                    case
+                    for case in cases
+                    if (case.kind, case.dimension, case.seed) == (kind, dimension, seed)
+                ]
+            ),
         )
         for kind, dimension in keys
         for seed in seeds
@@ -155,7 +181,10 @@ def _trials(cases: Sequence[_Case], seeds: Sequence[int]) -> list[Trial]:
 
 
 def _values(cases: Sequence[_Case]) -> dict[str, float]:
-    faulty, healthy = [case for case in cases if case.truth > 0], [case for case in cases if case.truth == 0]
+    faulty, healthy = (
+        [case for case in cases if case.truth > 0],
+        [case for case in cases if case.truth == 0],
+    )
     error = np.array([case.error for case in faulty])
     values = {
         "error": float(np.median(np.abs(error))),
@@ -180,7 +209,10 @@ def _along(faulty: Sequence[_Case]) -> dict[str, float]:
     """Rank correlation and error of a change, along the trend of each pump."""
     ranks, changes = [], []
     for pump in dict.fromkeys((case.seed, case.specimen) for case in faulty):
-        along = sorted((case for case in faulty if (case.seed, case.specimen) == pump), key=lambda case: case.truth)
+        along = sorted(
+            (case for case in faulty if (case.seed, case.specimen) == pump),
+            key=lambda case: case.truth,
+        )
         truth, estimated = [case.truth for case in along], [case.estimate for case in along]
         if len(set(estimated)) > 1 and len(along) > 2:
             ranks.append(float(scipy.stats.spearmanr(truth, estimated)[0]))
@@ -194,8 +226,12 @@ def _along(faulty: Sequence[_Case]) -> dict[str, float]:
 def _answer(cases: Sequence[_Case]) -> list[str]:
     sentences = []
     for kind in dict.fromkeys(case.kind for case in cases):
-        dimension = next(case.dimension for case in cases if case.kind == kind)  # the first carries the severity
-        values = _values([case for case in cases if (case.kind, case.dimension) == (kind, dimension)])
+        dimension = next(
+            case.dimension for case in cases if case.kind == kind
+        )  # the first carries the severity
+        values = _values(
+            [case for case in cases if (case.kind, case.dimension) == (kind, dimension)]
+        )
         sentences.append(
             f"{kind.replace('_', ' ')}: {dimension} off by {math.expm1(values['error']):.0%} in the "
             f"median, {values['coverage']:.0%} of the 90 % intervals hold the truth, rank correlation along a trend "

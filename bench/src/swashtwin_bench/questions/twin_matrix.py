@@ -1,4 +1,6 @@
-"""The matrix of wrong twins and odd truths: each case is wrong in one stated way, by axis, channel or value."""
+"""The matrix of wrong twins and odd truths: each case is wrong in one stated way, by axis, channel
+or value.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -68,28 +70,46 @@ def _words(factors: Sequence[float]) -> str:
 
 def _mount_case(family: str, *factors: float, on_rig: bool = False) -> MatrixCase:
     change = on_pump(with_mount, *factors)
-    return MatrixCase(family, f"mounting {_words(factors)}", change, clue="the mounting's stiffness", on_rig=on_rig)
+    return MatrixCase(
+        family,
+        f"mounting {_words(factors)}",
+        change,
+        clue="the mounting's stiffness",
+        on_rig=on_rig,
+    )
 
 
 def _bearing_case(family: str, *factors: float, on_rig: bool = False) -> MatrixCase:
     change = on_pump(with_bearings, *factors)
-    return MatrixCase(family, f"bearings {_words(factors)}", change, clue="stiffness of bearing", on_rig=on_rig)
+    return MatrixCase(
+        family, f"bearings {_words(factors)}", change, clue="stiffness of bearing", on_rig=on_rig
+    )
 
 
 def _mounts() -> Iterator[MatrixCase]:
-    single = [tuple(f if i == axis else 1.0 for i in range(4)) for axis in range(4) for f in (0.8, 1.2)]
+    single = [
+        tuple(f if i == axis else 1.0 for i in range(4)) for axis in range(4) for f in (0.8, 1.2)
+    ]
     for factors in (*single, (1.2, 0.85, 0.85, 1.0), (0.8, 1.15, 1.15, 1.0)):
         yield _mount_case("mount", *factors)
 
 
 def _bearings() -> Iterator[MatrixCase]:
-    single = [tuple(f if i == number else 1.0 for i in range(3)) for number in range(3) for f in (0.8, 1.2)]
+    single = [
+        tuple(f if i == number else 1.0 for i in range(3))
+        for number in range(3)
+        for f in (0.8, 1.2)
+    ]
     for factors in (*single, (1.2, 0.8, 1.2), (0.8, 1.2, 0.8)):
         yield _bearing_case("bearing", *factors)
 
 
 def _gains() -> Iterator[MatrixCase]:
-    single = [tuple(f if i == channel else 1.0 for i in range(3)) for channel in range(3) for f in (0.8, 1.2)]
+    single = [
+        tuple(f if i == channel else 1.0 for i in range(3))
+        for channel in range(3)
+        for f in (0.8, 1.2)
+    ]
     for factors in (*single, (1.1, 0.9, 1.1), (0.8, 1.2, 0.8)):
         change = with_mixing(CHANNELS, np.diag(factors))
         yield MatrixCase("gain", f"gains {_words(factors)}", recording=change, clue="the gain of")
@@ -100,10 +120,14 @@ def _cross_talk() -> Iterator[MatrixCase]:
         mixing = np.eye(3)
         mixing[reader, source] = share = (-0.2, 0.2)[number % 2]
         name = f"{CHANNELS[reader]} reads {share:+.0%} of {CHANNELS[source]}"
-        yield MatrixCase("cross-talk", name, recording=with_mixing(CHANNELS, mixing), clue="cross-talk")
+        yield MatrixCase(
+            "cross-talk", name, recording=with_mixing(CHANNELS, mixing), clue="cross-talk"
+        )
     for sign in (1, -1):
         change = with_mixing(CHANNELS, np.eye(3) + sign * _TALK)
-        yield MatrixCase("cross-talk", f"all pairs by 10 %, signs {sign:+d}", recording=change, clue="cross-talk")
+        yield MatrixCase(
+            "cross-talk", f"all pairs by 10 %, signs {sign:+d}", recording=change, clue="cross-talk"
+        )
 
 
 _TALK = np.array([[0, 0.1, -0.1], [0.1, 0, 0.1], [-0.1, 0.1, 0]])
@@ -111,7 +135,9 @@ _TALK = np.array([[0, 0.1, -0.1], [0.1, 0, 0.1], [-0.1, 0.1, 0]])
 
 def _truth_case(family: str, letter: str, factor: float, *, on_rig: bool = False) -> MatrixCase:
     name = f"{letter} {'a thirtieth of' if factor < 1 else '30 times'} the nominal one"
-    return MatrixCase(family, name, on_pump(with_nominal, letter, factor), clue=letter, on_rig=on_rig)
+    return MatrixCase(
+        family, name, on_pump(with_nominal, letter, factor), clue=letter, on_rig=on_rig
+    )
 
 
 def _truths() -> Iterator[MatrixCase]:
@@ -137,7 +163,12 @@ def _units() -> Iterator[MatrixCase]:
     for name in CHANNELS:
         yield MatrixCase("unit", f"{name} in g", recording=with_unit_error((name,)), clue="in g?")
     yield MatrixCase("unit", "all channels in g", recording=with_unit_error(CHANNELS), clue="in g?")
-    yield MatrixCase("unit", "unit stated as g", recording=lambda each: replace(each, unit="g"), clue="needs m/s^2")
+    yield MatrixCase(
+        "unit",
+        "unit stated as g",
+        recording=lambda each: replace(each, unit="g"),
+        clue="needs m/s^2",
+    )
 
 
 def _far_supports() -> Iterator[MatrixCase]:
@@ -150,7 +181,12 @@ def _far_supports() -> Iterator[MatrixCase]:
 def _wiring() -> Iterator[MatrixCase]:
     for first, second in (("body_x", "body_y"), ("cover_z", "body_y")):
         change = with_mixing((first, second), np.eye(2)[::-1])
-        yield MatrixCase("wiring", f"{first} and {second} swapped", recording=change, clue="have each other's name")
+        yield MatrixCase(
+            "wiring",
+            f"{first} and {second} swapped",
+            recording=change,
+            clue="have each other's name",
+        )
     for name, away in (("cover_z", (0.0, 0.04, 0.0)), ("body_y", (0.0, 0.0, 0.04))):
         yield MatrixCase("wiring", f"{name} sensor 40 mm off", on_pump(with_sensor, name, away))
 
@@ -178,7 +214,9 @@ def with_mount(pump: Pump, x: float, y: float, z: float, tilt: float = 1.0) -> P
 
 def with_bearings(pump: Pump, *factors: float) -> Pump:
     """The pump with a factor on the stiffness of each bearing."""
-    stiffnesses = tuple(k * factor for k, factor in zip(pump.bearings.stiffnesses, factors, strict=True))
+    stiffnesses = tuple(
+        k * factor for k, factor in zip(pump.bearings.stiffnesses, factors, strict=True)
+    )
     return replace(pump, bearings=replace(pump.bearings, stiffnesses=stiffnesses))
 
 
@@ -195,7 +233,9 @@ def with_piston_count(pump: Pump, count: int) -> Pump:
     """The pump with another count of pistons, of the same displacement."""
     group = pump.rotating_group
     diameter = group.piston_diameter * (group.piston_count / count) ** 0.5
-    return replace(pump, rotating_group=replace(group, piston_count=count, piston_diameter=diameter))
+    return replace(
+        pump, rotating_group=replace(group, piston_count=count, piston_diameter=diameter)
+    )
 
 
 def with_sensor(pump: Pump, name: str, away: Sequence[float]) -> Pump:
@@ -205,7 +245,9 @@ def with_sensor(pump: Pump, name: str, away: Sequence[float]) -> Pump:
         x, y, z = np.add(sensor.position, away).tolist() if sensor.name == name else sensor.position
         return x, y, z
 
-    return replace(pump, sensors=tuple(replace(sensor, position=position(sensor)) for sensor in pump.sensors))
+    return replace(
+        pump, sensors=tuple(replace(sensor, position=position(sensor)) for sensor in pump.sensors)
+    )
 
 
 def with_mixing(channels: Sequence[str], mixing: np.ndarray) -> ChangeOfRecording:

@@ -1,7 +1,9 @@
-"""Whether a calibration knows its limits: a matrix of wrong twins and odd truths, with the default settings.
+"""Whether a calibration knows its limits: a matrix of wrong twins and odd truths, with the default
+settings.
 
-Each case of `matrix_cases` is calibrated as a user would (`calibrate` without any setting), on a healthy recording at
-10 MPa. On the twin's own recordings all is right but the stated mistake; on the virtual rig a pump is measured twice.
+Each case of `matrix_cases` is calibrated as a user would (`calibrate` without any setting), on a
+healthy recording at 10 MPa. On the twin's own recordings all is right but the stated mistake; on
+the virtual rig a pump is measured twice.
 """
 
 import math
@@ -35,7 +37,9 @@ METRICS = {
     "named": "mistake named where warned",
 }
 SPREAD = 0.3
-"""Standard deviation of the logarithm of the true values about the nominal ones, on the twin's own recordings."""
+"""Standard deviation of the logarithm of the true values about the nominal ones, on the twin's own
+recordings.
+"""
 REACH = 2.0
 """A value errs whose logarithm is off by more than so many half widths of its interval."""
 LEAST_SHARE = 0.8
@@ -55,7 +59,8 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
 
     Parameters
     ----------
-    work : its seeds are of the truths, the noise, and the rig's fleets; the cases take turns among them.
+    work : its seeds are of the truths, the noise, and the rig's fleets; the cases take turns among
+        them.
     """
     cases = matrix_cases()
     tries = [
@@ -70,9 +75,16 @@ def wrong_twins(work: Work, settings: WrongTwinSettings) -> StudyTable:
         study=STUDY,
         title="Does a calibration know its limits? Wrong twins and odd truths",
         metrics=METRICS,
-        trials=tuple(Trial({"family": trial.factors["family"]}, trial.seed, trial.values) for trial in trials),
+        trials=tuple(
+            Trial({"family": trial.factors["family"]}, trial.seed, trial.values) for trial in trials
+        ),
         answer=_answer(trials),
-        settings={"cases": len(cases), "rounds": settings.rounds, "spread": SPREAD, "pressure_mpa": 10},
+        settings={
+            "cases": len(cases),
+            "rounds": settings.rounds,
+            "spread": SPREAD,
+            "pressure_mpa": 10,
+        },
         origin="Simulations of the twin with noise 30 dB below, in which all but the stated mistake is right; in the "
         "families named so, recordings of the virtual rig, a stand-in for a machine.",
         notes=_NOTES,
@@ -100,10 +112,14 @@ def study_twin() -> Twin:
 
 
 def _trial(number: int, case: MatrixCase, seed: int, out: Path | None) -> Trial:
-    """One case; ``named`` is whether a warning names the mistake, where there are a warning and words for it."""
+    """One case; ``named`` is whether a warning names the mistake, where there are a warning and
+    words for it.
+    """
     factors = {"family": case.family, "case": case.name}
     settings = {"spread": SPREAD, "reach": REACH, "version": VERSION}
-    task = Task(STUDY, seed, factors, settings, f"virtual rig {RIG_VERSION}" if case.on_rig else "own")
+    task = Task(
+        STUDY, seed, factors, settings, f"virtual rig {RIG_VERSION}" if case.on_rig else "own"
+    )
     values = task.run(out, lambda: {"values": _values(number, case, seed)})["values"]
     if case.clue and values["warned"]:
         values = {**values, "named": float(any(case.clue in note for note in values["notes"]))}
@@ -114,9 +130,18 @@ def _values(number: int, case: MatrixCase, seed: int) -> dict[str, Any]:
     """Metrics of one case, and its notes; where the recordings are refused, the warning alone."""
     recordings, truth = _rig_pump(seed) if case.on_rig else _simulated_pump(seed, number)
     try:
-        calibration = calibrate(case.twin(study_twin()), [case.recording(recording) for recording in recordings])
+        calibration = calibrate(
+            case.twin(study_twin()), [case.recording(recording) for recording in recordings]
+        )
     except SwashTwinError as refusal:
-        return {"identified": 0, "covered": 0, "errs": 0.0, "warned": 1.0, "silent": 0.0, "notes": [str(refusal)]}
+        return {
+            "identified": 0,
+            "covered": 0,
+            "errs": 0.0,
+            "warned": 1.0,
+            "silent": 0.0,
+            "notes": [str(refusal)],
+        }
     return figures(calibration, truth)
 
 
@@ -126,8 +151,18 @@ def figures(calibration: Calibration, truth: np.ndarray) -> dict[str, Any]:
     for estimate, true in zip(calibration.estimates, truth, strict=True):
         low, high = np.log(estimate.interval)
         off = abs(math.log(estimate.value / true))
-        half = high - math.log(estimate.value) if true > estimate.value else math.log(estimate.value) - low
-        rows.append((estimate.verdict == "identified", bool(low <= math.log(true) <= high), bool(off > REACH * half)))
+        half = (
+            high - math.log(estimate.value)
+            if true > estimate.value
+            else math.log(estimate.value) - low
+        )
+        rows.append(
+            (
+                estimate.verdict == "identified",
+                bool(low <= math.log(true) <= high),
+                bool(off > REACH * half),
+            )
+        )
     errs = any(row[2] for row in rows)
     warnings = [note for note in calibration.notes if is_warning(note)]
     history = calibration.history
@@ -151,30 +186,41 @@ def _simulated_pump(seed: int, number: int) -> tuple[list[Recording], np.ndarray
     twin = study_twin()
     truth = twin.values.numpy() * np.exp(SPREAD * rng.standard_normal(6))
     true = twin.with_interfaces(Interfaces.from_values(truth))
-    recording = true.simulate(2.0, 6400.0, phase=rng.uniform(0, 2 * math.pi), recording_id=f"own_{seed}_{number}")
-    return [recording.replace(signal=add_noise(recording.signal, 30.0, int(rng.integers(2**31))))], truth
+    recording = true.simulate(
+        2.0, 6400.0, phase=rng.uniform(0, 2 * math.pi), recording_id=f"own_{seed}_{number}"
+    )
+    return [
+        recording.replace(signal=add_noise(recording.signal, 30.0, int(rng.integers(2**31))))
+    ], truth
 
 
 def _rig_pump(seed: int) -> tuple[list[Recording], np.ndarray]:
     """Two recordings of the first pump of a fleet, and the mean of the values that held in them."""
     pairs = [
         (recording, np.log(true_values(run)))
-        for recording, run in rig_recordings(seed, RigSize(specimens=1, repeats=2), labels=("normal",))
+        for recording, run in rig_recordings(
+            seed, RigSize(specimens=1, repeats=2), labels=("normal",)
+        )
         if recording.condition is not None and recording.condition.discharge_pressure == MPa(10)
     ]
-    return [recording for recording, _ in pairs], np.exp(np.mean([truth for _, truth in pairs], axis=0))
+    return [recording for recording, _ in pairs], np.exp(
+        np.mean([truth for _, truth in pairs], axis=0)
+    )
 
 
 def family_counts(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Counts of each family, and the share of identified values that hold with its interval."""
     families = dict.fromkeys(trial.factors["family"] for trial in trials)
     return [
-        {"family": name, **_counts([trial for trial in trials if trial.factors["family"] == name])} for name in families
+        {"family": name, **_counts([trial for trial in trials if trial.factors["family"] == name])}
+        for name in families
     ]
 
 
 def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
-    identified, covered = (round(sum(trial.values[name] for trial in trials)) for name in ("identified", "covered"))
+    identified, covered = (
+        round(sum(trial.values[name] for trial in trials)) for name in ("identified", "covered")
+    )
     telling = sum(trial.values["identified"] > 0 for trial in trials)
     erring = [trial for trial in trials if trial.values["errs"]]
     return {
@@ -195,7 +241,9 @@ def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
     right = [trial for trial in trials if RIGHT in trial.factors["family"]]
     wrong = _counts([trial for trial in trials if RIGHT not in trial.factors["family"]])
     total = _counts(trials)
-    shares = {row["family"]: row["share"] for row in family_counts(trials) if row["share"] is not None}
+    shares = {
+        row["family"]: row["share"] for row in family_counts(trials) if row["share"] is not None
+    }
     low = [f"{name} ({share:.0%})" for name, share in shares.items() if share < LEAST_SHARE]
     sentences = [
         f"{_rate(wrong['errs_warned'], wrong['errs'])} of the wrong twins that err by more than {REACH:g} half widths "
@@ -204,7 +252,11 @@ def _answer(trials: Sequence[Trial]) -> tuple[str, ...]:
         f"{_rate(wrong['named'], wrong['nameable'])} of the warnings for which words exist name the mistake.",
     ]
     if total["identified"]:
-        low_words = f"below {LEAST_SHARE:.0%}: {', '.join(low)}" if low else f"in each family {LEAST_SHARE:.0%} or more"
+        low_words = (
+            f"below {LEAST_SHARE:.0%}: {', '.join(low)}"
+            if low
+            else f"in each family {LEAST_SHARE:.0%} or more"
+        )
         limits = " to ".join(f"{limit:.0%}" for limit in total["interval"])
         sentences.insert(
             0,

@@ -1,8 +1,10 @@
-"""Zero-shot: a pump prior that saw no measured fault, beside measured faults, on recordings of the virtual rig.
+"""Zero-shot: a pump prior that saw no measured fault, beside measured faults, on recordings of the
+virtual rig.
 
-Every class of fault in the prior is synthetic; the tests are measured recordings, level L5. Each machine has healthy
-recordings from its first days, which others are compared with; they are never tested on. Measured faults also teach:
-a few of each beside the prior, or all of them alone (an oracle).
+Every class of fault in the prior is synthetic; the tests are measured recordings, level L5. Each
+machine has healthy recordings from its first days, which others are compared with; they are never
+tested on. Measured faults also teach: a few of each beside the prior, or all of them alone (an
+oracle).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +24,9 @@ from swashtwin_bench.studies.cells import recordings_by_cell
 DESIGN = "25scy14-1b"
 """Name of the shipped prior."""
 HEALTHY = 6
-"""Healthy recordings of a pump and operating point that the prior is adapted to; half as many test."""
+"""Healthy recordings of a pump and operating point that the prior is adapted to; half as many
+test.
+"""
 HELD_OUT = 2
 """Pumps of which nothing teaches but healthy recordings."""
 
@@ -56,7 +60,9 @@ def few_shot(count: int) -> str:
 
 
 def adapted_to(count: int, *, alone: bool = False) -> str:
-    """Name of the training set of so many healthy recordings at each point, of a pump `alone` or of its fleet."""
+    """Name of the training set of so many healthy recordings at each point, of a pump `alone` or of
+    its fleet.
+    """
     return f"{PRIOR}, {count} healthy{' of the pump alone' if alone else ''}"
 
 
@@ -98,17 +104,20 @@ def split_zero_shot(
 ) -> ZeroShotSplit:
     """Recordings for training, for reference and for tests, under `seed`.
 
-    Of each specimen, class and pressure a third of the recordings test (at least one, `most` at most); of specimens
-    held out all the faulty ones do. A single faulty recording of a cell tests.
+    Of each specimen, class and pressure a third of the recordings test (at least one, `most` at
+    most); of specimens held out all the faulty ones do. A single faulty recording of a cell tests.
 
     Raises
     ------
     DataError
-        Too few specimens, a class that no twin simulates, or a single healthy recording of a specimen at a pressure.
+        Too few specimens, a class that no twin simulates, or a single healthy recording of a
+        specimen at a pressure.
     """
     foreign = sorted({str(r.label) for r in recordings} - set(CLASSES))
     if foreign:
-        raise DataError(f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those recordings out.")
+        raise DataError(
+            f"the study simulates {', '.join(CLASSES)}, and no {foreign[0]!r}; leave those recordings out."
+        )
     cells = recordings_by_cell(recordings, "the zero-shot study")
     specimens = sorted({str(r.specimen) for r in recordings})
     if len(specimens) <= held_out:
@@ -142,10 +151,16 @@ def split_zero_shot(
 
 
 def few_healthy(healthy: Sequence[Recording], count: int, seed: int) -> list[Recording]:
-    """`count` recordings of each pump and operating point, all where there are fewer; fewer are among more."""
+    """`count` recordings of each pump and operating point, all where there are fewer; fewer are
+    among more.
+    """
     rng, chosen = stream(seed, "few healthy"), []
     for specimen in sorted({str(recording.specimen) for recording in healthy}):
-        own = [(item, item.condition) for item in healthy if item.specimen == specimen and item.condition]
+        own = [
+            (item, item.condition)
+            for item in healthy
+            if item.specimen == specimen and item.condition
+        ]
         for point in group_by_condition([condition for _, condition in own]):
             chosen += [own[index][0] for index in rng.permutation(point)[:count]]
     return chosen
@@ -158,17 +173,24 @@ class ZeroShotSettings:
     rig: str = RIG_VERSION
     """Version of the virtual rig where no recordings are given."""
     healthy: tuple[int, ...] = ()
-    """Healthy recordings of a pump and operating point that the prior is adapted to, in place of `HEALTHY`; then no
-    measured fault teaches, no class is left out, and all numbers have the same tests."""
+    """Healthy recordings of a pump and operating point that the prior is adapted to, in place of
+    `HEALTHY`; then no measured fault teaches, no class is left out, and all numbers have the same
+    tests.
+    """
 
 
-def zero_shot(work: Work, settings: ZeroShotSettings, recordings: Sequence[Recording] | None = None) -> StudyTable:
-    """Scores on measured faults of the pump prior, which saw none, and of what measured faults teach.
+def zero_shot(
+    work: Work, settings: ZeroShotSettings, recordings: Sequence[Recording] | None = None
+) -> StudyTable:
+    """Scores on measured faults of the pump prior, which saw none, and of what measured faults
+    teach.
 
     Parameters
     ----------
-    work : each seed draws the split and the measured faults anew, and the fleet where there are no `recordings`.
-    recordings : of several specimens, healthy ones at every pressure; None takes fleets of the virtual rig.
+    work : each seed draws the split and the measured faults anew, and the fleet where there are no
+        `recordings`.
+    recordings : of several specimens, healthy ones at every pressure; None takes fleets of the
+        virtual rig.
 
     Raises
     ------
@@ -229,7 +251,10 @@ def _fleet(
 
 def _answer(study: StudyTable, healthy: Sequence[int]) -> tuple[str, ...]:
     """What came out, in sentences."""
-    rows = {(row["training_set"], row["test"]): row["recording_balanced_accuracy"]["mean"] for row in study.rows()}
+    rows = {
+        (row["training_set"], row["test"]): row["recording_balanced_accuracy"]["mean"]
+        for row in study.rows()
+    }
 
     def pair(training_set: str, tests: tuple[str, str] = (SAME, UNSEEN)) -> str:
         means = [rows.get((training_set, test)) for test in tests]
@@ -266,14 +291,20 @@ def prior_trials(
     shipped, pistons = prior or PriorClassifier.load(DESIGN), pistons or {}
     classes = shipped.classes[:-1]
     labels = {name: str(recording.label) for name, recording in by_id.items()}
-    pool = {label: [name for name in sorted(split.faulty) if labels[name] == label] for label in classes[1:]}
+    pool = {
+        label: [name for name in sorted(split.faulty) if labels[name] == label]
+        for label in classes[1:]
+    }
     faulty = [name for names in pool.values() for name in names]
 
     def adapted(prior: PriorClassifier, taught: Sequence[str] = ()) -> dict[str, PriorClassifier]:
         return _adapted(prior, [by_id[name] for name in [*sorted(split.healthy), *taught]], pistons)
 
     own = adapted(shipped)
-    classifiers = {PRIOR: own, **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]}}
+    classifiers = {
+        PRIOR: own,
+        **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]},
+    }
     rng = stream(seed, "few-shot")
     draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
     for count in SHOTS:
@@ -283,22 +314,37 @@ def prior_trials(
     tests = {test: [by_id[name] for name in sorted(ids)] for test, ids in split.tests.items()}
     for training_set, by_specimen in classifiers.items():
         yield from _scored(training_set, by_specimen, tests, seed)
-    moves = np.concatenate([part.healthy_changes() for part in {id(part): part for part in own.values()}.values()])
+    moves = np.concatenate(
+        [part.healthy_changes() for part in {id(part): part for part in own.values()}.values()]
+    )
     if faulty and len(moves):
-        changes = {name: own[str(by_id[name].specimen)].change(by_id[name])[0] for name in sorted(by_id)}
-        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(len(moves) + len(faulty), -1)
+        changes = {
+            name: own[str(by_id[name].specimen)].change(by_id[name])[0] for name in sorted(by_id)
+        }
+        values = np.stack([*moves, *(changes[name] for name in faulty)]).reshape(
+            len(moves) + len(faulty), -1
+        )
         rows = np.array([0] * len(moves) + [classes.index(labels[name]) for name in faulty])
         forest = _forest(values, rows, len(classes), seed)
         for test, tested in tests.items():
             probability = forest(np.stack([changes[item.recording_id] for item in tested]))
             target = np.array([classes.index(str(item.label)) for item in tested])
-            yield Trial({"training_set": ORACLE, "test": test}, seed, recording_scores(probability, target, classes))
+            yield Trial(
+                {"training_set": ORACLE, "test": test},
+                seed,
+                recording_scores(probability, target, classes),
+            )
 
 
 def healthy_trials(
-    recordings: Sequence[Recording], split: ZeroShotSplit, seed: int, counts: Sequence[int], pistons: Mapping[str, int]
+    recordings: Sequence[Recording],
+    split: ZeroShotSplit,
+    seed: int,
+    counts: Sequence[int],
+    pistons: Mapping[str, int],
 ) -> Iterator[Trial]:
-    """Scores of the shipped prior adapted to fewer healthy recordings at each point, of the fleet or of a pump alone.
+    """Scores of the shipped prior adapted to fewer healthy recordings at each point, of the fleet
+    or of a pump alone.
 
     Parameters
     ----------
@@ -307,7 +353,10 @@ def healthy_trials(
     """
     shipped = PriorClassifier.load(DESIGN)
     healthy = [item for item in recordings if item.recording_id in split.healthy]
-    tests = {name: [item for item in recordings if item.recording_id in ids] for name, ids in split.tests.items()}
+    tests = {
+        name: [item for item in recordings if item.recording_id in ids]
+        for name, ids in split.tests.items()
+    }
     for alone in (False, True):
         for count in counts:
             by_specimen = _adapted(shipped, few_healthy(healthy, count, seed), pistons, alone=alone)
@@ -315,7 +364,11 @@ def healthy_trials(
 
 
 def _adapted(
-    prior: PriorClassifier, learned: Sequence[Recording], pistons: Mapping[str, int], *, alone: bool = False
+    prior: PriorClassifier,
+    learned: Sequence[Recording],
+    pistons: Mapping[str, int],
+    *,
+    alone: bool = False,
 ) -> dict[str, PriorClassifier]:
     """By specimen the classifier of its design, or of it `alone`."""
     specimens = dict.fromkeys(str(item.specimen) for item in learned)
@@ -335,14 +388,18 @@ def _scored(
 ) -> Iterator[Trial]:
     for test, recordings in tests.items():
         answers = [by_specimen[str(item.specimen)].diagnose(item) for item in recordings]
-        probability = np.array([[answer.probabilities.get(name, 0.0) for name in CLASSES] for answer in answers])
+        probability = np.array(
+            [[answer.probabilities.get(name, 0.0) for name in CLASSES] for answer in answers]
+        )
         unknown = np.array([answer.unknown for answer in answers])
         target = np.array([CLASSES.index(str(item.label)) for item in recordings])
         factors = {"training_set": training_set, "test": test}
         yield Trial(factors, seed, recording_scores(probability, target, CLASSES, unknown))
 
 
-def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -> Callable[[np.ndarray], np.ndarray]:
+def _forest(
+    values: np.ndarray, target: np.ndarray, n_classes: int, seed: int
+) -> Callable[[np.ndarray], np.ndarray]:
     """Random forest, classes weighted alike; a class without a row has no probability."""
     from sklearn.ensemble import RandomForestClassifier
 
@@ -352,7 +409,9 @@ def _forest(values: np.ndarray, target: np.ndarray, n_classes: int, seed: int) -
 
     def answer(rows: np.ndarray) -> np.ndarray:
         probability = np.zeros((len(rows), n_classes))
-        probability[:, forest.classes_] = forest.predict_proba(rows.reshape(len(rows), -1).astype(np.float32))
+        probability[:, forest.classes_] = forest.predict_proba(
+            rows.reshape(len(rows), -1).astype(np.float32)
+        )
         return probability
 
     return answer
@@ -364,12 +423,19 @@ def _without(prior: PriorClassifier, label: str) -> PriorClassifier:
     assert virtual is not None
     kept = virtual.target != index
     target = virtual.target[kept] - (virtual.target[kept] > index)
-    virtual = replace(virtual, change=virtual.change[kept], target=target, number=virtual.number[kept])
-    return replace(prior, virtual=virtual, classes=tuple(name for name in prior.classes if name != label))
+    virtual = replace(
+        virtual, change=virtual.change[kept], target=target, number=virtual.number[kept]
+    )
+    return replace(
+        prior, virtual=virtual, classes=tuple(name for name in prior.classes if name != label)
+    )
 
 
 def recording_scores(
-    probability: np.ndarray, target: np.ndarray, classes: Sequence[str], unknown: np.ndarray | None = None
+    probability: np.ndarray,
+    target: np.ndarray,
+    classes: Sequence[str],
+    unknown: np.ndarray | None = None,
 ) -> Mapping[str, float]:
     """Scores of the likeliest class by recording; the first class is the healthy one.
 
@@ -388,9 +454,15 @@ def recording_scores(
     return {
         "recording_balanced_accuracy": float(np.nanmean(list(recalls.values()))),
         "recording_accuracy": float(np.mean(predicted == target)),
-        "sure_and_wrong": float(np.mean((predicted != target) & (probability.max(axis=1) >= SURE) & ~doubt)),
+        "sure_and_wrong": float(
+            np.mean((predicted != target) & (probability.max(axis=1) >= SURE) & ~doubt)
+        ),
         "unknown": float("nan") if unknown is None else float(np.mean(doubt)),
         "false_alarm_rate": 1 - recalls[classes[0]],
         **{f"recall_{name}": recall for name, recall in recalls.items()},
-        **{f"unknown_{name}": share(doubt, mask) for name, mask in of_class.items() if unknown is not None},
+        **{
+            f"unknown_{name}": share(doubt, mask)
+            for name, mask in of_class.items()
+            if unknown is not None
+        },
     }

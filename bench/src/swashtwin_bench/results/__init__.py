@@ -1,1 +1,3 @@
-"""What studies give back: runs, tables, contrasts, answers, and their figures and report sections."""
+"""What studies give back: runs, tables, contrasts, answers, and their figures and report
+sections.
+"""

@@ -1,4 +1,6 @@
-"""Figures of studies: rows of scores, curves along what is varied, training, confusion matrices, t-SNE."""
+"""Figures of studies: rows of scores, curves along what is varied, training, confusion matrices,
+t-SNE.
+"""
 
 import math
 import textwrap
@@ -37,7 +39,9 @@ MOST_MATRICES = 4
 """Confusion matrices drawn beside each other at most."""
 
 MOST_POINTS = 1200
-"""Windows drawn in one t-SNE panel at most, taken evenly; a third of it where there is more than one row of panels."""
+"""Windows drawn in one t-SNE panel at most, taken evenly; a third of it where there is more than
+one row of panels.
+"""
 
 MOST_PANELS = 20
 """t-SNE panels drawn at most, in rows of `_ACROSS`."""
@@ -52,9 +56,14 @@ _DASHES = ("-", "--", ":", "-.")
 def rows_drawing(study: StudyTable, key: str) -> Drawing:
     """Each metric in a panel, each row on a line of it: its mean as a bar, trials as points."""
     shown = {name: words for name, words in study.metrics.items() if name in SHOWN} or study.metrics
-    varying = [name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1]
+    varying = [
+        name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1
+    ]
     rows = sorted(study.rows(), key=lambda row: str(row.get("level", "")))[:MOST_ROWS]
-    names = [", ".join(in_words(name, row[name]) for name in varying or study.factors[:1]) for row in rows]
+    names = [
+        ", ".join(in_words(name, row[name]) for name in varying or study.factors[:1])
+        for row in rows
+    ]
     across = min(2, len(shown))
     down = math.ceil(len(shown) / across)
     figure, axes = panels(down, across, down * (1.1 + 0.24 * len(rows)), sharey=True)
@@ -64,7 +73,9 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
             if values:
                 ax.barh(line, np.mean(values), height=0.62, color=CALIBRATED, alpha=0.35)
                 ax.plot(values, [line] * len(values), "o", color=MEASURED, markersize=3, alpha=0.5)
-        ax.set(title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5))
+        ax.set(
+            title=heading, yticks=range(len(rows)), yticklabels=names, ylim=(len(rows) - 0.5, -0.5)
+        )
     for ax in axes.flat[len(shown) :]:
         ax.set_visible(False)
     table = [
@@ -73,30 +84,47 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
         for trial in study.trials
     ]
     caption = f"Bars: mean over {plural(len(study.seeds), 'seed')}; points: single trials."
-    return render_drawing(f"{key}_rows", figure, tabulate(table), title=study.title, caption=caption)
+    return render_drawing(
+        f"{key}_rows", figure, tabulate(table), title=study.title, caption=caption
+    )
 
 
 def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
-    """Accuracy and recall in the scarce cell along what is varied, a figure for each classifier of many training sets;
-    none where nothing is varied."""
-    further = [name for name in study.factors if name not in ("classifier", "training_set", "level")]
+    """Accuracy and recall in the scarce cell along what is varied, a figure for each classifier of
+    many training sets; none where nothing is varied.
+    """
+    further = [
+        name for name in study.factors if name not in ("classifier", "training_set", "level")
+    ]
     if not further:
         return []
     rows = study.rows()
     if len({row["training_set"] for row in rows}) <= len(_DASHES):
         return [_curves(study, rows, further[-1], f"{key}_{further[-1]}")]
     return [
-        _curves(study, [row for row in rows if row["classifier"] == name], further[-1], f"{key}_{further[-1]}_{name}")
+        _curves(
+            study,
+            [row for row in rows if row["classifier"] == name],
+            further[-1],
+            f"{key}_{further[-1]}_{name}",
+        )
         for name in dict.fromkeys(row["classifier"] for row in rows)
     ]
 
 
 @figure_style()
 def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, name: str) -> Drawing:
-    values, levels = list(dict.fromkeys(row[factor] for row in rows)), sorted({row["level"] for row in rows})
+    values, levels = (
+        list(dict.fromkeys(row[factor] for row in rows)),
+        sorted({row["level"] for row in rows}),
+    )
     series = list(dict.fromkeys((row["classifier"], row["training_set"]) for row in rows))
     classifiers, sets = (list(dict.fromkeys(pair[i] for pair in series)) for i in (0, 1))
-    leading, other = (classifiers, sets) if len(classifiers) > 1 and len(sets) <= len(_DASHES) else (sets, classifiers)
+    leading, other = (
+        (classifiers, sets)
+        if len(classifiers) > 1 and len(sets) <= len(_DASHES)
+        else (sets, classifiers)
+    )
     colors = series_colors(leading)
     figure, axes = panels(len(SHOWN), len(levels), 1.2 + 2.7 * len(SHOWN), sharex=True, sharey=True)
     looks: list[dict[str, Any]] = []
@@ -119,28 +147,54 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
                 ]
                 if spreads:
                     at, mean, deviation = np.array(spreads).T
-                    panel.errorbar(at, mean, yerr=deviation, markersize=4, linewidth=1.3, elinewidth=0.8, **look)
+                    panel.errorbar(
+                        at,
+                        mean,
+                        yerr=deviation,
+                        markersize=4,
+                        linewidth=1.3,
+                        elinewidth=0.8,
+                        **look,
+                    )
             panel.set(title=level, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
         line[0].set_ylabel(f"{study.metrics[metric]} [1]")
     for panel in axes[-1]:
         panel.set_xlabel(words(factor))
-    figure.legend([Line2D([], [], markersize=4, **look) for look in looks], titles, loc="outside lower center", ncols=2)
+    figure.legend(
+        [Line2D([], [], markersize=4, **look) for look in looks],
+        titles,
+        loc="outside lower center",
+        ncols=2,
+    )
     table = [
-        {**{n: row[n] for n in study.factors}, "metric": metric, "mean": row[metric]["mean"], "std": row[metric]["std"]}
+        {
+            **{n: row[n] for n in study.factors},
+            "metric": metric,
+            "mean": row[metric]["mean"],
+            "std": row[metric]["std"],
+        }
         for row in rows
         for metric in SHOWN
     ]
     caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation."
-    return render_drawing(name, figure, tabulate(table), title=f"Scores by {words(factor)}", caption=caption)
+    return render_drawing(
+        name, figure, tabulate(table), title=f"Scores by {words(factor)}", caption=caption
+    )
 
 
 @figure_style()
 def training_drawing(study: StudyResult, key: str) -> Drawing:
-    """Loss and accuracy over the epochs, and over the CPU time where epochs were timed: a line for each training."""
+    """Loss and accuracy over the epochs, and over the CPU time where epochs were timed: a line for
+    each training.
+    """
     curves = [run for run in study.runs if run["history"]]
     sets = {run["factors"]["training_set"] for run in curves}
     by = "training_set" if len(sets) > 1 else "classifier"
-    curves = [run for run in curves if by == "classifier" or run["factors"]["classifier"] == study.main_classifier]
+    curves = [
+        run
+        for run in curves
+        if by == "classifier" or run["factors"]["classifier"] == study.main_classifier
+    ]
     names = list(dict.fromkeys(run["factors"][by] for run in curves))
     colors = series_colors(names)
     figure, axes = panels(2, 2, 5.6, sharex="col", sharey="row")
@@ -164,12 +218,16 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
     axes[1, 0].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     axes[1, 1].set(xlabel="CPU time of the training [s]")
     marks = [Line2D([], [], color=colors[name], linewidth=2) for name in names]
-    figure.legend(marks, [in_words(by, name) for name in names], loc="outside upper center", ncols=2)
+    figure.legend(
+        marks, [in_words(by, name) for name in names], loc="outside upper center", ncols=2
+    )
     caption = (
         "One line for each seed: the training windows, synthetic ones included, while the weights move. An epoch "
         "counts the mean CPU time of its training's epochs. These are no test scores."
     )
-    return render_drawing(f"{key}_training", figure, tabulate(rows), title="Training curves", caption=caption)
+    return render_drawing(
+        f"{key}_training", figure, tabulate(rows), title="Training curves", caption=caption
+    )
 
 
 def confusion_of(study: StudyResult, key: str) -> Drawing:
@@ -178,7 +236,13 @@ def confusion_of(study: StudyResult, key: str) -> Drawing:
             for row in sorted(study.rows(), key=lambda row: -(row["accuracy"]["mean"] or 0.0))}  # fmt: skip
     first = tuple(value for name, value in study.trials[0].factors.items() if name != "level")
     chosen = list(dict.fromkeys([first, *rows]))[:MOST_MATRICES]
-    titles = dict(zip(chosen, _distinct([name for name in study.factors if name != "level"], chosen), strict=True))
+    titles = dict(
+        zip(
+            chosen,
+            _distinct([name for name in study.factors if name != "level"], chosen),
+            strict=True,
+        )
+    )
     matrices: dict[tuple[str, str], np.ndarray] = {}
     for run, row in sorted(study.tests(), key=lambda test: test[1]["level"]):
         factors = {**run["factors"], **{name: row[name] for name in TESTS if name in row}}
@@ -193,24 +257,34 @@ def confusion_of(study: StudyResult, key: str) -> Drawing:
 
 def _distinct(factors: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows in words that say only what differs between them."""
-    varying = [i for i in range(len(factors)) if len({row[i] for row in rows}) > 1] or [min(1, len(factors) - 1)]
+    varying = [i for i in range(len(factors)) if len({row[i] for row in rows}) > 1] or [
+        min(1, len(factors) - 1)
+    ]
     return [", ".join(in_words(factors[i], row[i]) for i in varying) for row in rows]
 
 
 def embedded_runs(study: StudyResult) -> list[Run]:
-    """Networks under the first seed whose features stand beside each other: the study's own on each training set, or
-    all of them where there is one training set only; as far as there is enough for a layout to mean anything."""
+    """Networks under the first seed whose features stand beside each other: the study's own on each
+    training set, or all of them where there is one training set only; as far as there is enough for
+    a layout to mean anything.
+    """
     first = [run for run in study.first_runs if run["features"]]
     several = len({named_by(run, "classifier") for run in first}) > 1
-    chosen = [run for run in first if not several or run["factors"]["classifier"] == study.main_classifier]
+    chosen = [
+        run for run in first if not several or run["factors"]["classifier"] == study.main_classifier
+    ]
     return [
-        run for run in chosen if len(run["features"]["label"]) >= 10 and np.ptp(run["features"]["values"], axis=0).any()
+        run
+        for run in chosen
+        if len(run["features"]["label"]) >= 10 and np.ptp(run["features"]["values"], axis=0).any()
     ]
 
 
 @figure_style()
 def embedding_drawing(study: StudyResult, key: str) -> Drawing:
-    """t-SNE of the test windows' features, for each training set, or for each network where there is one only."""
+    """t-SNE of the test windows' features, for each training set, or for each network where there
+    is one only.
+    """
     runs = embedded_runs(study)
     runs = [runs[i] for i in _spread_evenly(len(runs), MOST_PANELS)]
     titles = _distinct(list(runs[0]["factors"]), [tuple(run["factors"].values()) for run in runs])
@@ -224,18 +298,34 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         ax.set_axis_off()
     for ax, run, title in zip(axes.flat, runs, titles, strict=False):
         features = {name: np.array(values) for name, values in run["features"].items()}
-        picked = _spread_evenly(len(features["label"]), MOST_POINTS if down == 1 else MOST_POINTS // 3)
-        points, label, level = _tsne(features["values"][picked]), features["label"][picked], features["level"][picked]
+        picked = _spread_evenly(
+            len(features["label"]), MOST_POINTS if down == 1 else MOST_POINTS // 3
+        )
+        points, label, level = (
+            _tsne(features["values"][picked]),
+            features["label"][picked],
+            features["level"][picked],
+        )
         for name in classes:
             for level_name in levels:
                 selected = (label == name) & (level == level_name)
                 marker = _LEVEL_MARKERS.get(level_name, "o")
-                ax.plot(*points[selected].T, marker, color=colors[name], markersize=4, alpha=0.75, markeredgewidth=0.3)
+                ax.plot(
+                    *points[selected].T,
+                    marker,
+                    color=colors[name],
+                    markersize=4,
+                    alpha=0.75,
+                    markeredgewidth=0.3,
+                )
         ax.set(title=textwrap.fill(title, 28), xticks=[], yticks=[])
         rows += [{**run["factors"], "level": level[i], "label": label[i], "x": x, "y": y}
                  for i, (x, y) in enumerate(points)]  # fmt: skip
     marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
-    marks += [Line2D([], [], marker=_LEVEL_MARKERS.get(level, "o"), linestyle="", color="#888888") for level in levels]
+    marks += [
+        Line2D([], [], marker=_LEVEL_MARKERS.get(level, "o"), linestyle="", color="#888888")
+        for level in levels
+    ]
     names = [words(name) for name in classes] + levels
     figure.legend(marks, names, loc="outside lower center", ncols=len(names))
     caption = (
@@ -243,7 +333,11 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         "by t-SNE (fixed seed). Neighborhoods mean something; distances between groups, their sizes and axes do not."
     )
     return render_drawing(
-        f"{key}_tsne", figure, tabulate(rows), title="Features of the test windows (t-SNE)", caption=caption
+        f"{key}_tsne",
+        figure,
+        tabulate(rows),
+        title="Features of the test windows (t-SNE)",
+        caption=caption,
     )
 
 
@@ -253,30 +347,46 @@ def _spread_evenly(count: int, most: int) -> np.ndarray:
 
 def _tsne(features: np.ndarray) -> np.ndarray:
     perplexity = min(30.0, (len(features) - 1) / 3)
-    points: np.ndarray = TSNE(perplexity=perplexity, init="pca", random_state=0, n_jobs=1).fit_transform(features)
+    points: np.ndarray = TSNE(
+        perplexity=perplexity, init="pca", random_state=0, n_jobs=1
+    ).fit_transform(features)
     return points.astype(np.float64)
 
 
 @figure_style()
 def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
-    """Displacement of each slipper in the recess and their sum, over one revolution; an empty list for other faults."""
+    """Displacement of each slipper in the recess and their sum, over one revolution; an empty list
+    for other faults.
+    """
     recess = recess_of(twin.fault)
     if recess is None:
         return []
     time = np.linspace(0, twin.condition.period, 701)
     each = slipper_displacements(twin.pump, twin.condition, recess, time)
-    columns = {"time_s": time, **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)}, "total_m": each.sum(axis=0)}
+    columns = {
+        "time_s": time,
+        **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)},
+        "total_m": each.sum(axis=0),
+    }
     figure, axes = panels(2, 1, 4.8, sharex=True)
     (above,), (below,) = axes
     turn = np.exp(2j * np.pi * time / twin.condition.period)
     for j, row in enumerate(each):
         above.plot(time * 1e3, row * 1e3, color=f"{0.15 + 0.5 * j / max(1, len(each) - 1):.2f}")
         middle = np.angle(np.sum(row * turn)) % (2 * np.pi) / (2 * np.pi) * twin.condition.period
-        above.text(middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9)
+        above.text(
+            middle * 1e3, each.max() * 1.04e3, str(j + 1), ha="center", va="bottom", fontsize=9
+        )
     total = each.sum(axis=0) * 1e3
     below.plot(time * 1e3, total, color=CALIBRATED)
-    above.set(ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number")
-    below.set(xlabel="time [ms], from top dead center of piston 1", ylabel="total [mm]", xlim=(0, time[-1] * 1e3))
+    above.set(
+        ylabel="each slipper [mm]", ylim=(0, each.max() * 1.2e3), title="Slippers, by their number"
+    )
+    below.set(
+        xlabel="time [ms], from top dead center of piston 1",
+        ylabel="total [mm]",
+        xlim=(0, time[-1] * 1e3),
+    )
     below.set_ylim(0, total.max() * 1.15)
     size = f"{recess.length * 1e3:g} × {recess.width * 1e3:g} × {recess.depth * 1e3:g} mm"
     caption = (

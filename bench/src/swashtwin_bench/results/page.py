@@ -77,7 +77,9 @@ def study_part(study: StudyTable, key: str) -> Part:
             calibrations = [calibration.to_dict() for calibration in study.calibrations]
             blocks = _calibration_blocks(study, key)
             further.append(Section(SectionOrder.CALIBRATION, "Calibration of the twins", blocks))
-        further.append(Section(SectionOrder.TRAINING, "Training and features", _training_blocks(study, key)))
+        further.append(
+            Section(SectionOrder.TRAINING, "Training and features", _training_blocks(study, key))
+        )
     scores += [_with_origin(drawing, study) for drawing in pictures]
     size = getattr(study, "size", "")
     return Part(
@@ -93,9 +95,16 @@ def study_part(study: StudyTable, key: str) -> Part:
         sections=(
             Section(SectionOrder.SCORES, "Scores", tuple(scores)),
             *further,
-            Section(SectionOrder.PROVENANCE, "Where this comes from, and how to repeat it", _provenance(study)),
+            Section(
+                SectionOrder.PROVENANCE,
+                "Where this comes from, and how to repeat it",
+                _provenance(study),
+            ),
         ),
-        results={"studies": [study.to_dict()], **({"calibrations": calibrations} if calibrations else {})},
+        results={
+            "studies": [study.to_dict()],
+            **({"calibrations": calibrations} if calibrations else {}),
+        },
     )
 
 
@@ -106,11 +115,16 @@ def _rows_table(study: StudyTable) -> Table:
         values = [value for value in spread["values"] if value is not None]
         if not values:
             return Cell("—", "no number for this row")
-        text = number(spread["mean"]) + (f" ± {number(spread['std'])}" if spread["std"] is not None else "")
+        text = number(spread["mean"]) + (
+            f" ± {number(spread['std'])}" if spread["std"] is not None else ""
+        )
         return Cell(text, "single trials: " + ", ".join(map(number, values[:20])))
 
     rows = tuple(
-        (*(Cell(words(row[name])) for name in study.factors), *(cell(row[metric]) for metric in study.metrics))
+        (
+            *(Cell(words(row[name])) for name in study.factors),
+            *(cell(row[metric]) for metric in study.metrics),
+        )
         for row in study.rows()
     )
     caption = "Mean ± standard deviation over the trials."
@@ -119,14 +133,22 @@ def _rows_table(study: StudyTable) -> Table:
 
 def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
     """Tables of scores and of differences."""
-    blocks: list[Any] = [_levels_table(sorted({trial.factors["level"] for trial in study.trials})), scores_table(study)]
+    blocks: list[Any] = [
+        _levels_table(sorted({trial.factors["level"] for trial in study.trials})),
+        scores_table(study),
+    ]
     reasons = {
         f"{row['level']}, {METRICS[metric]}: {reason}": None
         for run, row in study.tests()
         for metric in METRICS
         if (reason := _why([(run, row)], metric))
     }
-    blocks += [notes, Bullets("Where a number is missing (—) or rests on less than it should (*)", tuple(reasons))]
+    blocks += [
+        notes,
+        Bullets(
+            "Where a number is missing (—) or rests on less than it should (*)", tuple(reasons)
+        ),
+    ]
     if is_reported(study.study):
         blocks.append(
             "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
@@ -146,7 +168,10 @@ def scores_table(study: StudyResult) -> Table:
         factors = {name: row[name] for name in study.factors}
         tests = study.tests(**factors)
         named = ", ".join(
-            [row["level"], *(in_words(name, value) for name, value in factors.items() if name != "level")]
+            [
+                row["level"],
+                *(in_words(name, value) for name, value in factors.items() if name != "level"),
+            ]
         )
         cells = [_score_cell(row[metric], _why(tests, metric)) for metric in METRICS]
         if len(tests) == 1:
@@ -169,27 +194,40 @@ def _score_cell(spread: dict[str, Any], reason: str) -> Cell:
     finite = [value for value in spread["values"] if value is not None]
     if not finite:
         return Cell("—", reason or "not defined for this test set")
-    text = f"{spread['mean']:.3f}" + (f" ±\u00a0{spread['std']:.3f}" if spread["std"] is not None else "")
+    text = f"{spread['mean']:.3f}" + (
+        f" ±\u00a0{spread['std']:.3f}" if spread["std"] is not None else ""
+    )
     if len(finite) < len(spread["values"]):
         text += f" ({len(finite)} of {len(spread['values'])} seeds)"
     return Cell(
-        f"{text} *" if reason else text, reason or "single seeds: " + ", ".join(f"{value:.3f}" for value in finite)
+        f"{text} *" if reason else text,
+        reason or "single seeds: " + ", ".join(f"{value:.3f}" for value in finite),
     )
 
 
 def _why(tests: Sequence[tuple[Run, dict[str, Any]]], metric: str) -> str:
-    """Why a number of some tests is missing or rests on less than it should; empty where it does not."""
+    """Why a number of some tests is missing or rests on less than it should; empty where it does
+    not.
+    """
     if metric == "scarce_recall":
-        return "no test window in the scarce cell" if any(math.isnan(row[metric]) for _, row in tests) else ""
+        return (
+            "no test window in the scarce cell"
+            if any(math.isnan(row[metric]) for _, row in tests)
+            else ""
+        )
     name = _REASONS.get(metric, metric)
-    return "; ".join(dict.fromkeys(row["reasons"][name] for _, row in tests if name in row["reasons"]))
+    return "; ".join(
+        dict.fromkeys(row["reasons"][name] for _, row in tests if name in row["reasons"])
+    )
 
 
 def differences_table(study: StudyResult) -> Table:
     """Differences of accuracy, paired by seed."""
     rows = []
     for pair in study.differences():
-        first, second = (in_words(pair.factor, row[pair.factor]) for row in (pair.first, pair.second))
+        first, second = (
+            in_words(pair.factor, row[pair.factor]) for row in (pair.first, pair.second)
+        )
         fixed = [in_words(name, value) for name, value in pair.first.items() if name != pair.factor]
         low, high = (100 * end for end in pair.interval)
         interval = Cell(f"{low:+.1f} to {high:+.1f}") if pair.pairs > 1 else Cell("—", "one seed")
@@ -197,7 +235,11 @@ def differences_table(study: StudyResult) -> Table:
         texts = (f"{first} less {second}", ", ".join(fixed), f"{100 * pair.mean:+.1f}")
         rows.append((*map(Cell, texts), interval, Cell(str(pair.pairs)), clear))
     fleets = len({run["data"] for run in study.runs}) > 1
-    kind = "Student's t over fleets" if fleets else "the corrected resampled t, for the seeds split the same recordings"
+    kind = (
+        "Student's t over fleets"
+        if fleets
+        else "the corrected resampled t, for the seeds split the same recordings"
+    )
     return Table(
         f"Differences of accuracy in points, paired by seed; 95 % intervals by {kind}.",
         ("difference", "of", "points", "95 % interval", "seeds", "clear of zero"),
@@ -206,9 +248,13 @@ def differences_table(study: StudyResult) -> Table:
 
 
 def _with_origin(drawing: Drawing, study: StudyTable) -> Drawing:
-    """The figure with what it takes to repeat it under it: command, seeds, device, and whose recordings."""
+    """The figure with what it takes to repeat it under it: command, seeds, device, and whose
+    recordings.
+    """
     seeds = ", ".join(map(str, study.seeds))
-    rig = "virtual rig, no real pump" if "virtual rig" in study.origin else "recordings: see the page"
+    rig = (
+        "virtual rig, no real pump" if "virtual rig" in study.origin else "recordings: see the page"
+    )
     source = f"{study.command or 'command not recorded'}; seeds {seeds}; {study.device}; {rig}"
     return replace(drawing, caption=f"{drawing.caption} [{source}]")
 
@@ -217,7 +263,9 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     several = len(study.calibrations) > 1
     blocks: list[Any] = []
     target = study.settings.get("pressure_Pa")
-    pressures = [(each.twin.pump.name, each.twin.condition.discharge_pressure) for each in study.calibrations]
+    pressures = [
+        (each.twin.pump.name, each.twin.condition.discharge_pressure) for each in study.calibrations
+    ]
     elsewhere = tuple(
         f"{name} was calibrated at {pressure / 1e6:.3g} MPa and simulated at {target / 1e6:.3g} MPa."
         for name, pressure in pressures
@@ -257,12 +305,23 @@ def _levels_table(levels: Sequence[str]) -> Table:
 def _cells_table(study: StudyResult) -> Table:
     """Windows by class and pressure in each set of the first seed."""
     cells = study.cells
-    names = sorted(dict.fromkeys(name for of in cells.values() for name in of), key=lambda name: " @ " not in name)
-    rows = [(Cell(words(name)), *(Cell(str(of.get(name, 0) or "–")) for of in cells.values())) for name in names]
+    names = sorted(
+        dict.fromkeys(name for of in cells.values() for name in of),
+        key=lambda name: " @ " not in name,
+    )
+    rows = [
+        (Cell(words(name)), *(Cell(str(of.get(name, 0) or "–")) for of in cells.values()))
+        for name in names
+    ]
     total = [sum(count for name, count in of.items() if " @ " in name) for of in cells.values()]
     rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
-    header = [f"test {name}" if name.split(", ")[0] in LEVELS else in_words("training_set", name) for name in cells]
-    caption = f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}."
+    header = [
+        f"test {name}" if name.split(", ")[0] in LEVELS else in_words("training_set", name)
+        for name in cells
+    ]
+    caption = (
+        f"Windows by class and pressure in each training and test set, under seed {study.seeds[0]}."
+    )
     return Table(caption, ("class @ pressure", *header), tuple(rows))
 
 

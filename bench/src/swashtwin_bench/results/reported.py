@@ -1,4 +1,6 @@
-"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and its own BiTCN, by study and row."""
+"""What the paper prints (DOI 10.1177/00202940261419020), for its own rig and its own BiTCN, by
+study and row.
+"""
 
 from collections.abc import Mapping
 
@@ -26,12 +28,20 @@ REPORTED: tuple[tuple[str, Mapping[str, str], Mapping[str, str]], ...] = (
     *_rows("algorithms", _BITCNS, "0.98"),
     *_rows("related", ("paper_bitcn",), "0.98"),
     *_rows("algorithms", ("tcn", "lstm", "bilstm", "bigru"), "more than 8 points below BiTCN"),
-    *_rows("ablation", ("paper_ordinary", "paper_no_attention", "paper_forward"), "below the full model"),
+    *_rows(
+        "ablation",
+        ("paper_ordinary", "paper_no_attention", "paper_forward"),
+        "below the full model",
+    ),
     *_rows("ablation", ("paper_bitcn",), "above each of the others; converges fastest"),
     *_rows("noise", _BITCNS, "0.980", training_set="calibrated", perturbation="clean"),
     *_rows("noise", _BITCNS, "0.910", training_set="calibrated", perturbation="5 dB"),
-    *_rows("noise", ("tcn",), "9 points below BiTCN", training_set="calibrated", perturbation="5 dB"),
-    *_rows("noise", ("lstm",), "11 points below BiTCN", training_set="calibrated", perturbation="5 dB"),
+    *_rows(
+        "noise", ("tcn",), "9 points below BiTCN", training_set="calibrated", perturbation="5 dB"
+    ),
+    *_rows(
+        "noise", ("lstm",), "11 points below BiTCN", training_set="calibrated", perturbation="5 dB"
+    ),
 )
 """Study, factors, and by metric the figure or the claim of each row that the paper prints."""
 
@@ -42,14 +52,23 @@ def is_reported(study: str) -> bool:
 
 
 def paper_words(study: str, row: Mapping[str, str]) -> str:
-    """What the paper prints for a row; nothing at farther levels than L2, and of trees that the paper does not have.
+    """What the paper prints for a row; nothing at farther levels than L2, and of trees that the
+    paper does not have.
 
-    Beside a network that the paper does not have, such as ours, it says whose figure it is. The paper does not say
-    whether its tests are of other recordings (L2) or of random windows (L0).
+    Beside a network that the paper does not have, such as ours, it says whose figure it is. The
+    paper does not say whether its tests are of other recordings (L2) or of random windows (L0).
     """
     name, classifier = study.removeprefix(PAPER_STUDY), row["classifier"]
-    matching = [(keys, figures) for of, keys, figures in REPORTED if of == name and keys.items() <= row.items()]
-    if row["level"] not in ("L0", "L2") or not matching or classifier in ("extra_trees", "logistic", "ridge", "svm"):
+    matching = [
+        (keys, figures)
+        for of, keys, figures in REPORTED
+        if of == name and keys.items() <= row.items()
+    ]
+    if (
+        row["level"] not in ("L0", "L2")
+        or not matching
+        or classifier in ("extra_trees", "logistic", "ridge", "svm")
+    ):
         return ""
     keys, figures = matching[0]
     text = ", ".join(

@@ -1,7 +1,8 @@
 """What a study of classifiers found: rows of scores, and the runs that they are of.
 
-Its JSON is a `StudyTable`'s with ``size``, ``differences``, ``cells``, ``splits``, ``fingerprints``,
-``calibrations`` and ``runs`` beside; rows hold the factors that name them (``classifier``, ``training_set``, ``level``,
+Its JSON is a `StudyTable`'s with ``size``, ``differences``, ``cells``, ``splits``,
+``fingerprints``, ``calibrations`` and ``runs`` beside; rows hold the factors that name them
+(``classifier``, ``training_set``, ``level``,
 ...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
 """
 
@@ -48,7 +49,8 @@ def score_row(scores: Scores, scarce_recall: float) -> dict[str, Any]:
 
     Parameters
     ----------
-    scarce_recall : recall of the measured windows of the cells that were scarce; NaN where the test has none.
+    scarce_recall : recall of the measured windows of the cells that were scarce; NaN where the test
+        has none.
     """
     return {
         "accuracy": scores.accuracy,
@@ -75,14 +77,20 @@ def trials_of(runs: Sequence[Run]) -> tuple[Trial, ...]:
             values = {**numbers, **run["values"], "wall_s": run["wall_s"]}
             grouped.setdefault((tuple(factors.items()), run["seed"]), []).append(values)
     return tuple(
-        Trial(dict(factors), seed, {name: float(np.mean([each[name] for each in values])) for name in values[0]})
+        Trial(
+            dict(factors),
+            seed,
+            {name: float(np.mean([each[name] for each in values])) for name in values[0]},
+        )
         for (factors, seed), values in grouped.items()
     )
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How much the accuracy of one row is above that of another, in the mean over the seeds that both have."""
+    """How much the accuracy of one row is above that of another, in the mean over the seeds that
+    both have.
+    """
 
     first: Row
     """Factors of the one."""
@@ -93,24 +101,29 @@ class Difference:
     mean: float
     """Mean of the differences, first less second; NaN where no seed has both."""
     interval: tuple[float, float]
-    """95 % interval of it, NaN for one seed: Student's where each seed is a fleet of its own, that of the corrected
-    resampled t where the seeds split the same recordings."""
+    """95 % interval of it, NaN for one seed: Student's where each seed is a fleet of its own, that
+    of the corrected resampled t where the seeds split the same recordings.
+    """
     pairs: int
     """Seeds that both have."""
 
     @property
     def is_clear(self) -> bool:
-        """Whether the interval excludes zero; one without width says only that too little was tested to differ."""
+        """Whether the interval excludes zero; one without width says only that too little was
+        tested to differ.
+        """
         low, high = self.interval
         return high - low > 1e-9 and (low > 0 or high < 0)
 
     @property
     def sentence(self) -> str:
         """The difference in points."""
-        text = (
-            f"{in_words(self.factor, self.first[self.factor])} less {in_words(self.factor, self.second[self.factor])}"
+        text = f"{in_words(self.factor, self.first[self.factor])} less {in_words(self.factor, self.second[self.factor])}"
+        text += (
+            ""
+            if self.factor == "classifier"
+            else f" ({in_words('classifier', self.first['classifier'])})"
         )
-        text += "" if self.factor == "classifier" else f" ({in_words('classifier', self.first['classifier'])})"
         points = f"{text}: {100 * self.mean:+.1f} points"
         if self.pairs < 2:
             return f"{points}, one seed."
@@ -136,7 +149,9 @@ class StudyResult(StudyTable):
     compared: Mapping[str, str] = field(default_factory=dict)
     """Factor and the value that all its others are compared with."""
     bare: str | None = None
-    """Value of what is varied for rows of no synthetic window, which are compared with those of every value."""
+    """Value of what is varied for rows of no synthetic window, which are compared with those of
+    every value.
+    """
     calibrations: tuple[Calibration, ...] = ()
     """Calibrations of the first seed, as far as there are files of them."""
 
@@ -164,30 +179,47 @@ class StudyResult(StudyTable):
             if all({**run["factors"], **row}[name] == value for name, value in factors.items())
         ]
 
-    def difference(self, first: Row, second: Row, factor: str, metric: str = "accuracy") -> Difference:
+    def difference(
+        self, first: Row, second: Row, factor: str, metric: str = "accuracy"
+    ) -> Difference:
         """How much the row of some factors is above the row of others, paired by seed."""
-        values = [{trial.seed: trial.values[metric] for trial in self.of(**row)} for row in (first, second)]
+        values = [
+            {trial.seed: trial.values[metric] for trial in self.of(**row)}
+            for row in (first, second)
+        ]
         pairs = [value - values[1][seed] for seed, value in values[0].items() if seed in values[1]]
         pairs = [pair for pair in pairs if math.isfinite(pair)]
         mean = float(np.mean(pairs)) if pairs else math.nan
-        return Difference(first, second, factor, mean, paired_interval(pairs, self._test_share(first)), len(pairs))
+        return Difference(
+            first, second, factor, mean, paired_interval(pairs, self._test_share(first)), len(pairs)
+        )
 
     def _test_share(self, row: Row) -> float | None:
-        """Test recordings over training recordings of a row; None where each seed has recordings of its own."""
+        """Test recordings over training recordings of a row; None where each seed has recordings of
+        its own.
+        """
         if len({run["data"] for run in self.runs}) > 1:
             return None
         roles = next(run["roles"] for run in self.runs if run["factors"].items() <= row.items())
         return len(roles[row["level"]]) / max(1, len(roles["train"]))
 
     def differences(self) -> list[Difference]:
-        """Differences between the row that holds a factor's compared value and those that hold another, all else alike;
-        rows of no synthetic window belong to every value of what is varied."""
-        rows = [dict(key) for key in dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)]
+        """Differences between the row that holds a factor's compared value and those that hold
+        another, all else alike; rows of no synthetic window belong to every value of what is
+        varied.
+        """
+        rows = [
+            dict(key)
+            for key in dict.fromkeys(tuple(trial.factors.items()) for trial in self.trials)
+        ]
 
         def alike(first: Row, second: Row, factor: str) -> bool:
             return all(
                 first[name] == second[name]
-                or (name not in ("classifier", "training_set", *TESTS) and self.bare in (first[name], second[name]))
+                or (
+                    name not in ("classifier", "training_set", *TESTS)
+                    and self.bare in (first[name], second[name])
+                )
                 for name in first
                 if name != factor
             )
@@ -196,12 +228,16 @@ class StudyResult(StudyTable):
             self.difference(first, second, factor)
             for factor, value in self.compared.items()
             for first, second in product(rows, rows)
-            if first.get(factor) == value and second.get(factor, value) != value and alike(first, second, factor)
+            if first.get(factor) == value
+            and second.get(factor, value) != value
+            and alike(first, second, factor)
         ]
         return [pair for pair in pairs if pair.pairs]
 
     def sentences(self) -> tuple[str, ...]:
-        """For each test the best row of those of as many seeds as any, and what the study compares."""
+        """For each test the best row of those of as many seeds as any, and what the study
+        compares.
+        """
         sentences = []
         rows, differences = self.rows(), self.differences()
         for test in dict.fromkeys(tuple(row.get(name, "") for name in TESTS) for row in rows):
@@ -210,18 +246,27 @@ class StudyResult(StudyTable):
             of_all = [row for row in of_test if len(row["accuracy"]["values"]) == most]
             among = "" if len(of_all) == len(of_test) else f" of those of {most} seeds"
             best = max(of_all, key=lambda row: row["accuracy"]["mean"] or 0.0)
-            named = ", ".join(in_words(name, best[name]) for name in self.factors if name not in TESTS)
-            pairs = [pair for pair in differences if tuple(pair.first.get(name, "") for name in TESTS) == test]
+            named = ", ".join(
+                in_words(name, best[name]) for name in self.factors if name not in TESTS
+            )
+            pairs = [
+                pair
+                for pair in differences
+                if tuple(pair.first.get(name, "") for name in TESTS) == test
+            ]
             if all(pair.factor == "classifier" for pair in pairs):
                 pairs.sort(key=lambda pair: pair.mean)
             text = f"{', '.join(filter(None, test))}: highest accuracy{among} {best['accuracy']['mean']:.3f} ({named})."
-            sentences.append(" ".join([text, *(pair.sentence for pair in pairs[:MOST_DIFFERENCES])]))
+            sentences.append(
+                " ".join([text, *(pair.sentence for pair in pairs[:MOST_DIFFERENCES])])
+            )
         return tuple(sentences)
 
     @property
     def cells(self) -> dict[str, dict[str, int]]:
-        """Windows by class and pressure in each training set and test set, first seed; a test set that what the study
-        varies does not change stands once."""
+        """Windows by class and pressure in each training set and test set, first seed; a test set
+        that what the study varies does not change stands once.
+        """
         trained = {named_by(run, "classifier"): run["cells"]["train"] for run in self.first_runs}
         tested: dict[str, dict[str, int]] = {}
         for run in self.first_runs:
@@ -236,9 +281,14 @@ class StudyResult(StudyTable):
         splits: dict[str, dict[str, Any]] = {}
         fingerprints: dict[str, dict[str, str]] = {}
         for run in self.runs:
-            name = ", ".join(filter(None, (str(run["seed"]), named_by(run, "classifier", "training_set"))))
+            name = ", ".join(
+                filter(None, (str(run["seed"]), named_by(run, "classifier", "training_set")))
+            )
             splits[name] = dict(run["roles"])
-            named = {part if part != "train" else named_by(run, "classifier"): v for part, v in run["sha256"].items()}
+            named = {
+                part if part != "train" else named_by(run, "classifier"): v
+                for part, v in run["sha256"].items()
+            }
             fingerprints.setdefault(name, {}).update(named)
         return {
             **super().to_dict(),
@@ -257,7 +307,10 @@ class StudyResult(StudyTable):
                 }
                 for calibration in self.calibrations
             ],
-            "runs": [{name: run[name] for name in ("key", "wall_s", "cpu_s", "device")} for run in self.runs],
+            "runs": [
+                {name: run[name] for name in ("key", "wall_s", "cpu_s", "device")}
+                for run in self.runs
+            ],
         }
 
 

@@ -1,8 +1,10 @@
-"""Runs: one training and its tests, or one case of a study; each is a dict, kept in a file as soon as it is done.
+"""Runs: one training and its tests, or one case of a study; each is a dict, kept in a file as soon
+as it is done.
 
-A task's key is a hash of everything that decides its result: seed, settings and the data themselves. So a re-run finds
-what is done, whatever else was changed meanwhile, and an interruption loses the running tasks only. The files are JSON
-(with NaN as Python writes it); no change of the code deletes them.
+A task's key is a hash of everything that decides its result: seed, settings and the data
+themselves. So a re-run finds what is done, whatever else was changed meanwhile, and an interruption
+loses the running tasks only. The files are JSON (with NaN as Python writes it); no change of the
+code deletes them.
 """
 
 import hashlib
@@ -16,7 +18,14 @@ from typing import Any
 import torch
 from joblib import delayed
 
-from swashtwin.foundation import ArtifactError, InputError, keep_freed_memory, parallel, read_text, write_text
+from swashtwin.foundation import (
+    ArtifactError,
+    InputError,
+    keep_freed_memory,
+    parallel,
+    read_text,
+    write_text,
+)
 from swashtwin.recordings import Recording
 
 FORMAT = "swashtwin run 3"
@@ -44,14 +53,20 @@ class Task:
     data: str
     """SHA-256 of the recordings (`fingerprint_of`), or what they are in words."""
     size: str = ""
-    """Name of the study's settings, such as ``"quick"``; no part of the key, which holds the settings themselves."""
+    """Name of the study's settings, such as ``"quick"``; no part of the key, which holds the
+    settings themselves.
+    """
 
     @property
     def key(self) -> str:
         """Name of its folder: seed and factors to be read, and the hash that counts."""
         parts = [FORMAT, self.study, self.seed, dict(self.factors), dict(self.settings), self.data]
-        digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:16]
-        words = "-".join("".join(c if c.isalnum() else "_" for c in word) for word in self.factors.values())
+        digest = hashlib.sha256(
+            json.dumps(parts, sort_keys=True, default=str).encode()
+        ).hexdigest()[:16]
+        words = "-".join(
+            "".join(c if c.isalnum() else "_" for c in word) for word in self.factors.values()
+        )
         return f"seed{self.seed}-{words[:80]}-{digest}"
 
     def folder(self, out: Path) -> Path:
@@ -63,7 +78,8 @@ class Task:
         return out is not None and (self.folder(out) / "result.json").is_file()
 
     def run(self, out: Path | None, compute: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-        """Its run: read from ``OUT/STUDY/KEY/result.json`` where it lies there, else computed and written there.
+        """Its run: read from ``OUT/STUDY/KEY/result.json`` where it lies there, else computed and
+        written there.
 
         Parameters
         ----------
@@ -105,7 +121,9 @@ def load_run(folder: Path) -> dict[str, Any]:
             f"{path} has the format {form!r}, this version reads {FORMAT!r}; delete its folder to run the task anew."
         )
     if key != Path(folder).name:
-        raise ArtifactError(f"{path} is another task's than its folder's; delete the folder to run the task again.")
+        raise ArtifactError(
+            f"{path} is another task's than its folder's; delete the folder to run the task again."
+        )
     return run
 
 
@@ -150,15 +168,20 @@ class Work:
         if not self.seeds:
             raise InputError("a study needs a seed; one is enough.")
 
-    def each(self, activity: str, function: Callable[..., Any], cases: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Result of `function` for the arguments of each case, in their order, `jobs` of them side by side.
+    def each(
+        self, activity: str, function: Callable[..., Any], cases: Sequence[tuple[Any, ...]]
+    ) -> list[Any]:
+        """Result of `function` for the arguments of each case, in their order, `jobs` of them side
+        by side.
 
         Parameters
         ----------
         activity : what is done, for `progress`.
         """
         results = []
-        for result in parallel(self.jobs, return_as="generator")(delayed(_on_one_thread)(function, *c) for c in cases):
+        for result in parallel(self.jobs, return_as="generator")(
+            delayed(_on_one_thread)(function, *c) for c in cases
+        ):
             results.append(result)
             self.progress(activity, len(results), len(cases))
         return results

@@ -1,8 +1,8 @@
 """A study whose answer is a table: factors, and metrics over seeds.
 
-The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "settings", "origin", "wall_s", "device",
-"version", "command", "details"}``. Each row holds the factors that name it and, under each metric, ``{"mean", "std",
-"values"}`` over the trials.
+The JSON is stable: ``{"study", "title", "seeds", "rows", "answer", "notes", "settings", "origin",
+"wall_s", "device", "version", "command", "details"}``. Each row holds the factors that name it and,
+under each metric, ``{"mean", "std", "values"}`` over the trials.
 """
 
 import math
@@ -22,7 +22,9 @@ class Trial:
     """What came out once."""
 
     factors: Mapping[str, str]
-    """What names its row, such as ``{"twin": "nominal"}``; every trial of a table has the same names."""
+    """What names its row, such as ``{"twin": "nominal"}``; every trial of a table has the same
+    names.
+    """
     seed: int
     """Seed of all that was drawn."""
     values: Mapping[str, float]
@@ -46,7 +48,9 @@ class StudyTable:
     settings: Mapping[str, Any]
     """Settings, as JSON can hold them."""
     origin: str
-    """Where the recordings come from, in words; the virtual rig says that it is none of a machine's."""
+    """Where the recordings come from, in words; the virtual rig says that it is none of a
+    machine's.
+    """
     wall_s: float = 0.0
     """How long it took [s]."""
     version: str = VERSION
@@ -58,7 +62,9 @@ class StudyTable:
     device: str = "cpu"
     """What it ran on."""
     details: Mapping[str, Any] = field(default_factory=dict)
-    """Whatever else a reader may check, as JSON can hold it: single cases, splits, chosen settings."""
+    """Whatever else a reader may check, as JSON can hold it: single cases, splits, chosen
+    settings.
+    """
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -76,7 +82,11 @@ class StudyTable:
 
     def of(self, **factors: str) -> list[Trial]:
         """Trials that have those factors."""
-        return [trial for trial in self.trials if all(trial.factors[name] == want for name, want in factors.items())]
+        return [
+            trial
+            for trial in self.trials
+            if all(trial.factors[name] == want for name, want in factors.items())
+        ]
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each set of factors."""
@@ -117,13 +127,16 @@ def spread(values: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def paired_interval(differences: Sequence[float], test_share: float | None = None) -> tuple[float, float]:
+def paired_interval(
+    differences: Sequence[float], test_share: float | None = None
+) -> tuple[float, float]:
     """95 % interval of the mean of paired differences, by Student's t; NaN for one pair.
 
     Parameters
     ----------
-    test_share : test recordings over training recordings, where the pairs are splits of the same recordings: the
-        variance is then (1/n + test_share) s² instead of s²/n (Nadeau and Bengio 2003, DOI 10.1023/A:1024068626366).
+    test_share : test recordings over training recordings, where the pairs are splits of the same
+        recordings: the variance is then (1/n + test_share) s² instead of s²/n (Nadeau and Bengio
+        2003, DOI 10.1023/A:1024068626366).
 
     Examples
     --------
@@ -140,7 +153,9 @@ def paired_interval(differences: Sequence[float], test_share: float | None = Non
 
 
 def origin_of(recordings: Sequence[Recording]) -> str:
-    """Where recordings come from, in words; those of the virtual rig say that they are none of a machine's."""
+    """Where recordings come from, in words; those of the virtual rig say that they are none of a
+    machine's.
+    """
     origins = sorted({recording.attributes.get("origin", "") for recording in recordings} - {""})
     if not origins:
         return "Recordings from files of the user."

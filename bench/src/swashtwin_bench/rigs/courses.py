@@ -1,8 +1,9 @@
 """Recordings of one of the rig's pumps, which `rig_recordings` does not have: trends and courses.
 
-A trend has faults of chosen severity, as the rig takes them. In a course, weeks of service in a plant, healthy or with
-a fault that grows, the pump is not taken apart between recordings. Its load and its oil temperature drift over days and
-weeks, more than between the recordings that a baseline learns from.
+A trend has faults of chosen severity, as the rig takes them. In a course, weeks of service in a
+plant, healthy or with a fault that grows, the pump is not taken apart between recordings. Its load
+and its oil temperature drift over days and weeks, more than between the recordings that a baseline
+learns from.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,15 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import MPa, celsius, deg, stream, um
-from swashtwin.pump import BoreDefect, DamScratch, Fault, GrooveErosion, OperatingCondition, PistonWear, load_pump
+from swashtwin.pump import (
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    OperatingCondition,
+    PistonWear,
+    load_pump,
+)
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.fleet import RECESS, draw_specimen
 from swashtwin_bench.rigs.measuring import Run, measure
@@ -33,8 +42,14 @@ TRENDS: Mapping[str, Fault] = MappingProxyType(
 
 
 def trends_of(version: str) -> Mapping[str, Fault]:
-    """Typical fault of each trend in a version of the rig; versions 1 and 2 have the same, `TRENDS`."""
-    return {mode: Damage(1.0, mode) for modes in MODES.values() for mode in modes} if version == "3" else TRENDS
+    """Typical fault of each trend in a version of the rig; versions 1 and 2 have the same,
+    `TRENDS`.
+    """
+    return (
+        {mode: Damage(1.0, mode) for modes in MODES.values() for mode in modes}
+        if version == "3"
+        else TRENDS
+    )
 
 
 def trend_recordings(
@@ -46,10 +61,11 @@ def trend_recordings(
     pressure: float = MPa(10),
     duration: float = 4.0,
 ) -> Iterator[tuple[Recording, Run]]:
-    """Healthy recordings of one pump, then its trend with each fault of `TRENDS`, each with the truth behind it.
+    """Healthy recordings of one pump, then its trend with each fault of `TRENDS`, each with the
+    truth behind it.
 
-    As in the rig, the pump is taken apart before each recording, and its condition varies. No recording of
-    `rig_recordings` is among them.
+    As in the rig, the pump is taken apart before each recording, and its condition varies. No
+    recording of `rig_recordings` is among them.
 
     Parameters
     ----------
@@ -60,9 +76,13 @@ def trend_recordings(
     duration : length of each recording [s].
     """
     pump = draw_specimen(load_pump("25scy14-1b"), specimen, seed)
-    named_faults: list[tuple[str, Fault | None]] = [(f"{specimen}_trend_normal_{n + 1}", None) for n in range(healthy)]
+    named_faults: list[tuple[str, Fault | None]] = [
+        (f"{specimen}_trend_normal_{n + 1}", None) for n in range(healthy)
+    ]
     for kind, typical in TRENDS.items():
-        named_faults += [(f"{specimen}_trend_{kind}_{factor:g}", typical.scaled(factor)) for factor in severities]
+        named_faults += [
+            (f"{specimen}_trend_{kind}_{factor:g}", typical.scaled(factor)) for factor in severities
+        ]
     runs = []
     for name, fault in named_faults:
         run = run_of(name, pump, pressure, seed, None)
@@ -78,7 +98,9 @@ def trend_recordings(
 PER_DAY = 3
 """Recordings in a day."""
 _SEASON = 60.0
-"""Period [day] of the slow swing of load and temperature; its phase differs from course to course."""
+"""Period [day] of the slow swing of load and temperature; its phase differs from course to
+course.
+"""
 _MEMORY = 5.0
 """Time [day] in which the wandering of load and temperature is forgotten."""
 
@@ -138,13 +160,23 @@ def plant_course(
         for number, item, run, signal in zip(numbers, names, runs, signals, strict=True):
             label = "normal" if run.fault is None else run.fault.label
             recording = recording_of(
-                item, label, course.pressure, run, signal, speed=rig.speeds[0], version=course.version
+                item,
+                label,
+                course.pressure,
+                run,
+                signal,
+                speed=rig.speeds[0],
+                version=course.version,
             )
             yield recording, float(severities[number])
 
 
-def _conditions(seed: int, name: str, course: PlantCourse, set_speed: float) -> list[OperatingCondition]:
-    """What holds at each recording: a slow swing, a wandering of days, and scatter from recording to recording."""
+def _conditions(
+    seed: int, name: str, course: PlantCourse, set_speed: float
+) -> list[OperatingCondition]:
+    """What holds at each recording: a slow swing, a wandering of days, and scatter from recording
+    to recording.
+    """
     rng = stream(seed, "plant", name)
     count = course.recordings
     day = np.arange(count) / PER_DAY

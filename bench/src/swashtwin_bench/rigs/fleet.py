@@ -1,14 +1,16 @@
-"""The hidden truth of the virtual rig: a fleet of pumps that differ, and what is wrong with each at a time.
+"""The hidden truth of the virtual rig: a fleet of pumps that differ, and what is wrong with each at
+a time.
 
-Nothing here is known to a twin. What the twin's physics does not contain at all is marked with a star:
+Nothing here is known to a twin. What the twin's physics does not contain at all is marked with a
+star:
 
 - interface values away from the nominal ones, and different from pump to pump;
 - mounting and bearings that differ from the drawing;
 - piston clearances that scatter*, so that a healthy pump has once-per-revolution content;
 - slippers that are unloaded on the suction side*, a film stiffness that turns with the shaft;
 - a slipper that follows a recess only in part and not at once*;
-- a flexible housing* with four modes above 1 kHz (where a real pump housing was measured to resonate), different for
-  each axis, and sensors with gain errors, cross-talk* and a finite band;
+- a flexible housing* with four modes above 1 kHz (where a real pump housing was measured to
+  resonate), different for each axis, and sensors with gain errors, cross-talk* and a finite band;
 - films that thin with pressure and warm oil*.
 """
 
@@ -19,16 +21,29 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from swashtwin.foundation import deg, mm, stream, um
-from swashtwin.pump import PARAMETERS, BoreDefect, DamScratch, Fault, GrooveErosion, PistonWear, Pump, SwashPlateDefect
+from swashtwin.pump import (
+    PARAMETERS,
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    PistonWear,
+    Pump,
+    SwashPlateDefect,
+)
 
 FLEET_FACTORS = (0.45, 0.7, 1.6, 0.75, 3.2, 0.7)
-"""Truth over nominal of the six interface values, fleet mean; C_sw and C_Hz move as the paper found them to."""
+"""Truth over nominal of the six interface values, fleet mean; C_sw and C_Hz move as the paper found
+them to.
+"""
 
 DISPERSION = 0.18
 """Standard deviation of ln(interface value) between pumps."""
 
 HOUSING_MODES = (1717.0, 2967.0, 3600.0, 4450.0)
-"""Fleet mean resonances [Hz] of the flexible housing; the first three were measured on a real front housing."""
+"""Fleet mean resonances [Hz] of the flexible housing; the first three were measured on a real front
+housing.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,19 +90,28 @@ class Specimen:
     """Frequency [Hz] above which they no longer do."""
     housing: Housing
     supports: Float[np.ndarray, " 7"] | None = None
-    """True over nominal stiffness of each part of mounting and bearings (`Structure.support_parts`), if not 1."""
+    """True over nominal stiffness of each part of mounting and bearings
+    (`Structure.support_parts`), if not 1.
+    """
     film_exponent: float = 1.0
     """Power of the viscosity that the films' dampings follow."""
     hangs_free: bool = False
-    """Whether a piston over a defect of its bush hangs free where the film would have to pull; no force stands still
-    then."""
+    """Whether a piston over a defect of its bush hangs free where the film would have to pull; no
+    force stands still then.
+    """
 
     def reassemble(self, seed: int, recording: str) -> "Specimen":
-        """The same pump after reassembly, which changing a part needs: films and sensors do not sit as before."""
+        """The same pump after reassembly, which changing a part needs: films and sensors do not sit
+        as before.
+        """
         rng = stream(seed, "assembly", recording)
         gain = self.housing.gain + _cross_talk(rng, 0.1, len(self.housing.gain))
         housing = replace(self.housing, gain=gain)
-        return replace(self, values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)), housing=housing)
+        return replace(
+            self,
+            values=self.values * np.exp(rng.normal(0, 0.12, self.values.size)),
+            housing=housing,
+        )
 
     def truth(self) -> dict[str, object]:
         """What differs from pump to pump beside the interface values, for the scoring file."""
@@ -98,8 +122,12 @@ class Specimen:
         return dict(zip(PARAMETERS, (float(value) for value in self.values), strict=True))
 
 
-def _cross_talk(rng: np.random.Generator, deviation: float, sensors: int) -> Float[np.ndarray, "sensor sensor"]:
-    """What each sensor takes from the others: of many as much together as of the two others among three."""
+def _cross_talk(
+    rng: np.random.Generator, deviation: float, sensors: int
+) -> Float[np.ndarray, "sensor sensor"]:
+    """What each sensor takes from the others: of many as much together as of the two others among
+    three.
+    """
     deviation *= math.sqrt(2 / (sensors - 1))
     return rng.normal(0, deviation, (sensors, sensors)) * (1 - np.eye(sensors))
 
@@ -119,7 +147,9 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
     """Pump `name` of the fleet of `seed`."""
     rng = stream(seed, "specimen", name)
     factors = np.array(FLEET_FACTORS) * np.exp(rng.normal(0, DISPERSION, len(PARAMETERS)))
-    masses = replace(nominal.masses, rotor_eccentricity=nominal.masses.rotor_eccentricity * rng.lognormal(0, 0.4))
+    masses = replace(
+        nominal.masses, rotor_eccentricity=nominal.masses.rotor_eccentricity * rng.lognormal(0, 0.4)
+    )
     plate = replace(
         nominal.valve_plate,
         discharge_open=nominal.valve_plate.discharge_open + deg(rng.normal(0, 0.5)),
@@ -142,15 +172,22 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
 
 
 RECESS = SwashPlateDefect(depth=mm(0.07), length=mm(30), width=mm(24))
-"""The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm of swash plate wear,
-Grundfos BMP manual). At the paper's 0.6 mm the level alone would separate every window."""
+"""The machined recess: the paper's length and width, and a depth near what rejects a pump (0.1 mm
+of swash plate wear, Grundfos BMP manual). At the paper's 0.6 mm the level alone would separate
+every window.
+"""
 
 PAPER_RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24))
-"""The paper's recess, in version ``1-deep``: films pull the slippers through it, as in the paper's model."""
+"""The paper's recess, in version ``1-deep``: films pull the slippers through it, as in the paper's
+model.
+"""
 
 
-def draw_fault(label: str, specimen: str, seed: int, *purpose: object, is_deep: bool = False) -> Fault | None:
-    """What is wrong with a pump of class `label` in one recording; its severity spreads around the class's typical one.
+def draw_fault(
+    label: str, specimen: str, seed: int, *purpose: object, is_deep: bool = False
+) -> Fault | None:
+    """What is wrong with a pump of class `label` in one recording; its severity spreads around the
+    class's typical one.
 
     A recess is machined once into each pump, so its place differs from pump to pump only.
 
@@ -167,7 +204,9 @@ def draw_fault(label: str, specimen: str, seed: int, *purpose: object, is_deep: 
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))
     if label == "cylinder_block":
-        return BoreDefect(depth=um(270) * spread, bore=int(rng.integers(7)), half_width=deg(rng.uniform(36, 44)))
+        return BoreDefect(
+            depth=um(270) * spread, bore=int(rng.integers(7)), half_width=deg(rng.uniform(36, 44))
+        )
     if label == "valve_plate":
         if rng.random() < 0.5:
             return DamScratch(area=0.8e-6 * spread)
@@ -176,10 +215,11 @@ def draw_fault(label: str, specimen: str, seed: int, *purpose: object, is_deep: 
 
 
 def film_factors(pressure: float, relative_viscosity: float) -> Float[np.ndarray, " 6"]:
-    """Factors on the six interface values at a discharge pressure [Pa] and a viscosity over that at 45 degC.
+    """Factors on the six interface values at a discharge pressure [Pa] and a viscosity over that at
+    45 degC.
 
-    Dampings follow the viscosity (the pistons', of which only part is film, its square root); a film thins as the load
-    grows, which raises all values by (p / 10 MPa)^0.1.
+    Dampings follow the viscosity (the pistons', of which only part is film, its square root); a
+    film thins as the load grows, which raises all values by (p / 10 MPa)^0.1.
     """
     thinning = math.pow(pressure / 10e6, 0.1)
     damping = relative_viscosity * thinning

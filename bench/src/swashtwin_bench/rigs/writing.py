@@ -13,7 +13,16 @@ import torch
 from jaxtyping import Float
 from joblib import delayed
 
-from swashtwin.foundation import InputError, MPa, celsius, open_pieces, parallel, rpm, stream, write_text
+from swashtwin.foundation import (
+    InputError,
+    MPa,
+    celsius,
+    open_pieces,
+    parallel,
+    rpm,
+    stream,
+    write_text,
+)
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
 from swashtwin.recordings import Recording, write_index, write_recording
 from swashtwin_bench.rigs.fleet import Specimen, draw_fault, draw_specimen
@@ -24,16 +33,22 @@ from swashtwin_bench.rigs.version_two import fleet as version_two
 from swashtwin_bench.rigs.version_two.measuring import measure as measure_two
 
 RIG_VERSION = "1"
-"""Version that is taken where none is named. No recording of a version ever changes: another law is another version."""
+"""Version that is taken where none is named. No recording of a version ever changes: another law is
+another version.
+"""
 
 OTHER_DESIGNS = ("3",)
 """Versions whose pumps are not of the design 25scy14-1b, so that a prior is told their pistons."""
 
 DEEP_VERSION = "1-deep"
-"""Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version 1."""
+"""Version 1 with the paper's recess of 0.6 mm; all recordings without a recess are those of version
+1.
+"""
 
 MANIFEST_NAME = "rig.json"
-"""File in a rig's folder that says what the rig is, so that a run that was interrupted can go on."""
+"""File in a rig's folder that says what the rig is, so that a run that was interrupted can go
+on.
+"""
 
 SAMPLE_RATE = 25600.0
 """Readings per second and channel [Hz]."""
@@ -68,9 +83,10 @@ SIZES = MappingProxyType(
         "paper": RigSize(specimens=6, repeats=4),
     }
 )
-"""``tiny`` is for trying things out, ``short`` for studies of many fleets, ``small`` for a demo. ``paper`` holds, in
-each class, over three times the paper's 650 windows of 80 ms, so that a study can take the paper's counts for training
-and test on recordings it did not train on."""
+"""``tiny`` is for trying things out, ``short`` for studies of many fleets, ``small`` for a demo.
+``paper`` holds, in each class, over three times the paper's 650 windows of 80 ms, so that a study
+can take the paper's counts for training and test on recordings it did not train on.
+"""
 
 
 @dataclass(frozen=True)
@@ -94,24 +110,43 @@ class _Slot:
 
 
 def _slots(
-    size: RigSize, version: str, sensors: int, labels: Sequence[str] = CLASSES, pressures: Sequence[float] | None = None
+    size: RigSize,
+    version: str,
+    sensors: int,
+    labels: Sequence[str] = CLASSES,
+    pressures: Sequence[float] | None = None,
 ) -> list[_Slot]:
     require_version(version)
     classes = VERSIONS[version].labels
     if unknown := set(labels) - set(classes):
-        raise InputError(f"{min(unknown)!r} is no class of rig version {version}; it has {', '.join(classes)}.")
-    if sensors not in PUMPS or (sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen):
+        raise InputError(
+            f"{min(unknown)!r} is no class of rig version {version}; it has {', '.join(classes)}."
+        )
+    if sensors not in PUMPS or (
+        sensors != 3 and VERSIONS[version].draw_specimen is not draw_specimen
+    ):
         raise InputError(
             f"{sensors} sensors cannot be recorded by version {version} of the rig: version 1 has "
             f"{' or '.join(map(str, PUMPS))}, the others have 3."
         )
     names = [chr(ord("A") + i) for i in range(size.specimens)]
-    cells = product(names, classes, PRESSURES if pressures is None else pressures, range(1, size.repeats + 1))
+    cells = product(
+        names, classes, PRESSURES if pressures is None else pressures, range(1, size.repeats + 1)
+    )
     return [_Slot(*cell, version, sensors) for cell in cells if cell[1] in labels]
 
 
-def run_of(name: str, specimen: Specimen, pressure: float, seed: int, fault: Fault | None, speed: float = SPEED) -> Run:
-    """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the condition that held."""
+def run_of(
+    name: str,
+    specimen: Specimen,
+    pressure: float,
+    seed: int,
+    fault: Fault | None,
+    speed: float = SPEED,
+) -> Run:
+    """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the
+    condition that held.
+    """
     rng = stream(seed, "condition", name)
     condition = OperatingCondition(
         speed=speed * rng.uniform(0.997, 1.003),
@@ -131,7 +166,10 @@ class RigVersion:
     """Pump of a name and a seed, made from the nominal one."""
     run: Callable[[_Slot, Specimen, int], Run]
     """Measurement of a slot under a seed."""
-    measure: Callable[[Sequence[Run], float, float, Sequence[tuple[int, str]]], list[Float[np.ndarray, "sensor time"]]]
+    measure: Callable[
+        [Sequence[Run], float, float, Sequence[tuple[int, str]]],
+        list[Float[np.ndarray, "sensor time"]],
+    ]
     """Readings of runs, for a duration [s], at a sample rate [Hz]."""
     labels: tuple[str, ...] = CLASSES
     """Classes that it can record."""
@@ -143,7 +181,9 @@ def _first_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = Fa
 
 
 def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = False) -> Run:
-    """A pump that is not reassembled keeps its fault and its assembly in all recordings of a class."""
+    """A pump that is not reassembled keeps its fault and its assembly in all recordings of a
+    class.
+    """
     assert isinstance(specimen, version_two.SecondSpecimen)
     purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
     fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
@@ -157,7 +197,9 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
 
 
 def _third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
-    """A pump is put together anew for another part, and after every third recording of a class and pressure."""
+    """A pump is put together anew for another part, and after every third recording of a class and
+    pressure.
+    """
     assert isinstance(specimen, version_three.ThirdSpecimen)
     purpose = f"{slot.specimen}_{slot.label}_{(slot.repeat - 1) // 3}"
     rng = stream(seed, "condition of version 3", slot.name)
@@ -176,16 +218,25 @@ _SPEEDS = (SPEED, rpm(1120))
 VERSIONS: Mapping[str, RigVersion] = MappingProxyType(
     {
         "1": RigVersion((SPEED,), draw_specimen, _first_run, measure),
-        DEEP_VERSION: RigVersion((SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure),
+        DEEP_VERSION: RigVersion(
+            (SPEED,), draw_specimen, partial(_first_run, is_deep=True), measure
+        ),
         "2": RigVersion(_SPEEDS, version_two.draw_specimen, _second_run, measure_two),
-        "2-deep": RigVersion(_SPEEDS, version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two),
+        "2-deep": RigVersion(
+            _SPEEDS, version_two.draw_specimen, partial(_second_run, is_deep=True), measure_two
+        ),
         "3": RigVersion(
-            (rpm(1000), rpm(1450)), version_three.draw_specimen, _third_run, measure_three, version_three.LABELS
+            (rpm(1000), rpm(1450)),
+            version_three.draw_specimen,
+            _third_run,
+            measure_three,
+            version_three.LABELS,
         ),
     }
 )
-"""Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the paper's recess of
-0.6 mm."""
+"""Versions of the rig (docs/bench/rig.md); ``1-deep`` and ``2-deep`` are versions 1 and 2 with the
+paper's recess of 0.6 mm.
+"""
 
 
 def require_version(version: str) -> None:
@@ -197,7 +248,9 @@ def require_version(version: str) -> None:
         It is none of `VERSIONS`.
     """
     if version not in VERSIONS:
-        raise InputError(f"rig version {version!r} is unknown; choose one of {', '.join(VERSIONS)}.")
+        raise InputError(
+            f"rig version {version!r} is unknown; choose one of {', '.join(VERSIONS)}."
+        )
 
 
 def recording_of(
@@ -210,7 +263,9 @@ def recording_of(
     speed: float = SPEED,
     version: str = RIG_VERSION,
 ) -> Recording:
-    """Recording `name` of a run: it states the set pressure [Pa] and speed [rad/s], not those that held."""
+    """Recording `name` of a run: it states the set pressure [Pa] and speed [rad/s], not those that
+    held.
+    """
     stated = OperatingCondition(
         speed=speed,
         discharge_pressure=pressure,
@@ -241,13 +296,14 @@ def rig_recordings(
 ) -> Iterator[tuple[Recording, Run]]:
     """Recordings of the rig, one by one, each with the truth behind it.
 
-    What a recording states of its condition is what was set and a thermometer read to a degree; the pressure and the
-    speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and 0.8 %; version 3: 7 % and 1.6 %), and
-    nothing downstream learns them.
+    What a recording states of its condition is what was set and a thermometer read to a degree; the
+    pressure and the speed that really held were up to 3 % and 0.3 % off (version 2: up to 8 % and
+    0.8 %; version 3: 7 % and 1.6 %), and nothing downstream learns them.
 
     Parameters
     ----------
-    seed : addresses every draw; the same seed gives the same recordings, whichever others are taken with them.
+    seed : addresses every draw; the same seed gives the same recordings, whichever others are taken
+        with them.
     labels : classes to record, of those that the version has.
     pressures : set discharge pressures [Pa]; None takes `PRESSURES`.
     version : name in `VERSIONS`.
@@ -271,7 +327,8 @@ def _measured(
     """Recordings of some slots, each with its run."""
     batches = [slots[first : first + batch] for first in range(0, len(slots), batch)]
     measured = parallel(jobs, return_as="generator")(
-        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed) for slots in batches
+        delayed(_measure_batch)(slots, [fleet[slot.specimen] for slot in slots], duration, seed)
+        for slots in batches
     )
     for pairs in measured:
         yield from pairs
@@ -296,11 +353,16 @@ def _measure_batch(
     runs = [_run_of(slot, specimen, seed) for slot, specimen in zip(slots, specimens, strict=True)]
     version = VERSIONS[slots[0].version]
     signals = version.measure(runs, duration, SAMPLE_RATE, [(seed, slot.name) for slot in slots])
-    return [(_recording(slot, run, signal), run) for slot, run, signal in zip(slots, runs, signals, strict=True)]
+    return [
+        (_recording(slot, run, signal), run)
+        for slot, run, signal in zip(slots, runs, signals, strict=True)
+    ]
 
 
 def _recording(slot: _Slot, run: Run, signal: Float[np.ndarray, "sensor time"]) -> Recording:
-    return recording_of(slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version)
+    return recording_of(
+        slot.name, slot.label, slot.pressure, run, signal, speed=slot.speed, version=slot.version
+    )
 
 
 def _truth(run: Run) -> dict[str, object]:
@@ -325,11 +387,13 @@ def build_rig(
 ) -> Path:
     """Index file of a virtual rig written to `folder`; what an earlier run left whole is kept.
 
-    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of swashtwin reads it.
+    The truth goes to ``<folder>-truth.json`` beside the folder, for scoring only: no function of
+    swashtwin reads it.
 
     Parameters
     ----------
-    folder : new or empty folder, or one that an earlier run with equal arguments left, finished or not.
+    folder : new or empty folder, or one that an earlier run with equal arguments left, finished or
+        not.
     seed : which fleet.
     size : name in `SIZES`, or a size of one's own.
     version : name in `VERSIONS`.
@@ -340,8 +404,8 @@ def build_rig(
     Raises
     ------
     InputError
-        The folder holds something else, or a rig of other arguments; or the size, the version or the number of sensors
-        is unknown.
+        The folder holds something else, or a rig of other arguments; or the size, the version or
+        the number of sensors is unknown.
     """
     folder = Path(folder).resolve()
     if isinstance(size, str) and size not in SIZES:
@@ -355,7 +419,9 @@ def build_rig(
     path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
     missing = [slot for slot in slots if not path_of[slot.name].is_file()]
     fleet = _fleet(slots, seed)
-    for count, (recording, _) in enumerate(_measured(missing, fleet, plan.duration, seed, jobs=jobs), 1):
+    for count, (recording, _) in enumerate(
+        _measured(missing, fleet, plan.duration, seed, jobs=jobs), 1
+    ):
         write_recording(recording, path_of[recording.recording_id])
         if progress:
             progress(len(slots) - len(missing) + count, len(slots))

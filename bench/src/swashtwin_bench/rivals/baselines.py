@@ -1,4 +1,6 @@
-"""Classifiers of scikit-learn on vibration features, as networks whose weights are found at once."""
+"""Classifiers of scikit-learn on vibration features, as networks whose weights are found at
+once.
+"""
 
 from typing import Any, ClassVar
 
@@ -19,8 +21,9 @@ UNSCALED = TrainingSettings(epochs=1, normalization="none")
 class OnFeatures(SolvedNetwork):
     """A classifier on `feature_values`, each in deviations of the training's; it cannot be saved.
 
-    The logarithm of a probability is the log-softmax of its decision values; with two classes, of (-d, d). Its height
-    means little until `learn_confidence` calibrates it. No setting was chosen by any score of this package.
+    The logarithm of a probability is the log-softmax of its decision values; with two classes, of
+    (-d, d). Its height means little until `learn_confidence` calibrates it. No setting was chosen
+    by any score of this package.
     """
 
     estimator: ClassVar[Any]
@@ -31,18 +34,27 @@ class OnFeatures(SolvedNetwork):
         self._fitted: Any = None
 
     def represent_at(
-        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+        self,
+        windows: Float32[np.ndarray, "window channel time"],
+        turns: Float[np.ndarray, " window"],
     ) -> Float32[np.ndarray, "window feature"]:
         """`feature_values`; the speed is not looked at."""
         return feature_values(windows).astype(np.float32)
 
     def solve(
-        self, values: Float32[np.ndarray, "window feature"], target: Int[np.ndarray, " window"], seed: int
+        self,
+        values: Float32[np.ndarray, "window feature"],
+        target: Int[np.ndarray, " window"],
+        seed: int,
     ) -> None:
         """Fit the classifier."""
-        self._fitted = make_pipeline(StandardScaler(), self.estimator).fit(values.astype(np.float64), target)
+        self._fitted = make_pipeline(StandardScaler(), self.estimator).fit(
+            values.astype(np.float64), target
+        )
 
-    def scores(self, values: Float32[np.ndarray, "window feature"]) -> Float64[np.ndarray, "window class"]:
+    def scores(
+        self, values: Float32[np.ndarray, "window feature"]
+    ) -> Float64[np.ndarray, "window class"]:
         """Logarithm of each class's probability."""
         decision = self._fitted.decision_function(values.astype(np.float64))
         if decision.ndim == 1:
@@ -51,7 +63,9 @@ class OnFeatures(SolvedNetwork):
 
 
 class SupportVectors(OnFeatures):
-    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995, DOI 10.1007/BF00994018)."""
+    """Support vector machine with a Gaussian kernel (Cortes and Vapnik 1995, DOI
+    10.1007/BF00994018).
+    """
 
     name: ClassVar[str] = "svm"
     estimator: ClassVar[Any] = SVC(kernel="rbf", C=1.0, gamma="scale")
@@ -65,7 +79,9 @@ class Logistic(OnFeatures):
 
 
 class Ridge(OnFeatures):
-    """Ridge classifier, penalty by cross-validation (Hoerl and Kennard 1970, DOI 10.1080/00401706.1970.10488634)."""
+    """Ridge classifier, penalty by cross-validation (Hoerl and Kennard 1970, DOI
+    10.1080/00401706.1970.10488634).
+    """
 
     name: ClassVar[str] = "ridge"
     estimator: ClassVar[Any] = RidgeClassifierCV(alphas=np.logspace(-3, 3, 10))

@@ -39,7 +39,9 @@ class Model:
 
     @property
     def is_network(self) -> bool:
-        """Whether it is trained in epochs; a single training has a loss curve, and features to embed."""
+        """Whether it is trained in epochs; a single training has a loss curve, and features to
+        embed.
+        """
         return self.kind in NETWORKS and self.kind not in ON_FEATURES
 
     def describe(self) -> dict[str, Any]:
@@ -48,7 +50,11 @@ class Model:
             return {"kind": self.kind, "candidates": [repr(candidate) for candidate in CANDIDATES],
                     "training": DISTURBED_TRAINING.to_dict()}  # fmt: skip
         settings = build_network(self.kind, 1, 2, **self.network).settings
-        network = {name: value for name, value in settings.items() if name not in ("n_channels", "n_classes")}
+        network = {
+            name: value
+            for name, value in settings.items()
+            if name not in ("n_channels", "n_classes")
+        }
         return {"kind": self.kind, "network": network, "training": self.training.to_dict()}
 
     def with_training(self, **changes: Any) -> "Model":
@@ -63,34 +69,43 @@ DEFAULT = "spectral_bitcn"
 """The network that studies train where they do not compare networks: ours."""
 
 BITCN: Mapping[str, Any] = {"stride": 16, "channels": (32,) * 6}
-"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16 samples, units of
-32 features. At full rate one training of the paper costs 8 hours of CPU (docs/explanation/networks.md)."""
+"""Settings of the paper's BiTCN and its ablations in every size: an entry that takes patches of 16
+samples, units of 32 features. At full rate one training of the paper costs 8 hours of CPU
+(docs/explanation/networks.md).
+"""
 
 TRAINING: Mapping[str, TrainingSettings] = {
     "quick": replace(RECOMMENDED_TRAINING, epochs=12),
     "medium": RECOMMENDED_TRAINING,
     "paper": RECOMMENDED_TRAINING,
 }
-"""How every network is trained, by size. Both scale by the training set's deviation, so that the level, which a
-condition changes, is kept."""
+"""How every network is trained, by size. Both scale by the training set's deviation, so that the
+level, which a condition changes, is kept.
+"""
 
 
 NOISY = "spectral_noise"
-"""Our network trained in twice the epochs with noise down to 0 dB, new in each epoch, on half the windows."""
+"""Our network trained in twice the epochs with noise down to 0 dB, new in each epoch, on half the
+windows.
+"""
 
 
 def _models(size: str) -> dict[str, Model]:
     names = [name for name in NETWORKS if name not in ON_FEATURES]
     return {
         **{name: Model(name, BITCN if name == "bitcn" else {}, TRAINING[size]) for name in names},
-        NOISY: Model(DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)),
+        NOISY: Model(
+            DEFAULT, {}, replace(TRAINING[size], noise_snr=0.0, epochs=2 * TRAINING[size].epochs)
+        ),
         CHOSEN: Model(CHOSEN),
         **{name: Model(name, {}, UNSCALED) for name in ON_FEATURES},
     }
 
 
 MODELS: dict[str, dict[str, Model]] = {size: _models(size) for size in TRAINING}
-"""Models by size and name: every network, ours with noise, and ``chosen``, what a user gets who sets nothing."""
+"""Models by size and name: every network, ours with noise, and ``chosen``, what a user gets who
+sets nothing.
+"""
 
 
 def models_of(size: str, names: Iterable[str]) -> dict[str, Model]:

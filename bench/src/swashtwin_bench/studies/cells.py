@@ -30,9 +30,15 @@ def recordings_by_cell(recordings: Sequence[Recording], study: str) -> list[list
                 f"{recording.recording_id}: {study} needs label, specimen, speed and discharge_pressure of every "
                 "recording; write them into the index."
             )
-    stated = np.array([r.condition.discharge_pressure for r in recordings if r.condition is not None])
-    for recording, pressure in zip(recordings, merge_close_values(stated, PRESSURE_TOLERANCE), strict=True):
-        cells.setdefault((str(recording.specimen), str(recording.label), float(pressure)), []).append(recording)
+    stated = np.array(
+        [r.condition.discharge_pressure for r in recordings if r.condition is not None]
+    )
+    for recording, pressure in zip(
+        recordings, merge_close_values(stated, PRESSURE_TOLERANCE), strict=True
+    ):
+        cells.setdefault(
+            (str(recording.specimen), str(recording.label), float(pressure)), []
+        ).append(recording)
     return list(cells.values())
 
 

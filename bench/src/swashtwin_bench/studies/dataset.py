@@ -1,4 +1,6 @@
-"""Data of one seed, from which training sets and tests are made: window sets by role, and calibrated twins."""
+"""Data of one seed, from which training sets and tests are made: window sets by role, and
+calibrated twins.
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +13,13 @@ from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate,
 from swashtwin.foundation import DataError, file_name, stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
-from swashtwin.pump import SPEED_TOLERANCE, Fault, OperatingCondition, group_by_condition, merge_close_values
+from swashtwin.pump import (
+    SPEED_TOLERANCE,
+    Fault,
+    OperatingCondition,
+    group_by_condition,
+    merge_close_values,
+)
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import FORMAT
 from swashtwin_bench.studies.cells import classes_of, cut_evenly
@@ -41,7 +49,9 @@ class CalibrationTask:
 
     @property
     def key(self) -> str:
-        """Name of its folder: specimen and class to be read, and a hash of all that decides the result."""
+        """Name of its folder: specimen and class to be read, and a hash of all that decides the
+        result.
+        """
         starts = [[repr(twin.pump), repr(twin.condition), repr(twin.fault)] for twin in self.twins]
         data = [
             (recording.recording_id, repr(recording.condition), recording.fingerprint())
@@ -53,7 +63,9 @@ class CalibrationTask:
 
 
 def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
-    """The calibration: read from ``OUT/calibrations/KEY`` where it lies there, else run and saved there."""
+    """The calibration: read from ``OUT/calibrations/KEY`` where it lies there, else run and saved
+    there.
+    """
     if (finished := finished_calibration(out, task.key)) is not None:
         return finished
     calibration = calibrate(
@@ -97,22 +109,36 @@ class StudyDataset:
 
     @property
     def manifest(self) -> tuple[str, ...]:
-        """Recordings that no test may hold besides those of the training set: calibration's, and the references."""
+        """Recordings that no test may hold besides those of the training set: calibration's, and
+        the references.
+        """
         return tuple(sorted({*self.calibrated_on, *self.split.references}))
 
     def roles(self) -> dict[str, list[str]]:
         """Recording ids by role."""
         tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
         train = set(self.measured.recording_id.tolist())
-        roles = {"train": train, **tests, "calibration": set(self.calibrated_on), "reference": self.split.references}
+        roles = {
+            "train": train,
+            **tests,
+            "calibration": set(self.calibrated_on),
+            "reference": self.split.references,
+        }
         return {name: sorted(ids) for name, ids in roles.items()}
 
     def conditions(self) -> list[OperatingCondition]:
-        """Operating conditions of the scarce cells: their pressure, at each speed of the training recordings."""
+        """Operating conditions of the scarce cells: their pressure, at each speed of the training
+        recordings.
+        """
         speeds = self.measured.speed
         level = merge_close_values(speeds, SPEED_TOLERANCE)
-        means = [float(speeds[level == speed].mean()) for speed in np.unique(level[~np.isnan(level)])]
-        return [OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure) for speed in means]
+        means = [
+            float(speeds[level == speed].mean()) for speed in np.unique(level[~np.isnan(level)])
+        ]
+        return [
+            OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure)
+            for speed in means
+        ]
 
     def calibrations_for(self, label: str) -> list[Calibration]:
         """Calibrations that a class is simulated with, one for each training specimen."""
@@ -122,10 +148,14 @@ class StudyDataset:
         return [self.calibrations[key] for key in sorted(self.calibrations) if key[1] == source]
 
 
-def calibration_tasks(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> list[CalibrationTask]:
+def calibration_tasks(
+    recordings: Sequence[Recording], scenario: Scenario, seed: int
+) -> list[CalibrationTask]:
     """Calibrations that the twins of a scenario need: recordings that train, and no others."""
     split = split_scenario(recordings, scenario, seed)
-    lender_ids = {name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)}
+    lender_ids = {
+        name for ids in split.scarce.values() for name in _lenders(recordings, ids, scenario)
+    }
     trained_on = [r for r in recordings if r.recording_id in split.train | lender_ids]
     has_law = scenario.calibrated_on == "law"
     tasks = []
@@ -158,12 +188,19 @@ def prepare(
     by_task = {(task.specimen, task.label): calibration for task, calibration in calibrations}
 
     train = [by_id[name] for name in sorted(split.train)]
-    measured = cut_evenly(train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings))
+    measured = cut_evenly(
+        train, length=scenario.length, count=scenario.windows, classes=classes_of(recordings)
+    )
     if scenario.class_windows is not None:
         measured = _counted(measured, scenario)
     for ids in lenders:
-        measured = measured + _scarce_windows([r for r in recordings if r.recording_id in ids], scenario, measured)
-    tests = {level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured) for level, ids in split.tests.items()}
+        measured = measured + _scarce_windows(
+            [r for r in recordings if r.recording_id in ids], scenario, measured
+        )
+    tests = {
+        level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured)
+        for level, ids in split.tests.items()
+    }
     if RANDOM_WINDOWS in tests:
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
     return StudyDataset(
@@ -177,16 +214,20 @@ def prepare(
             if noisy_tests
         },
         calibrations=by_task,
-        calibrated_on=tuple(sorted({name for calibration in by_task.values() for name in calibration.recording_ids})),
+        calibrated_on=tuple(
+            sorted({name for calibration in by_task.values() for name in calibration.recording_ids})
+        ),
         split=split,
     )
 
 
 def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[WindowSet, WindowSet]:
-    """(training windows, test windows): the same windows, dealt anew in each class and pressure of the test.
+    """(training windows, test windows): the same windows, dealt anew in each class and pressure of
+    the test.
 
-    Level L0, as many papers split. Each cell keeps its numbers of training and of test windows; only which window is
-    which is drawn. So the scores differ from those of the split by recording by the leak alone.
+    Level L0, as many papers split. Each cell keeps its numbers of training and of test windows;
+    only which window is which is drawn. So the scores differ from those of the split by recording
+    by the leak alone.
 
     Parameters
     ----------
@@ -206,7 +247,9 @@ def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[Windo
 
 
 def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSet) -> WindowSet:
-    """Test windows of recordings: as many of each class as the scenario says, evenly over the class's recordings."""
+    """Test windows of recordings: as many of each class as the scenario says, evenly over the
+    class's recordings.
+    """
     windows = cut_evenly(recordings, length=scenario.length, count=scenario.windows, like=like)
     counts = {name: int((windows.label == name).sum()) for name in like.classes}
     present = [count for count in counts.values() if count]
@@ -218,11 +261,15 @@ def cut_test(recordings: Sequence[Recording], scenario: Scenario, like: WindowSe
             "more often, or ask for less."
         )
     by_class = [np.flatnonzero(windows.label == name) for name in like.classes if counts[name]]
-    return windows.subset(np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class])))
+    return windows.subset(
+        np.sort(np.concatenate([of_class[_evenly(len(of_class), count)] for of_class in by_class]))
+    )
 
 
 def _counted(measured: WindowSet, scenario: Scenario) -> WindowSet:
-    """As many training windows of each class as the scenario says, before those of the scarce cells come in."""
+    """As many training windows of each class as the scenario says, before those of the scarce cells
+    come in.
+    """
     chosen = []
     for name in measured.classes:
         of_class = np.flatnonzero(measured.label == name)
@@ -262,7 +309,9 @@ def _evenly(available: int, count: int) -> np.ndarray:
 
 
 def _lenders(recordings: Sequence[Recording], ids: Sequence[str], scenario: Scenario) -> list[str]:
-    """The first recordings of a scarce cell that together hold as many windows as the scenario needs."""
+    """The first recordings of a scarce cell that together hold as many windows as the scenario
+    needs.
+    """
     samples = {r.recording_id: r.signal.shape[1] for r in recordings}
     lenders, windows = [], 0
     for name in ids:
@@ -289,9 +338,15 @@ def _scarce_windows(lenders: Sequence[Recording], scenario: Scenario, like: Wind
 def _calibration_task(
     specimen: str, label: str, recordings: Sequence[Recording], scenario: Scenario, seed: int
 ) -> CalibrationTask:
-    stated = [(recording.condition, recording.label) for recording in recordings if recording.condition is not None]
+    stated = [
+        (recording.condition, recording.label)
+        for recording in recordings
+        if recording.condition is not None
+    ]
     groups = group_by_condition([condition for condition, _ in stated])
-    conditions = [stated[group[-1]][0] for group in groups if any(stated[i][1] == label for i in group)]
+    conditions = [
+        stated[group[-1]][0] for group in groups if any(stated[i][1] == label for i in group)
+    ]
     pump = replace(scenario.pump, name=f"{scenario.pump.name} ({specimen})")
     law = None
     if scenario.calibrated_on == "law":
@@ -300,4 +355,6 @@ def _calibration_task(
     else:
         nearest = min(conditions, key=lambda c: abs(c.discharge_pressure - scenario.pressure))
         twins = (Twin(pump, nearest, scenario.faults[label][0]),)
-    return CalibrationTask(specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed, law)
+    return CalibrationTask(
+        specimen, label, twins, tuple(recordings), scenario.method, scenario.nuisances, seed, law
+    )

@@ -17,10 +17,13 @@ class Perturbation:
     """One change of whole recordings, before windows are cut from them."""
 
     kind: NoiseKind | Literal["gain", "speed"]
-    """Spectrum of noise (`add_noise`); ``"gain"``: each channel louder or quieter, uniform in dB; ``"speed"``: time
-    stretched, uniform, while the stated speed stays."""
+    """Spectrum of noise (`add_noise`); ``"gain"``: each channel louder or quieter, uniform in dB;
+    ``"speed"``: time stretched, uniform, while the stated speed stays.
+    """
     size: float
-    """Signal-to-noise ratio of noise [dB]; largest gain and loss [dB]; largest relative change of speed."""
+    """Signal-to-noise ratio of noise [dB]; largest gain and loss [dB]; largest relative change of
+    speed.
+    """
 
     def __str__(self) -> str:
         """Name of its row.
@@ -43,12 +46,18 @@ class Perturbation:
         elif self.kind == "speed":
             changed = at_other_speeds(window, self.size, rng)[0]
         else:
-            changed = add_noise(signal, self.size, repeat, name, kind=self.kind, sample_rate=recording.sample_rate)
+            changed = add_noise(
+                signal, self.size, repeat, name, kind=self.kind, sample_rate=recording.sample_rate
+            )
         return recording.replace(signal=changed)
 
     def of_test(self, dataset: StudyDataset, level: str, repeat: int) -> WindowSet:
-        """The test windows of a level, cut from recordings so changed (docs/explanation/method.md, "Noise")."""
-        changed = [self.of_recording(recording, repeat) for recording in dataset.test_recordings[level]]
+        """The test windows of a level, cut from recordings so changed (docs/explanation/method.md,
+        "Noise").
+        """
+        changed = [
+            self.of_recording(recording, repeat) for recording in dataset.test_recordings[level]
+        ]
         return cut_again(changed, dataset.tests[level])
 
 

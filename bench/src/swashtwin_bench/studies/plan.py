@@ -1,4 +1,6 @@
-"""A study as a plan: training sets × classifiers under a scenario, for each seed; and what one training of it gives."""
+"""A study as a plan: training sets × classifiers under a scenario, for each seed; and what one
+training of it gives.
+"""
 
 import math
 import time
@@ -40,7 +42,9 @@ EMBEDDED = 30
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What can be set of a study of classifiers; what is None or empty stays as the study has it."""
+    """What can be set of a study of classifiers; what is None or empty stays as the study has
+    it.
+    """
 
     classifiers: tuple[str, ...] = ()
     """Classifiers to train instead of the study's."""
@@ -73,12 +77,15 @@ class Plan:
     training_sets: Mapping[str, TrainingSet] = field(default_factory=lambda: PAPER_TRAINING_SETS)
     """Training sets by name."""
     varied: str = ""
-    """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one scenario."""
+    """Factor that the scenario varies by, such as ``"scarce_windows"``; empty where there is one
+    scenario.
+    """
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
     """What differs from `scenario`, by the factor's value."""
     bare: str | None = None
-    """Value of the varied factor under which what is filled by nothing stands, and stands alone; None where it stands
-    under each."""
+    """Value of the varied factor under which what is filled by nothing stands, and stands alone;
+    None where it stands under each.
+    """
     compared: Mapping[str, str] = field(default_factory=dict)
     """Factor and the value that all its others are compared with."""
     size: str = "custom"
@@ -88,7 +95,9 @@ class Plan:
     draws: int = 5
     """Draws of each perturbation."""
     repeats: int = 0
-    """Trainings on the data of the first seed, in place of seeds; 0 where each seed draws everything anew."""
+    """Trainings on the data of the first seed, in place of seeds; 0 where each seed draws
+    everything anew.
+    """
     split_seed: int | None = None
     """Seed of split, twins and synthesis, where only the training is repeated under each seed."""
     rig: str = "1"
@@ -115,7 +124,9 @@ class Plan:
         plan, changes = self, dict[str, Any]()
         if settings.classifiers:
             own = self.models
-            further = models_of(self.size, [name for name in settings.classifiers if name not in own])
+            further = models_of(
+                self.size, [name for name in settings.classifiers if name not in own]
+            )
             changes["models"] = {name: {**own, **further}[name] for name in settings.classifiers}
             if "classifier" in self.compared:
                 changes["compared"] = {**self.compared, "classifier": settings.classifiers[0]}
@@ -125,7 +136,9 @@ class Plan:
             changes["training_sets"] = {name: choices[name] for name in settings.training_sets}
         if settings.values:
             self._require(
-                settings.values, self.variants if self.varied else {}, f"value of {self.varied or 'anything'}"
+                settings.values,
+                self.variants if self.varied else {},
+                f"value of {self.varied or 'anything'}",
             )
             changes["variants"] = {name: self.variants[name] for name in settings.values}
         if settings.rig is not None and settings.rig != self.rig:
@@ -133,11 +146,16 @@ class Plan:
             changes |= {"rig": settings.rig, "scenario": scenario}
         plan = replace(plan, **changes)
         if settings.sensors is not None:
-            self._require([str(settings.sensors)], {str(count): "" for count in PUMPS}, "number of sensors")
+            self._require(
+                [str(settings.sensors)], {str(count): "" for count in PUMPS}, "number of sensors"
+            )
             scenario = replace(plan.scenario, pump=load_pump(PUMPS[settings.sensors]))
             plan = replace(plan, scenario=scenario, sensors=settings.sensors)
         if settings.precision is not None:
-            models = {name: each.with_training(precision=settings.precision) for name, each in plan.models.items()}
+            models = {
+                name: each.with_training(precision=settings.precision)
+                for name, each in plan.models.items()
+            }
             plan = replace(plan, models=models)
         return plan if settings.window is None else plan.of_window(settings.window)
 
@@ -175,7 +193,9 @@ class Plan:
         device : where networks are trained.
         """
         scenarios = {name: self.scenario_of(name).describe() for name in self.variants}
-        sets = {name: each.describe(self.scenario.faults) for name, each in self.training_sets.items()}
+        sets = {
+            name: each.describe(self.scenario.faults) for name, each in self.training_sets.items()
+        }
         models = {name: model.describe() for name, model in self.models.items()}
         return [
             Task(
@@ -192,13 +212,19 @@ class Plan:
                     "training_set": sets[training_set],
                     "model": models[model],
                     "device": device if self.models[model].is_network else "cpu",
-                    "tests": {"perturbations": list(map(str, self.perturbations)), "draws": self.draws},
+                    "tests": {
+                        "perturbations": list(map(str, self.perturbations)),
+                        "draws": self.draws,
+                    },
                     **({} if self.split_seed is None else {"split_seed": self.split_seed}),
                 },
                 data=data,
             )
-            for variant, training_set, model in product(self.variants, self.training_sets, self.models)
-            if self.bare is None or (variant == self.bare) is (self.training_sets[training_set].by is None)
+            for variant, training_set, model in product(
+                self.variants, self.training_sets, self.models
+            )
+            if self.bare is None
+            or (variant == self.bare) is (self.training_sets[training_set].by is None)
         ]
 
     def needs_twins(self, task: Task) -> bool:
@@ -216,7 +242,9 @@ class Plan:
             (self.variants, factors.get(self.varied, "")),
             (self.training_sets, factors["training_set"]),
         )
-        return tuple(list(names).index(name) if name in names else len(names) for names, name in named)
+        return tuple(
+            list(names).index(name) if name in names else len(names) for names, name in named
+        )
 
     def scenario_of(self, variant: str) -> Scenario:
         """The scenario of a variant."""
@@ -233,7 +261,8 @@ def train_and_test(
     ----------
     synthetic : what the task's training set adds.
     values : figures of these windows.
-    out : folder of the studies; a network's training saves to the task's folder after each epoch, and goes on there.
+    out : folder of the studies; a network's training saves to the task's folder after each epoch,
+        and goes on there.
     keep_model : whether a trained network is saved there.
     """
     wall, cpu = time.perf_counter(), time.process_time()
@@ -261,7 +290,10 @@ def train_and_test(
         "classes": list(classifier.classes),
         "history": [] if is_on_features else [asdict(epoch) for epoch in classifier.history],
         # the mean of an epoch since an interruption [s]
-        "values": {**values, **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {})},
+        "values": {
+            **values,
+            **({"epoch_cpu_s": float(np.mean(np.diff(ends)))} if len(ends) > 1 else {}),
+        },
         "roles": dataset.roles(),
         "sha256": {name: windows.fingerprint() for name, windows in sets.items()},
         "cells": {name: cells_of(windows) for name, windows in sets.items()},
@@ -274,8 +306,9 @@ def train_and_test(
 
 @dataclass(frozen=True, eq=False)
 class _Unlisted:
-    """A classifier that names none of its training recordings, so that other windows of them may be tested on: only for
-    level L0, which shows how much of a score is leak."""
+    """A classifier that names none of its training recordings, so that other windows of them may be
+    tested on: only for level L0, which shows how much of a score is leak.
+    """
 
     classifier: Classifier
     manifest: tuple[str, ...] = ()
@@ -313,7 +346,9 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
 
 
 def _features(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, list[Any]]:
-    """Principal components of the last features of the test windows, with class and level of each, for t-SNE."""
+    """Principal components of the last features of the test windows, with class and level of each,
+    for t-SNE.
+    """
     tests = dataset.tests
     features = np.concatenate([classifier.embed(test) for test in tests.values()]).astype(float)
     count = min(EMBEDDED, *features.shape)

@@ -1,20 +1,21 @@
 """The paper's studies and ours of scarcity as plans, by name, recipe and size.
 
-A classifier must tell five classes apart at 15 MPa, but of the swash plate fault only one recording was taken there
-(Case I), or none (Case II). Three training sets: what was measured; the same with the scarce cell filled from the
-nominal twin; the same with it filled from calibrated twins. The test sets are always measured, never simulated, and
-share no recording with training or calibration:
+A classifier must tell five classes apart at 15 MPa, but of the swash plate fault only one recording
+was taken there (Case I), or none (Case II). Three training sets: what was measured; the same with
+the scarce cell filled from the nominal twin; the same with it filled from calibrated twins. The
+test sets are always measured, never simulated, and share no recording with training or calibration:
 
 - L2: other recordings of the pumps that were trained on;
 - L4: pumps that were never seen.
 
-Our reading, where the paper is silent: the test is at the pressure of the scarce cell, all classes alike; the windows
-of the scarce cell come from one recording of one pump; the twins are calibrated, one for each training pump, on that
-pump's training recordings of the same fault at the pressure nearest to the scarce one.
+Our reading, where the paper is silent: the test is at the pressure of the scarce cell, all classes
+alike; the windows of the scarce cell come from one recording of one pump; the twins are calibrated,
+one for each training pump, on that pump's training recordings of the same fault at the pressure
+nearest to the scarce one.
 
-Recipe ``ours`` trains our network and the recommended settings; ``paper`` the paper's own network, recipe and counts,
-in size ``paper`` at the full rate with all epochs, and both cases a second time on windows dealt at random, for the
-paper does not say how it split.
+Recipe ``ours`` trains our network and the recommended settings; ``paper`` the paper's own network,
+recipe and counts, in size ``paper`` at the full rate with all epochs, and both cases a second time
+on windows dealt at random, for the paper does not say how it split.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -42,9 +43,14 @@ from swashtwin_bench.studies.training_sets import (
 
 OURS, PAPER = "ours", "paper"
 
-SIZES: Mapping[str, tuple[str, ...]] = {OURS: ("quick", "paper"), PAPER: ("quick", "medium", "paper")}
-"""Sizes by recipe, the least first: minutes of a laptop; the paper's counts with 30 epochs and its network on patches,
-which take hours; the paper's counts and epochs, with its own network weeks of a CPU."""
+SIZES: Mapping[str, tuple[str, ...]] = {
+    OURS: ("quick", "paper"),
+    PAPER: ("quick", "medium", "paper"),
+}
+"""Sizes by recipe, the least first: minutes of a laptop; the paper's counts with 30 epochs and its
+network on patches, which take hours; the paper's counts and epochs, with its own network weeks of a
+CPU.
+"""
 
 _FULL = Scenario(windows=18, scarce_windows=50, synthetic=150)
 _COUNTS = replace(_FULL, windows=19, class_windows=650)
@@ -56,7 +62,9 @@ SCENARIOS: dict[tuple[str, str], Scenario] = {
     (PAPER, "medium"): _COUNTS,
     (PAPER, "paper"): _COUNTS,
 }
-"""Case I by recipe and size. In full: 648 or 650 windows a class, 50 in the scarce cell, 150 synthetic ones."""
+"""Case I by recipe and size. In full: 648 or 650 windows a class, 50 in the scarce cell, 150
+synthetic ones.
+"""
 
 _EMPTY_CELL = {"scarce_windows": 0, "synthetic": 200, "test_windows": 50}
 
@@ -67,29 +75,40 @@ CASE_TWO: dict[tuple[str, str], Mapping[str, Any]] = {
     (PAPER, "medium"): _EMPTY_CELL,
     (PAPER, "paper"): _EMPTY_CELL,
 }
-"""What Case II has in place of Case I's counts: as many synthetic windows as Case I has of both kinds."""
+"""What Case II has in place of Case I's counts: as many synthetic windows as Case I has of both
+kinds.
+"""
 
 TRAINING: dict[str, TrainingSettings] = {
     "quick": replace(PAPER_TRAINING, epochs=6, batch_size=10),
     "medium": replace(PAPER_TRAINING, epochs=30),
     "paper": PAPER_TRAINING,
 }
-"""The paper's recipe; ``quick`` in small batches, so that few windows still make a hundred steps."""
+"""The paper's recipe; ``quick`` in small batches, so that few windows still make a hundred
+steps.
+"""
 
 MAIN = "paper_bitcn"
 """The paper's network: at the full rate, or in size medium on patches of `PATCH` samples."""
 
 PATCH = 16
-"""Samples of a step of the paper's network and its ablations in size medium: a sixteenth of the arithmetic."""
+"""Samples of a step of the paper's network and its ablations in size medium: a sixteenth of the
+arithmetic.
+"""
 
 NETWORKS: dict[str, tuple[str, Mapping[str, Any]]] = {
     MAIN: ("bitcn", {}),
     "paper_ordinary": ("bitcn", {"causal": False}),
     "paper_no_attention": ("bitcn", {"attention": False}),
     "paper_forward": ("bitcn", {"bidirectional": False}),
-    **{name: (name, {}) for name in ("tcn", "lstm", "bilstm", "bigru", "autoencoder", "sensor_graph")},
+    **{
+        name: (name, {})
+        for name in ("tcn", "lstm", "bilstm", "bigru", "autoencoder", "sensor_graph")
+    },
 }
-"""Kind and settings of each network that the paper trains or cites; all defaults are our reading."""
+"""Kind and settings of each network that the paper trains or cites; all defaults are our
+reading.
+"""
 
 CLASSIFIERS: Mapping[str, tuple[str, ...]] = {
     "algorithms": (MAIN, "tcn", "lstm", "bilstm", "bigru"),
@@ -132,7 +151,10 @@ def _with_random_windows(plan: Plan) -> Plan:
     return replace(
         plan,
         varied="windows",
-        variants={"by recording": {}, "at random": {"levels": (RANDOM_WINDOWS, plan.scenario.levels[1])}},
+        variants={
+            "by recording": {},
+            "at random": {"levels": (RANDOM_WINDOWS, plan.scenario.levels[1])},
+        },
         notes=(
             *plan.notes,
             "Windows at random (L0): those of training and nearer test are dealt anew in each class at the tested "
@@ -152,26 +174,35 @@ def case_two(size: str, recipe: str) -> Plan:
 
 
 def recess(size: str) -> Plan:
-    """Case I with the paper's recess of 0.6 mm, which the twins simulate too, by the paper's recipe.
+    """Case I with the paper's recess of 0.6 mm, which the twins simulate too, by the paper's
+    recipe.
 
-    Trees on features, which keep the level, stand beside the network, whose windows are scaled one by one.
+    Trees on features, which keep the level, stand beside the network, whose windows are scaled one
+    by one.
     """
     plan = _like_case_one(size, PAPER, "recess", "Case I with the paper's recess of 0.6 mm")
     return replace(
         plan,
         rig=DEEP_VERSION,
-        scenario=replace(plan.scenario, faults={**plan.scenario.faults, "swash_plate": (PAPER_RECESS,)}),
+        scenario=replace(
+            plan.scenario, faults={**plan.scenario.faults, "swash_plate": (PAPER_RECESS,)}
+        ),
         models={**plan.models, "extra_trees": MODELS[size]["extra_trees"]},
     )
 
 
 def algorithms(size: str, recipe: str) -> Plan:
-    """The networks that the paper compares, trained repeatedly on the same data; by our recipe every classifier there
-    is, on fleets."""
+    """The networks that the paper compares, trained repeatedly on the same data; by our recipe
+    every classifier there is, on fleets.
+    """
     others = (name for name in MODELS["quick"] if name != NOISY)
     names = dict.fromkeys((DEFAULT, *others))  # the first is the one that others are compared with
-    plan = _calibrated(size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names)
-    return plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
+    plan = _calibrated(
+        size, recipe, "algorithms", "Algorithms on Case I's calibrated training set", names
+    )
+    return (
+        plan if recipe == OURS else replace(plan, repeats=2 if size == "quick" else 10, compared={})
+    )
 
 
 def ablation(size: str) -> Plan:
@@ -185,9 +216,17 @@ def related(size: str) -> Plan:
 
 
 def noise(size: str, recipe: str) -> Plan:
-    """Noise in the tests of classifiers trained clean; by our recipe gains and speeds too, and training with noise."""
+    """Noise in the tests of classifiers trained clean; by our recipe gains and speeds too, and
+    training with noise.
+    """
     names = (DEFAULT, NOISY, "bitcn", "tcn", "lstm", "bilstm", "extra_trees")
-    plan = _calibrated(size, recipe, "noise", "Noise, gains and speeds in tests, trained clean and with noise", names)
+    plan = _calibrated(
+        size,
+        recipe,
+        "noise",
+        "Noise, gains and speeds in tests, trained clean and with noise",
+        names,
+    )
     added = (
         "Added SNR: noise whose power is the variance of the whole recording (mean removed) over 10^(SNR/10), for each "
         "channel, added at the recording's own rate before windows are cut; the mean of draws seeded by recording, "
@@ -264,16 +303,22 @@ def fair_test(size: str) -> Plan:
 def _like_case_one(size: str, recipe: str, study: str, title: str, **changes: Any) -> Plan:
     """Case I by recording, with what differs."""
     name = study if recipe == OURS else f"{PAPER_STUDY}{study}"
-    plan = replace(case_one(size, recipe), study=name, title=title, notes=(), varied="", variants={"": {}})
+    plan = replace(
+        case_one(size, recipe), study=name, title=title, notes=(), varied="", variants={"": {}}
+    )
     return replace(plan, **changes)
 
 
 def _calibrated(size: str, recipe: str, study: str, title: str, ours: Iterable[str] = ()) -> Plan:
-    """Case I's calibrated training set, learned by several classifiers: `ours`, or those of the paper."""
+    """Case I's calibrated training set, learned by several classifiers: `ours`, or those of the
+    paper.
+    """
     models = models_of(size, ours) if recipe == OURS else _networks(size, CLASSIFIERS[study])
     sets = {"calibrated": PAPER_TRAINING_SETS["calibrated"]}
     compared = {"classifier": next(iter(models))}
-    return _like_case_one(size, recipe, study, title, models=models, training_sets=sets, compared=compared)
+    return _like_case_one(
+        size, recipe, study, title, models=models, training_sets=sets, compared=compared
+    )
 
 
 def _networks(size: str, names: Iterable[str]) -> dict[str, Model]:
@@ -304,7 +349,9 @@ PLANS: Mapping[str, Callable[[str], Plan]] = MappingProxyType(
         f"{PAPER_STUDY}related": related,
     }
 )
-"""Plan of each study, by its name and the name of a size; those by the paper's recipe begin with `PAPER_STUDY`."""
+"""Plan of each study, by its name and the name of a size; those by the paper's recipe begin with
+`PAPER_STUDY`.
+"""
 
 
 def plan_of(study: str, size: str = "quick") -> Plan:

@@ -40,8 +40,9 @@ class Question:
     settings: Callable[..., Any]
     """Class of its settings."""
     reads: str = "rig"
-    """``"rig"``: the virtual rig alone; ``"recordings"``: recordings of a user, or the rig; ``"folder"``: a folder of
-    public sets."""
+    """``"rig"``: the virtual rig alone; ``"recordings"``: recordings of a user, or the rig;
+    ``"folder"``: a folder of public sets.
+    """
 
 
 QUESTIONS: Mapping[str, Question] = MappingProxyType(
@@ -53,7 +54,9 @@ QUESTIONS: Mapping[str, Question] = MappingProxyType(
         "wrong-twins": Question(wrong_twins, WrongTwinSettings),
         "zero-shot": Question(zero_shot, ZeroShotSettings, "recordings"),
         "public": Question(public, PublicSettings, "folder"),
-        "run-to-failure": Question(lambda work, _, folder: bearing_life(work, folder), NoSettings, "folder"),
+        "run-to-failure": Question(
+            lambda work, _, folder: bearing_life(work, folder), NoSettings, "folder"
+        ),
     }
 )
 """Studies that are no plan, by name."""
@@ -72,8 +75,9 @@ def run_study(
     Parameters
     ----------
     name : in `PLANS` or `QUESTIONS`.
-    source : index, store or folder of recordings; of ``public`` and ``run-to-failure`` the folder of the public sets.
-        None takes the virtual rig, a fleet for each seed, which a plan keeps in the folder of `work`.
+    source : index, store or folder of recordings; of ``public`` and ``run-to-failure`` the folder
+        of the public sets. None takes the virtual rig, a fleet for each seed, which a plan keeps in
+        the folder of `work`.
     work : seeds, processes, and the folder of what is finished.
     size : of a plan.
     settings : what is set of it, by name: values, or texts as on a command line.
@@ -89,7 +93,9 @@ def run_study(
         chosen = read_settings(question.settings, settings or {}, name)
         if (source is None) is not (question.reads == "rig") and question.reads != "recordings":
             needs = (
-                "the folder of the public sets" if question.reads == "folder" else "no recordings: it builds its own"
+                "the folder of the public sets"
+                if question.reads == "folder"
+                else "no recordings: it builds its own"
             )
             raise InputError(f"{name} takes {needs}.")
         given: tuple[Any, ...] = ()
@@ -101,10 +107,14 @@ def run_study(
         if source is not None:
             study = run_plan(plan, list(load_recordings(source)), work)
         elif work.out is None:
-            raise InputError(f"{name} on the virtual rig needs a folder, which the fleets are built into.")
+            raise InputError(
+                f"{name} on the virtual rig needs a folder, which the fleets are built into."
+            )
         else:
             study = run_plan(plan, fleets(work.out, plan.fleet, plan.rig, work, plan.sensors), work)
-    return replace(study, wall_s=time.perf_counter() - started, command=work.command or study.command)
+    return replace(
+        study, wall_s=time.perf_counter() - started, command=work.command or study.command
+    )
 
 
 def _plan(name: str, size: str) -> Plan:
@@ -114,7 +124,8 @@ def _plan(name: str, size: str) -> Plan:
 
 
 def read_settings(kind: Callable[..., Any], given: Mapping[str, Any], study: str) -> Any:
-    """Settings of a study from values, or from texts as on a command line; of several values with commas between.
+    """Settings of a study from values, or from texts as on a command line; of several values with
+    commas between.
 
     Raises
     ------

@@ -1,4 +1,6 @@
-"""Runs a plan: finished tasks are read, the others run side by side, and each is saved when it ends."""
+"""Runs a plan: finished tasks are read, the others run side by side, and each is saved when it
+ends.
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,16 +32,19 @@ Source = Sequence[Recording] | Callable[[int], Sequence[Recording]]
 _Call = tuple[Task, Plan, StudyDataset, WindowSet, dict[str, Any], Work, bool]
 
 
-def run_plan(plan: Plan, source: Source, work: Work | None = None, *, keep_models: bool = False) -> StudyResult:
+def run_plan(
+    plan: Plan, source: Source, work: Work | None = None, *, keep_models: bool = False
+) -> StudyResult:
     """The study's table, after every task of every seed was run or read.
 
     Parameters
     ----------
     source : recordings, or what gives those of a seed.
-    work : seeds, processes, and the folder of the runs (``OUT/STUDY/KEY/result.json``) and calibrations; what lies
-        there is not run again, and a training that was interrupted goes on from its last epoch.
-    keep_models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one that lacks it is
-        trained again.
+    work : seeds, processes, and the folder of the runs (``OUT/STUDY/KEY/result.json``) and
+        calibrations; what lies there is not run again, and a training that was interrupted goes on
+        from its last epoch.
+    keep_models : whether trained networks are saved, in ``OUT/STUDY/KEY/model.safetensors``; one
+        that lacks it is trained again.
 
     Raises
     ------
@@ -68,20 +73,32 @@ def run_plan(plan: Plan, source: Source, work: Work | None = None, *, keep_model
         data = fingerprint_of(recordings) if callable(source) else data
         tasks = plan.tasks(seed, data, work.device)
         todo = [task for task in tasks if not _is_finished(task, plan, work.out, keep_models)]
-        runs += [load_run(task.folder(work.out)) for task in tasks if work.out is not None and task not in todo]
+        runs += [
+            load_run(task.folder(work.out))
+            for task in tasks
+            if work.out is not None and task not in todo
+        ]
         if len(todo) < per_seed:
             done = per_seed - len(todo)
             work.progress(f"{done} of seed {seed} done before", len(runs), per_seed * len(seeds))
         calls = _calls(plan, recordings, seed, todo, work, keep_models)
-        calls.sort(key=lambda call: not plan.models[call[0].factors["classifier"]].is_network)  # the long ones first
+        calls.sort(
+            key=lambda call: not plan.models[call[0].factors["classifier"]].is_network
+        )  # the long ones first
         runs += work.each("training", _finished_training, calls)
     result = study_of(plan, runs, out=work.out)
-    return replace(result, wall_s=time.perf_counter() - started, command=work.command or result.command)
+    return replace(
+        result, wall_s=time.perf_counter() - started, command=work.command or result.command
+    )
 
 
 def _is_finished(task: Task, plan: Plan, out: Path | None, keep_models: bool) -> bool:
     needs_model = keep_models and plan.models[task.factors["classifier"]].is_network
-    return out is not None and task.is_finished(out) and (not needs_model or model_file(task.folder(out)).is_file())
+    return (
+        out is not None
+        and task.is_finished(out)
+        and (not needs_model or model_file(task.folder(out)).is_file())
+    )
 
 
 def model_file(folder: Path) -> Path:
@@ -90,16 +107,29 @@ def model_file(folder: Path) -> Path:
 
 
 def _calls(
-    plan: Plan, recordings: Sequence[Recording], seed: int, todo: Sequence[Task], work: Work, keep_models: bool
+    plan: Plan,
+    recordings: Sequence[Recording],
+    seed: int,
+    todo: Sequence[Task],
+    work: Work,
+    keep_models: bool,
 ) -> list[_Call]:
-    """What `_finished_training` is called with for each task: first the calibrations, then what fills the cells."""
+    """What `_finished_training` is called with for each task: first the calibrations, then what
+    fills the cells.
+    """
     calls: list[_Call] = []
     variants = dict.fromkeys(task.factors.get(plan.varied, "") for task in todo)
     for variant in variants:
         tasks = [task for task in todo if task.factors.get(plan.varied, "") == variant]
         scenario, data_seed = plan.scenario_of(variant), plan.data_seed(seed)
-        searches = calibration_tasks(recordings, scenario, data_seed) if any(map(plan.needs_twins, tasks)) else []
-        calibrations = work.each("calibration", run_calibration, [(search, work.out) for search in searches])
+        searches = (
+            calibration_tasks(recordings, scenario, data_seed)
+            if any(map(plan.needs_twins, tasks))
+            else []
+        )
+        calibrations = work.each(
+            "calibration", run_calibration, [(search, work.out) for search in searches]
+        )
         dataset = prepare(
             recordings,
             scenario,
@@ -108,14 +138,21 @@ def _calls(
             noisy_tests=bool(plan.perturbations),
         )
         names = list(dict.fromkeys(task.factors["training_set"] for task in tasks))
-        fills = work.each("filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names])
+        fills = work.each(
+            "filling cells", fill_cells, [(dataset, plan.training_sets[name]) for name in names]
+        )
         filled = dict(zip(names, fills, strict=True))
         sent = replace(dataset, calibrations={})
-        facts = {"calibrations": [search.key for search in searches], "origin": origin_of(recordings)}
+        facts = {
+            "calibrations": [search.key for search in searches],
+            "origin": origin_of(recordings),
+        }
         quiet = Work(work.seeds, out=work.out, command=work.command)
         for task in tasks:
             synthetic, values = filled[task.factors["training_set"]]
-            calls.append((task, plan, sent, synthetic, {**facts, "values": values}, quiet, keep_models))
+            calls.append(
+                (task, plan, sent, synthetic, {**facts, "values": values}, quiet, keep_models)
+            )
     return calls
 
 
@@ -134,14 +171,24 @@ def _finished_training(
 
     def compute() -> dict[str, Any]:
         values = facts["values"]
-        result = train_and_test(task, plan, dataset, synthetic, values, work.out, keep_model=keep_model)
-        return {**{name: facts[name] for name in ("calibrations", "origin")}, "command": work.command, **result}
+        result = train_and_test(
+            task, plan, dataset, synthetic, values, work.out, keep_model=keep_model
+        )
+        return {
+            **{name: facts[name] for name in ("calibrations", "origin")},
+            "command": work.command,
+            **result,
+        }
 
     return task.run(work.out, compute)
 
 
 def study_of(
-    plan: Plan, runs: Sequence[Run], *, out: Path | None = None, calibrations: Sequence[Calibration] | None = None
+    plan: Plan,
+    runs: Sequence[Run],
+    *,
+    out: Path | None = None,
+    calibrations: Sequence[Calibration] | None = None,
 ) -> StudyResult:
     """Table of a study, from finished runs, however many they are.
 
@@ -153,8 +200,12 @@ def study_of(
     ordered = sorted(runs, key=lambda run: (plan.position(run["factors"]), run["seed"]))
     first = min(run["seed"] for run in ordered)
     if calibrations is None:
-        keys = dict.fromkeys(key for run in ordered if run["seed"] == first for key in run["calibrations"])
-        calibrations = [each for key in keys if (each := finished_calibration(out, key)) is not None]
+        keys = dict.fromkeys(
+            key for run in ordered if run["seed"] == first for key in run["calibrations"]
+        )
+        calibrations = [
+            each for key in keys if (each := finished_calibration(out, key)) is not None
+        ]
     further = {name for run in ordered for name in (*run["values"], "wall_s")}
     commands = dict.fromkeys(run["command"] for run in ordered if run["command"])
     result = StudyResult(
@@ -162,7 +213,10 @@ def study_of(
         title=plan.title,
         metrics={
             **METRICS,
-            **{f"recall_{name}": f"recall {name.replace('_', ' ')}" for name in ordered[0]["classes"]},
+            **{
+                f"recall_{name}": f"recall {name.replace('_', ' ')}"
+                for name in ordered[0]["classes"]
+            },
             **{name: heading for name, heading in FURTHER.items() if name in further},
         },
         trials=trials_of(ordered),
@@ -183,17 +237,24 @@ def study_of(
 
 
 def _settings(runs: Sequence[Run]) -> dict[str, Any]:
-    """Settings of all runs together: the scenario, what differs from it by what a study varies, and by name the
-    training sets and the classifiers."""
+    """Settings of all runs together: the scenario, what differs from it by what a study varies, and
+    by name the training sets and the classifiers.
+    """
     first = runs[0]["settings"]
     scenarios = {
-        ", ".join(value for name, value in run["factors"].items() if name not in ("classifier", "training_set")): run[
-            "settings"
-        ]["scenario"]
+        ", ".join(
+            value
+            for name, value in run["factors"].items()
+            if name not in ("classifier", "training_set")
+        ): run["settings"]["scenario"]
         for run in runs
     }
     names = {name for scenario in scenarios.values() for name in scenario}
-    differing = {name for name in names if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1}
+    differing = {
+        name
+        for name in names
+        if len({repr(scenario.get(name)) for scenario in scenarios.values()}) > 1
+    }
     variants = {
         name: {key: scenario[key] for key in sorted(differing) if key in scenario}
         for name, scenario in scenarios.items()
@@ -202,21 +263,35 @@ def _settings(runs: Sequence[Run]) -> dict[str, Any]:
         **{name: value for name, value in first["scenario"].items() if name not in differing},
         **({"variants": variants} if differing else {}),
         "tests": first["tests"],
-        "training_sets": {run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs},
+        "training_sets": {
+            run["factors"]["training_set"]: run["settings"]["training_set"] for run in runs
+        },
         "models": {run["factors"]["classifier"]: run["settings"]["model"] for run in runs},
     }
 
 
-def fleets(folder: Path, size: str, version: str, work: Work, sensors: int = 3) -> Callable[[int], Sequence[Recording]]:
-    """What gives the fleet of the virtual rig of a seed, built once and kept as ``rig-SIZE-SEED`` in `folder`, or
-    ``rigVERSION-SIZE-SEED`` where the version is not 1, with ``-13`` behind it where there are 13 sensors."""
+def fleets(
+    folder: Path, size: str, version: str, work: Work, sensors: int = 3
+) -> Callable[[int], Sequence[Recording]]:
+    """What gives the fleet of the virtual rig of a seed, built once and kept as ``rig-SIZE-SEED``
+    in `folder`, or ``rigVERSION-SIZE-SEED`` where the version is not 1, with ``-13`` behind it
+    where there are 13 sensors.
+    """
 
     def fleet(seed: int) -> Sequence[Recording]:
         name = "rig" if version == RIG_VERSION else f"rig{version}"
         place = Path(folder) / f"{name}-{size}-{seed}{'' if sensors == 3 else f'-{sensors}'}"
         if not (place / "recordings.toml").is_file():
             show = lambda count, total: work.progress("recording on the rig", count, total)  # noqa: E731
-            build_rig(place, seed=seed, size=size, version=version, sensors=sensors, jobs=work.jobs, progress=show)
+            build_rig(
+                place,
+                seed=seed,
+                size=size,
+                version=version,
+                sensors=sensors,
+                jobs=work.jobs,
+                progress=show,
+            )
         recordings = list(load_recordings(place))
         require_rig(place, recordings, SIZES[size], version)
         return recordings
@@ -224,7 +299,9 @@ def fleets(folder: Path, size: str, version: str, work: Work, sensors: int = 3) 
     return fleet
 
 
-def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize, version: str = RIG_VERSION) -> None:
+def require_rig(
+    folder: Path, recordings: Sequence[Recording], size: RigSize, version: str = RIG_VERSION
+) -> None:
     """Refuse a folder that holds other recordings than a whole rig of that size and version.
 
     Raises
@@ -235,4 +312,6 @@ def require_rig(folder: Path, recordings: Sequence[Recording], size: RigSize, ve
     origin = recordings[0].attributes.get("origin", "")
     is_whole = len(recordings) == size.specimens * size.repeats * 15
     if not (origin.endswith(f"version {version}") and is_whole):
-        raise DataError(f"{folder} holds other recordings than this rig; delete it, or name another --out.")
+        raise DataError(
+            f"{folder} holds other recordings than this rig; delete it, or name another --out."
+        )

@@ -1,8 +1,8 @@
 """Which cells of the data are scarce, how scarce, and which recordings have which role then.
 
-A cell is a class at a discharge pressure. All plans ask the same question with other numbers: in the scarce cells only
-so many measured windows are known, or none, and something fills them. The test is at that pressure, all classes alike,
-on recordings that had no part in anything.
+A cell is a class at a discharge pressure. All plans ask the same question with other numbers: in
+the scarce cells only so many measured windows are known, or none, and something fills them. The
+test is at that pressure, all classes alike, on recordings that had no part in anything.
 """
 
 import hashlib
@@ -39,22 +39,31 @@ MACHINED: Mapping[str, tuple[Fault, ...]] = MappingProxyType(
         "valve_plate": (DamScratch(area=0.8e-6), GrooveErosion(advance=deg(5))),
     }
 )
-"""Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A class of two kinds takes
-turns."""
+"""Faults as they were machined, which a twin simulates: on the virtual rig its typical ones. A
+class of two kinds takes turns.
+"""
 
 
 def machined_faults(rig_version: str) -> Mapping[str, tuple[Fault, ...]]:
-    """`MACHINED` as a version of the virtual rig has it: in ``1-deep`` and ``2-deep`` its recess is 0.6 mm deep.
+    """`MACHINED` as a version of the virtual rig has it: in ``1-deep`` and ``2-deep`` its recess is
+    0.6 mm deep.
 
     In ``2-deep`` it is simulated under the ``lift_off`` law, since slippers cannot follow it
-    (docs/explanation/physics.md, section 6b); in ``1-deep`` under the paper's law, where films pull them.
+    (docs/explanation/physics.md, section 6b); in ``1-deep`` under the paper's law, where films pull
+    them.
     """
     recesses = {"1-deep": replace(PAPER_RECESS, contact="shared"), "2-deep": PAPER_RECESS}
-    return {**MACHINED, "swash_plate": (recesses[rig_version],)} if rig_version in recesses else MACHINED
+    return (
+        {**MACHINED, "swash_plate": (recesses[rig_version],)}
+        if rig_version in recesses
+        else MACHINED
+    )
 
 
 RANDOM_WINDOWS = "L0"
-"""Level of a nearer test whose windows, and those of the training, are dealt at random (`deal_windows`)."""
+"""Level of a nearer test whose windows, and those of the training, are dealt at random
+(`deal_windows`).
+"""
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,9 @@ class Scenario:
     pressure: float = MPa(15)
     """Discharge pressure of the scarce cells and of the test [Pa]."""
     scarce_windows: int = 24
-    """Measured windows of each scarce cell, from as few recordings as hold them; 0 leaves the cell empty."""
+    """Measured windows of each scarce cell, from as few recordings as hold them; 0 leaves the cell
+    empty.
+    """
     synthetic: int = 72
     """Synthetic windows put into each scarce cell; the paper adds three for each measured one."""
     length: int = 2048
@@ -74,15 +85,20 @@ class Scenario:
     windows: int = 24
     """Windows taken from each other recording, evenly spaced."""
     class_windows: int | None = None
-    """Training windows of each class, evenly over its recordings; of a scarce class they hold the synthetic ones that
-    fill its cell, and the measured ones in it. None takes all that `windows` gives."""
+    """Training windows of each class, evenly over its recordings; of a scarce class they hold the
+    synthetic ones that fill its cell, and the measured ones in it. None takes all that `windows`
+    gives.
+    """
     test_windows: int | None = None
-    """Windows of each class in each test, evenly over its recordings; None takes as many as the smallest class has."""
+    """Windows of each class in each test, evenly over its recordings; None takes as many as the
+    smallest class has.
+    """
     held_out: int = 2
     """Specimens that nothing is trained on."""
     levels: tuple[str, str] = ("L2", "L4")
-    """Levels of generalization of the tests: known specimens, and those held out. With `RANDOM_WINDOWS` in place of the
-    nearer one its recordings stand in training and test."""
+    """Levels of generalization of the tests: known specimens, and those held out. With
+    `RANDOM_WINDOWS` in place of the nearer one its recordings stand in training and test.
+    """
     faults: Mapping[str, tuple[Fault, ...]] = field(default_factory=lambda: MACHINED)
     """What the twin simulates of each class."""
     pump: Pump = field(default_factory=lambda: load_pump("25scy14-1b"))
@@ -92,14 +108,17 @@ class Scenario:
     nuisances: Nuisances = field(default_factory=Nuisances)
     """Constants found beside the six values."""
     calibrated_on: Literal["fault", "law"] = "fault"
-    """``"fault"``: a twin for each scarce class, on that class's training recordings at the pressure nearest to the
-    scarce one; ``"law"``: one twin for all, on healthy training recordings of every pressure, and the recess's law on
-    its training recordings."""
+    """``"fault"``: a twin for each scarce class, on that class's training recordings at the
+    pressure nearest to the scarce one; ``"law"``: one twin for all, on healthy training recordings
+    of every pressure, and the recess's law on its training recordings.
+    """
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.scarce if name not in self.faults]
         if unknown:
-            raise InputError(f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates.")
+            raise InputError(
+                f"faults has nothing for the scarce class {unknown[0]!r}; say what the twin simulates."
+            )
 
     def is_near(self, recording: Recording) -> bool:
         """Whether a recording is at the scarce cells' pressure."""
@@ -124,8 +143,13 @@ class Scenario:
             "test_windows": self.test_windows,
             "specimens_held_out": self.held_out,
             "levels": list(self.levels),
-            "faults": {name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce},
-            "pump": {"name": self.pump.name, "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest()},
+            "faults": {
+                name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce
+            },
+            "pump": {
+                "name": self.pump.name,
+                "sha256": hashlib.sha256(repr(self.pump).encode()).hexdigest(),
+            },
             "method": {"name": type(self.method).__name__, **_settings(self.method)},
             "nuisances": _settings(self.nuisances),
             "calibrated_on": self.calibrated_on,
@@ -140,7 +164,10 @@ def _fault(fault: Fault) -> dict[str, Any]:
 def _settings(settings: Any) -> dict[str, Any]:
     """Fields that JSON can hold; others in words."""
     plain = (bool, int, float, str, list, tuple, dict, type(None))
-    return {name: value if isinstance(value, plain) else repr(value) for name, value in vars(settings).items()}
+    return {
+        name: value if isinstance(value, plain) else repr(value)
+        for name, value in vars(settings).items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +177,15 @@ class ScenarioSplit:
     train: frozenset[str]
     """Train, outside the scarce cells."""
     scarce: Mapping[str, tuple[str, ...]]
-    """Of each scarce class, the recordings that may lend its few windows, in the order in which they are asked."""
+    """Of each scarce class, the recordings that may lend its few windows, in the order in which
+    they are asked.
+    """
     references: frozenset[str]
-    """Healthy recordings of the specimens held out: what such a machine has from its first days. Set aside and never
-    tested on, so that a classifier that compares with them is tested on the same windows as one that does not. None of
-    the studies' does: it gained nothing on the fleets that it was tried on (docs/explanation/networks.md)."""
+    """Healthy recordings of the specimens held out: what such a machine has from its first days.
+    Set aside and never tested on, so that a classifier that compares with them is tested on the
+    same windows as one that does not. None of the studies' does: it gained nothing on the fleets
+    that it was tried on (docs/explanation/networks.md).
+    """
     tests: Mapping[str, frozenset[str]]
     """Recordings of each test, by its level."""
 
@@ -162,9 +193,9 @@ class ScenarioSplit:
 def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> ScenarioSplit:
     """Which recordings train, which are references and which test, under `seed`.
 
-    Of each training specimen, class and pressure a third of the recordings test (at least one) and the others train.
-    Specimens for the farther test are drawn first; of each of their healthy cells one recording is a reference, where
-    another is left to test.
+    Of each training specimen, class and pressure a third of the recordings test (at least one) and
+    the others train. Specimens for the farther test are drawn first; of each of their healthy cells
+    one recording is a reference, where another is left to test.
 
     Raises
     ------
@@ -190,7 +221,11 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
         order = [cell[i] for i in rng.permutation(len(cell))]
         ids = [r.recording_id for r in order]
         if order[0].specimen in held_out:
-            spare = 1 if order[0].label == "normal" and (len(ids) > 1 or not scenario.is_near(order[0])) else 0
+            spare = (
+                1
+                if order[0].label == "normal" and (len(ids) > 1 or not scenario.is_near(order[0]))
+                else 0
+            )
             references |= set(ids[:spare])
             tests[unseen] |= set(ids[spare:]) if scenario.is_near(order[0]) else set()
             continue
@@ -208,7 +243,10 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             )
     lenders = {name: _in_turns(lists, rng) for name, lists in lenders_by_class.items()}
     return ScenarioSplit(
-        frozenset(train), lenders, frozenset(references), {name: frozenset(ids) for name, ids in tests.items()}
+        frozenset(train),
+        lenders,
+        frozenset(references),
+        {name: frozenset(ids) for name, ids in tests.items()},
     )
 
 
@@ -225,7 +263,9 @@ def _training_count(cell: Sequence[Recording], scenario: Scenario) -> int:
 
 
 def _in_turns(lists: Sequence[Sequence[str]], rng: np.random.Generator) -> tuple[str, ...]:
-    """One recording of each specimen after the other, then the second ones: the first few share one specimen each."""
+    """One recording of each specimen after the other, then the second ones: the first few share one
+    specimen each.
+    """
     order = [lists[i] for i in rng.permutation(len(lists))]
     most = max((len(ids) for ids in order), default=0)
     return tuple(ids[turn] for turn in range(most) for ids in order if turn < len(ids))

@@ -19,11 +19,14 @@ from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.studies.dataset import StudyDataset
 
 CALIBRATED_TWINS = ("calibrated", "posterior", "law")
-"""What twins that need a calibration fill with: as calibrated, as drawn from what the calibrations leave open, as
-calibrated with the law of the recess."""
+"""What twins that need a calibration fill with: as calibrated, as drawn from what the calibrations
+leave open, as calibrated with the law of the recess.
+"""
 
 RIG_VARIATION = Variation(severity=0.2, angle=math.radians(0.5))
-"""Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of its pumps."""
+"""Severities and places spread as on version 1 of the rig: what somebody knows who has seen many of
+its pumps.
+"""
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,9 @@ class TrainingSet:
     by: str | None = None
     """``"nominal"``, a name in `CALIBRATED_TWINS` or in `FILLERS`, or None for nothing."""
     every_class: bool = False
-    """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of the fingerprint
-    trap, for then "synthetic" tells no class."""
+    """Fill every class at the scarce cells' pressure and not the scarce ones alone: the control of
+    the fingerprint trap, for then "synthetic" tells no class.
+    """
     class_weights: bool = False
     """Let every class count the same in a network's loss, in place of windows."""
     stated_prior: bool = False
@@ -63,16 +67,24 @@ class TrainingSet:
         table = {**asdict(self), "filler": filler}
         del table["stated_prior"]  # the filler's spreads tell it
         if self.every_class:
-            table["faults"] = {name: [repr(fault) for fault in faults[name]] for name in sorted(faults)}
+            table["faults"] = {
+                name: [repr(fault) for fault in faults[name]] for name in sorted(faults)
+            }
         return table
 
 
 PAPER_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
-    {"measured": TrainingSet(), "nominal": TrainingSet("nominal"), "calibrated": TrainingSet("calibrated")}
+    {
+        "measured": TrainingSet(),
+        "nominal": TrainingSet("nominal"),
+        "calibrated": TrainingSet("calibrated"),
+    }
 )
 """The paper's three training sets."""
 
-FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType({**PAPER_TRAINING_SETS, "law": TrainingSet("law")})
+FAIR_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
+    {**PAPER_TRAINING_SETS, "law": TrainingSet("law")}
+)
 """The paper's three, and calibrated twins whose recess acts by the law that was identified."""
 
 TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
@@ -84,11 +96,15 @@ TWIN_TRAINING_SETS: Mapping[str, TrainingSet] = MappingProxyType(
         "every_class": TrainingSet("calibrated", every_class=True),
     }
 )
-"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so with severities
-of a stated prior, as `synthesize` does by default; calibrated, for every class alike."""
+"""What twins fill with: as drawn; calibrated; drawn from what the calibrations leave open; drawn so
+with severities of a stated prior, as `synthesize` does by default; calibrated, for every class
+alike.
+"""
 
 
-def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[WindowSet, dict[str, float]]:
+def fill_cells(
+    dataset: StudyDataset, training_set: TrainingSet
+) -> tuple[WindowSet, dict[str, float]]:
     """(synthetic windows that a training set adds, figures of them)."""
     synthetic = synthesize_for(dataset, training_set)
     value = synthetic_auroc(dataset, synthetic) if len(synthetic) else math.nan
@@ -97,13 +113,17 @@ def fill_cells(dataset: StudyDataset, training_set: TrainingSet) -> tuple[Window
 
 
 def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
-    """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the fingerprint trap.
+    """AUROC of trees that tell measured windows of the filled cells from synthetic ones: the
+    fingerprint trap.
 
-    0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured windows are those of
-    the nearer test, which no filler saw; nothing is chosen by it.
+    0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured
+    windows are those of the nearer test, which no filler saw; nothing is chosen by it.
     """
     test, scarce = dataset.tests[dataset.scenario.levels[0]], dataset.scenario.scarce
-    measured, synthetic = test.subset(np.isin(test.label, scarce)), synthetic.subset(np.isin(synthetic.label, scarce))
+    measured, synthetic = (
+        test.subset(np.isin(test.label, scarce)),
+        synthetic.subset(np.isin(synthetic.label, scarce)),
+    )
     if len(set(measured.recording_id.tolist())) < 2 or len(synthetic) < 2:
         return math.nan
     return discriminative_score(measured, synthetic, seed=dataset.seed)
@@ -119,7 +139,9 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
     for label in measured.classes if training_set.every_class else dataset.scenario.scarce:
         seed = derive_seed(dataset.seed, "filling", label) % 2**31
         if (filler := FILLERS.get(training_set.by)) is not None:
-            made = filler(measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed)
+            made = filler(
+                measured, label=label, pressure=dataset.scenario.pressure, count=count, seed=seed
+            )
         else:
             twins, posteriors, laws = twins_of(dataset, training_set.by, label)
             made = simulate_windows(
@@ -133,14 +155,25 @@ def synthesize_for(dataset: StudyDataset, training_set: TrainingSet) -> WindowSe
 def twins_of(
     dataset: StudyDataset, by: str, label: str
 ) -> tuple[list[Twin], list[Posterior] | None, list[FaultLaw | None] | None]:
-    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and training specimen;
-    what their calibrations leave open, where it is to be drawn from; and the law of each, where it is to be used."""
+    """Twins of a class at the scarce cells' pressure, one of each kind of fault for each speed and
+    training specimen; what their calibrations leave open, where it is to be drawn from; and the law
+    of each, where it is to be used.
+    """
     scenario, conditions = dataset.scenario, dataset.conditions()
     faults = scenario.faults[label] if label != "normal" else (None,)
     if by == "nominal":
-        return [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions], None, None
+        return (
+            [Twin(scenario.pump, condition, fault) for fault in faults for condition in conditions],
+            None,
+            None,
+        )
     simulated = list(product(faults, conditions, dataset.calibrations_for(label)))
-    twins = [calibration.twin.at(condition).with_fault(fault) for fault, condition, calibration in simulated]
-    posteriors = [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None
+    twins = [
+        calibration.twin.at(condition).with_fault(fault)
+        for fault, condition, calibration in simulated
+    ]
+    posteriors = (
+        [calibration.posterior for _, _, calibration in simulated] if by == "posterior" else None
+    )
     laws = [calibration.law for _, _, calibration in simulated] if by == "law" else None
     return twins, posteriors, laws

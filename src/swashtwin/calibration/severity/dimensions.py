@@ -23,9 +23,13 @@ from swashtwin.pump import (
 )
 
 POSITION_SHARE = 0.5
-"""`Dimension.share` of lengths and widths along the track; chosen on fleets 100-119 of the virtual rig."""
+"""`Dimension.share` of lengths and widths along the track; chosen on fleets 100-119 of the virtual
+rig.
+"""
 EDGES = 0.002
-"""`Dimension.law` of a recess's length, 0.06 mm of 30 mm: where its edges begin; chosen on the same fleets."""
+"""`Dimension.law` of a recess's length, 0.06 mm of 30 mm: where its edges begin; chosen on the same
+fleets.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,15 +43,19 @@ class Dimension:
     per_unit: float
     """What one such unit is in SI."""
     deviation: float = math.inf
-    """Standard deviation of its logarithm before anything is measured [an estimate of ours]; infinite for severities,
-    where every value from zero on is equally likely."""
+    """Standard deviation of its logarithm before anything is measured [an estimate of ours];
+    infinite for severities, where every value from zero on is equally likely.
+    """
 
     share: float = 1.0
-    """Share of the standard deviation of its logarithm that the lines leave. Less than 1 where it decides at which
-    orders lines vanish: errors of levels, which widen the deviation, hardly move that."""
+    """Share of the standard deviation of its logarithm that the lines leave. Less than 1 where it
+    decides at which orders lines vanish: errors of levels, which widen the deviation, hardly move
+    that.
+    """
     law: float = 0.0
-    """Standard deviation of the logarithm of what the fault's law gives for it. That of a severity, which the settings
-    can change, is `SeveritySearch.law`."""
+    """Standard deviation of the logarithm of what the fault's law gives for it. That of a severity,
+    which the settings can change, is `SeveritySearch.law`.
+    """
 
     def words(self, value: float) -> str:
         """`value` [SI] in the dimension's unit."""
@@ -55,11 +63,14 @@ class Dimension:
 
 
 HYDRAULIC_LAW = 0.12
-"""Standard deviation of the logarithm of what the law of a fault that opens or leaks gives for its severity; chosen on
-fleets 100-111 of the virtual rig, as are those of recesses, clearances, bores and erosion below."""
+"""Standard deviation of the logarithm of what the law of a fault that opens or leaks gives for its
+severity; chosen on fleets 100-111 of the virtual rig, as are those of recesses, clearances, bores
+and erosion below.
+"""
 CONTACT_LAW = 0.25
-"""The same of a contact that no fleet was asked about, where a film would have to pull (docs/explanation/physics.md,
-section 2.5) [estimate of ours]."""
+"""The same of a contact that no fleet was asked about, where a film would have to pull
+(docs/explanation/physics.md, section 2.5) [estimate of ours].
+"""
 
 
 @dataclass(frozen=True)
@@ -73,7 +84,8 @@ class SeveritySearch:
     free: tuple[str, ...] = ()
     """Dimensions searched beside the severity by default."""
     roll_off: float = 0.0
-    """Standard deviation of the relative error at 1 kHz of what the fault excites, which grows with the square of the
+    """Standard deviation of the relative error at 1 kHz of what the fault excites, which grows with
+    the square of the
     frequency: how far parts that are no rigid bodies follow the fault."""
 
 
@@ -81,7 +93,8 @@ _searches: dict[type[Fault], SeveritySearch] = {}
 
 
 def register_severity(kind: type[Fault], search: SeveritySearch) -> None:
-    """Say how the severity of a kind of fault is searched; without it, the severity alone is, in SI units.
+    """Say how the severity of a kind of fault is searched; without it, the severity alone is, in SI
+    units.
 
     Raises
     ------
@@ -101,7 +114,9 @@ def register_severity(kind: type[Fault], search: SeveritySearch) -> None:
 def search_of(fault: Fault) -> SeveritySearch:
     """How the severity of a fault is searched."""
     severity = fields(fault)[0].name
-    return _searches.get(type(fault), SeveritySearch((Dimension(severity, fault.units.get(severity, ""), 1.0),)))
+    return _searches.get(
+        type(fault), SeveritySearch((Dimension(severity, fault.units.get(severity, ""), 1.0),))
+    )
 
 
 _MM, _UM, _DEG = ("mm", 1e-3), ("µm", 1e-6), ("deg", math.pi / 180)
@@ -141,7 +156,10 @@ for _kind, _search in (
     (TiltedBlockFace, SeveritySearch((Dimension("variation", "", 1.0),), CONTACT_LAW)),
     (ValvePlateWear, SeveritySearch((Dimension("film_increase", *_UM),))),
     (DamScratch, SeveritySearch((Dimension("area", "mm²", 1e-6), Dimension("width", *_DEG, 0.3)))),
-    (GrooveErosion, SeveritySearch((Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, 0.5)), 0.15)),
+    (
+        GrooveErosion,
+        SeveritySearch((Dimension("advance", *_DEG), Dimension("area_factor", "", 1.0, 0.5)), 0.15),
+    ),
     (LooseSlipper, SeveritySearch((Dimension("clearance", *_MM),), CONTACT_LAW)),
 ):
     register_severity(_kind, _search)
@@ -151,8 +169,8 @@ for _kind, _search in (
 class FaultSpace:
     """A fault with some of its dimensions free.
 
-    Coordinates: the severity over the reference's, from zero on, then the logarithm of each further dimension over the
-    reference's.
+    Coordinates: the severity over the reference's, from zero on, then the logarithm of each further
+    dimension over the reference's.
     """
 
     reference: Fault
@@ -188,9 +206,17 @@ def fault_space(fault: Fault, free: Sequence[str] | None = None) -> FaultSpace:
     for name in further:
         if name not in dimensions:
             names = ", ".join(dimensions)
-            raise InputError(f"{type(fault).__name__} has no dimension {name!r} to search; it has {names}.")
+            raise InputError(
+                f"{type(fault).__name__} has no dimension {name!r} to search; it has {names}."
+            )
         if getattr(fault, name) <= 0:
-            raise InputError(f"{type(fault).__name__}.{name} is 0; give a typical one, from which the search starts.")
+            raise InputError(
+                f"{type(fault).__name__}.{name} is 0; give a typical one, from which the search starts."
+            )
     if fault.severity <= 0:
-        raise InputError(f"{type(fault).__name__}.{severity} is 0; give a typical one, from which the search starts.")
-    return FaultSpace(fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *further])))
+        raise InputError(
+            f"{type(fault).__name__}.{severity} is 0; give a typical one, from which the search starts."
+        )
+    return FaultSpace(
+        fault, tuple(dimensions[name] for name in dict.fromkeys([severity, *further]))
+    )

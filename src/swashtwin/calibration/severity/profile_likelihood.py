@@ -1,7 +1,9 @@
-"""Profile likelihood: how much worse the best fit becomes when one coordinate is fixed at other values.
+"""Profile likelihood: how much worse the best fit becomes when one coordinate is fixed at other
+values.
 
-A linearized interval sees only the neighborhood of the optimum; a profile follows the valley, however bent, and shows
-where it never rises: there the value is not identified (Raue et al. 2009, doi:10.1093/bioinformatics/btp358).
+A linearized interval sees only the neighborhood of the optimum; a profile follows the valley,
+however bent, and shows where it never rises: there the value is not identified (Raue et al. 2009,
+doi:10.1093/bioinformatics/btp358).
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +35,9 @@ class ProfileProblem(ABC):
         """Residuals of unit variance at `point`, and their derivatives."""
 
     def descend(self, point: np.ndarray, fixed: int | None) -> tuple[np.ndarray, float]:
-        """The lowest point reached from `point` with coordinate `fixed` unchanged, and its sum of squares."""
+        """The lowest point reached from `point` with coordinate `fixed` unchanged, and its sum of
+        squares.
+        """
         residual, slope = self.at(point)
         damping = 1e-6
         for _ in range(_MOST_STEPS):
@@ -43,7 +47,9 @@ class ProfileProblem(ABC):
             trial = point + step
             try:
                 ahead, ahead_slope = self.at(trial)
-            except SwashTwinError:  # no pump runs like that, such as one that leaks all it displaces
+            except (
+                SwashTwinError
+            ):  # no pump runs like that, such as one that leaks all it displaces
                 damping = max(10 * damping, 1e-3)
                 continue
             if ahead @ ahead < residual @ residual:
@@ -53,9 +59,16 @@ class ProfileProblem(ABC):
         return point, float(residual @ residual)
 
     def step(
-        self, point: np.ndarray, residual: np.ndarray, slope: np.ndarray, fixed: int | None, damping: float
+        self,
+        point: np.ndarray,
+        residual: np.ndarray,
+        slope: np.ndarray,
+        fixed: int | None,
+        damping: float,
     ) -> np.ndarray:
-        """A damped Gauss-Newton step within the bounds; a coordinate on a bound that would leave it stays."""
+        """A damped Gauss-Newton step within the bounds; a coordinate on a bound that would leave it
+        stays.
+        """
         downhill = -slope.T @ residual
         free = ~((point <= self.lower) & (downhill < 0) | (point >= self.upper) & (downhill > 0))
         if fixed is not None:
@@ -77,9 +90,11 @@ class ProfileProblem(ABC):
 def profile_likelihood(
     problem: ProfileProblem, best: Float[np.ndarray, " unknown"], least: float, fixed: int
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Values of coordinate `fixed`, rising, and how far the least sum of squares over all others rises there.
+    """Values of coordinate `fixed`, rising, and how far the least sum of squares over all others
+    rises there.
 
-    The walk goes from `best`, where the sum is `least`, to both sides, until the rise is clear or a bound is met.
+    The walk goes from `best`, where the sum is `least`, to both sides, until the rise is clear or a
+    bound is met.
     """
     points = [(float(best[fixed]), least)]
     for side in (-1.0, 1.0):
@@ -110,7 +125,11 @@ def _side(
     stride = float(np.clip(0.8 / np.linalg.norm(slope @ direction), 1e-4 * reach, reach / 8))
     points: list[tuple[float, float]] = []
     point, height = best, least
-    while len(points) < _MOST_POINTS and abs(point[fixed] - end) > 1e-9 and height < least + 1.3 * THRESHOLD:
+    while (
+        len(points) < _MOST_POINTS
+        and abs(point[fixed] - end) > 1e-9
+        and height < least + 1.3 * THRESHOLD
+    ):
         advance = side * min(stride, abs(end - point[fixed]))
         ahead = np.clip(point + advance * direction, problem.lower, problem.upper)
         last, behind = height, point

@@ -22,20 +22,27 @@ class SeveritySettings:
     """How a severity is searched, and what is expected of the pump and of the model."""
 
     band: tuple[float, float] = (0.0, 1000.0)
-    """Frequencies [Hz] whose lines are compared. A housing that bends above falsifies severities more than it falsifies
-    the six values' spectrum, so this ends below `DEFAULT_BAND`."""
+    """Frequencies [Hz] whose lines are compared. A housing that bends above falsifies severities
+    more than it falsifies the six values' spectrum, so this ends below `DEFAULT_BAND`.
+    """
     drift: float = 0.15
-    """Standard deviation by which the logarithm of each interface value may have moved since the healthy calibration
-    [an estimate of ours], beside half of what oil and pressure are expected to move it by."""
+    """Standard deviation by which the logarithm of each interface value may have moved since the
+    healthy calibration [an estimate of ours], beside half of what oil and pressure are expected to
+    move it by.
+    """
     port_timing: float = deg(0.7)
-    """Standard deviation of the shaft angle at which a port begins to open, from that of the pump file [rad]; an
-    estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines is no sign of a fault."""
+    """Standard deviation of the shaft angle at which a port begins to open, from that of the pump
+    file [rad]; an estimate of ours, the same as in `PumpPrior.timing`. What it changes in the lines
+    is no sign of a fault.
+    """
 
     def __post_init__(self) -> None:
         for name in ("drift", "port_timing"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"SeveritySettings.{name} ({value:g}) must be zero or a positive number.")
+                raise InputError(
+                    f"SeveritySettings.{name} ({value:g}) must be zero or a positive number."
+                )
 
 
 @dataclass(frozen=True)
@@ -47,15 +54,18 @@ class DimensionEstimate:
     value: float
     """Value found [SI]."""
     interval: tuple[float, float]
-    """Range that holds it with a probability of 90 % [SI]; begins at zero where there may be none, and ends at the
-    greatest value that was searched where nothing limits it."""
+    """Range that holds it with a probability of 90 % [SI]; begins at zero where there may be none,
+    and ends at the greatest value that was searched where nothing limits it.
+    """
     log_std: float
-    """Standard deviation of its logarithm that the recording and the priors leave; infinite where it may be zero. The
-    interval of a severity holds the error of the fault's law besides."""
+    """Standard deviation of its logarithm that the recording and the priors leave; infinite where
+    it may be zero. The interval of a severity holds the error of the fault's law besides.
+    """
     verdict: SeverityVerdict
-    """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``: hardly better known
-    than before, or to a factor of five; ``not detected``: there may be no fault; ``at bound``: beyond what was
-    searched."""
+    """``identified``: known to a standard deviation of a quarter; ``weak``; ``not identified``:
+    hardly better known than before, or to a factor of five; ``not detected``: there may be no
+    fault; ``at bound``: beyond what was searched.
+    """
 
     @property
     def words(self) -> str:
@@ -79,18 +89,28 @@ class Severity:
     evidence: float
     """How much worse the lines fit without the fault: rise of the sum of squares."""
     threshold: float
-    """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all cases."""
+    """Evidence below which there may be no fault at all: noise alone exceeds it in 5 % of all
+    cases.
+    """
     detection_limit: float | None
-    """Least severity [SI] that such a recording distinguishes from none with 5 % of errors of either kind (Currie 1968,
-    doi:10.1021/ac60259a007); None beyond the search. Where a fault acts besides its severity, as a grown area does
-    beside an advance, none is a severity of nearly zero."""
+    """Least severity [SI] that such a recording distinguishes from none with 5 % of errors of
+    either kind (Currie 1968, doi:10.1021/ac60259a007); None beyond the search. Where a fault acts
+    besides its severity, as a grown area does beside an advance, none is a severity of nearly
+    zero.
+    """
     repeatability: float
-    """Standard deviation of the logarithm of the severity from recording to recording of this pump: noise and drift
-    of its films. What is common to all of them, such as the fault's law, is not in it."""
+    """Standard deviation of the logarithm of the severity from recording to recording of this pump:
+    noise and drift of its films. What is common to all of them, such as the fault's law, is not in
+    it.
+    """
     traded_with: str | None
-    """What else could change along with the severity at almost the same lines (correlation above 0.7)."""
+    """What else could change along with the severity at almost the same lines (correlation above
+    0.7).
+    """
     misfit: float
-    """Root mean square of the lines' differences over what was expected; above 1 the intervals are widened by it."""
+    """Root mean square of the lines' differences over what was expected; above 1 the intervals are
+    widened by it.
+    """
     simulations: int
     """How many twins were simulated."""
     wall_s: float
@@ -105,30 +125,51 @@ class Severity:
 
 
 DECIDED = 6.0
-"""Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times likelier."""
-_VERDICTS: tuple[SeverityVerdict, ...] = ("identified", "weak", "not identified", "not detected", "at bound")
+"""Difference of -2 ln likelihood from which lines decide between two laws: one is twenty times
+likelier.
+"""
+_VERDICTS: tuple[SeverityVerdict, ...] = (
+    "identified",
+    "weak",
+    "not identified",
+    "not detected",
+    "at bound",
+)
 
 
 def either_law(shared: tuple[Severity, float], lifting: tuple[Severity, float]) -> Severity:
-    """The likelier of the severities under two laws of contact; around both where the lines do not decide.
+    """The likelier of the severities under two laws of contact; around both where the lines do not
+    decide.
 
-    Each is a severity with its -2 ln likelihood: where films are strained, and where slippers lift off.
+    Each is a severity with its -2 ln likelihood: where films are strained, and where slippers lift
+    off.
     """
     pairs = {"shared": shared, "lift_off": lifting}
-    (likelier, (best, loss)), (unlikelier, (other, more)) = sorted(pairs.items(), key=lambda item: item[1][1])
+    (likelier, (best, loss)), (unlikelier, (other, more)) = sorted(
+        pairs.items(), key=lambda item: item[1][1]
+    )
     sizes = f"{best.severity.words} if contact={likelier}, {other.severity.words} if contact={unlikelier}"
     if more - loss > DECIDED:
         note = f"{sizes}; the lines are those of the first"
         return replace(best, notes=(*best.notes, note))
     dimensions = []
-    for first, second in zip(best.dimensions, other.dimensions, strict=True):  # the wider interval, the lesser verdict
-        low, high = min(first.interval[0], second.interval[0]), max(first.interval[1], second.interval[1])
+    for first, second in zip(
+        best.dimensions, other.dimensions, strict=True
+    ):  # the wider interval, the lesser verdict
+        low, high = (
+            min(first.interval[0], second.interval[0]),
+            max(first.interval[1], second.interval[1]),
+        )
         log_std = math.log(high / low) / (2 * QUANTILE) if low > 0 else math.inf
         verdict = max(first.verdict, second.verdict, key=_VERDICTS.index)
         if verdict == "identified" and log_std > IDENTIFIED_STD:
             verdict = "weak"
         dimensions.append(replace(first, interval=(low, high), log_std=log_std, verdict=verdict))
-    return replace(best, dimensions=tuple(dimensions), notes=(*best.notes, f"{sizes}; the lines do not tell which"))
+    return replace(
+        best,
+        dimensions=tuple(dimensions),
+        notes=(*best.notes, f"{sizes}; the lines do not tell which"),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +190,16 @@ class SeverityTrend:
     """Version of swashtwin."""
 
     def __repr__(self) -> str:
-        severities = "; ".join(f"{item.recording_id}: {item.severity.words}" for item in self.estimates[:3])
+        severities = "; ".join(
+            f"{item.recording_id}: {item.severity.words}" for item in self.estimates[:3]
+        )
         more = f"; {len(self.estimates) - 3} more" if len(self.estimates) > 3 else ""
         return f"<SeverityTrend of {type(self.reference).__name__}: {severities}{more}>"
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON can hold it, in SI; a dimension with its unit and what one such unit is in SI."""
+        """All of it as JSON can hold it, in SI; a dimension with its unit and what one such unit is
+        in SI.
+        """
         kind, table = {"kind": type(self.reference).__name__}, to_table(self)
         for row in table["estimates"]:
             row["fault"] = row["fault"] and kind | row["fault"]

@@ -1,4 +1,6 @@
-"""Severity by inversion: from a pump's healthy calibration and its recordings to the size of a fault."""
+"""Severity by inversion: from a pump's healthy calibration and its recordings to the size of a
+fault.
+"""
 
 import math
 import time
@@ -8,7 +10,13 @@ from dataclasses import asdict, replace
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.calibration.measurement import Lines, Measurement, measure, place_single_channels, select_agreeing
+from swashtwin.calibration.measurement import (
+    Lines,
+    Measurement,
+    measure,
+    place_single_channels,
+    select_agreeing,
+)
 from swashtwin.calibration.posterior import IDENTIFIED_STD, QUANTILE, UNIDENTIFIED_SHARE
 from swashtwin.calibration.recording_checks import require_one_machine
 from swashtwin.calibration.result import Calibration
@@ -29,14 +37,22 @@ from swashtwin.calibration.spectrum_objective import FLOOR, Comparison, Objectiv
 from swashtwin.calibration.unknowns import VALUES
 from swashtwin.foundation import VERSION, DataError, InputError, one_thread
 from swashtwin.physics import Twin, film_factors
-from swashtwin.pump import Fault, InterfaceValue, OperatingCondition, SwashPlateDefect, is_healthy, propose_class
+from swashtwin.pump import (
+    Fault,
+    InterfaceValue,
+    OperatingCondition,
+    SwashPlateDefect,
+    is_healthy,
+    propose_class,
+)
 from swashtwin.recordings import Recording
 
 TRADED = 0.7
 """Correlation above which another coordinate is named beside the severity."""
 UNIDENTIFIED_STD = 1.0
-"""Standard deviation of the logarithm above which a severity that is not zero is not known: 90 % within a factor of 5
-to both sides."""
+"""Standard deviation of the logarithm above which a severity that is not zero is not known: 90 %
+within a factor of 5 to both sides.
+"""
 FIXED_STD = 1e-4
 """Standard deviation of a logarithm that is not searched."""
 
@@ -50,32 +66,39 @@ def estimate_severity(
     free: Sequence[str] | None = None,
     settings: SeveritySettings | None = None,
 ) -> SeverityTrend:
-    """How severe `fault` is in each recording of one pump: value, interval, verdict, detection limit.
+    """How severe `fault` is in each recording of one pump: value, interval, verdict, detection
+    limit.
 
-    Each recording is inverted on its own, whatever its condition: searched are the fault's severity and further
-    dimensions together with the six interface values and the constants that the healthy calibration had searched, whose
-    posterior is the prior here, carried over to the recording's oil and pressure (`film_factors`, the pistons' film
-    with half the viscosity's power) and widened by `SeveritySettings.drift`. Minimized is the sum of squares of
-    measured minus simulated lines, weighed by noise and by what twins lack; the severity's interval is where the least
-    sum over all else rises by 2.71 (profile likelihood), around all minima that lie so low.
+    Each recording is inverted on its own, whatever its condition: searched are the fault's severity
+    and further dimensions together with the six interface values and the constants that the healthy
+    calibration had searched, whose posterior is the prior here, carried over to the recording's oil
+    and pressure (`film_factors`, the pistons' film with half the viscosity's power) and widened by
+    `SeveritySettings.drift`. Minimized is the sum of squares of measured minus simulated lines,
+    weighed by noise and by what twins lack; the severity's interval is where the least sum over all
+    else rises by 2.71 (profile likelihood), around all minima that lie so low.
 
-    A recess that is deeper than films reach (`with_fitting_contact`), as stated or as found, is searched under both
-    laws of contact (`either_law`); one that states no corner, under the law that the calibration identified, if it did
-    (`Calibration.law`). Of a calibration in doubt (`Calibration.is_in_doubt`) nothing is called identified.
+    A recess that is deeper than films reach (`with_fitting_contact`), as stated or as found, is
+    searched under both laws of contact (`either_law`); one that states no corner, under the law
+    that the calibration identified, if it did (`Calibration.law`). Of a calibration in doubt
+    (`Calibration.is_in_doubt`) nothing is called identified.
 
-    Phases of the lines are compared where the calibration compared them. Which piston or which bore is damaged only
-    turns all lines together and cannot be found; a swash plate defect's angle repeats after a piston's share of a turn;
-    a width above a slipper's diameter does not act at all.
+    Phases of the lines are compared where the calibration compared them. Which piston or which bore
+    is damaged only turns all lines together and cannot be found; a swash plate defect's angle
+    repeats after a piston's share of a turn; a width above a slipper's diameter does not act at
+    all.
 
     Parameters
     ----------
     calibration : of this pump on its healthy recordings.
-    recordings : of this pump, labelled as the fault (also in words that `propose_class` knows), as normal, or not at
-        all; others are left out.
-    fault : its kind, with typical dimensions: the search starts there, and those not free stay as they are.
-    healthy : healthy recordings of this pump, for the part of its lines that the twin does not model, such as the
-        scatter of its pistons. Without them this part is attributed to the fault.
-    free : further dimensions to search, such as ``("length",)``; the usual ones by default, none with ``()``.
+    recordings : of this pump, labelled as the fault (also in words that `propose_class` knows), as
+        normal, or not at all; others are left out.
+    fault : its kind, with typical dimensions: the search starts there, and those not free stay as
+        they are.
+    healthy : healthy recordings of this pump, for the part of its lines that the twin does not
+        model, such as the scatter of its pistons. Without them this part is attributed to the
+        fault.
+    free : further dimensions to search, such as ``("length",)``; the usual ones by default, none
+        with ``()``.
 
     Raises
     ------
@@ -84,7 +107,11 @@ def estimate_severity(
     InputError
         A calibration of faulty recordings, or an impossible dimension.
     """
-    settings, candidates, healthy_recordings = settings or SeveritySettings(), list(recordings), list(healthy)
+    settings, candidates, healthy_recordings = (
+        settings or SeveritySettings(),
+        list(recordings),
+        list(healthy),
+    )
     space = fault_space(fault, free)
     if calibration.law is not None:
         space = calibration.law.space(space)
@@ -99,7 +126,8 @@ def estimate_severity(
     used, left_out = _chosen(candidates, fault)
     with one_thread():
         estimates = tuple(
-            _of_recording(calibration, recording, space, healthy_recordings, settings) for recording in used
+            _of_recording(calibration, recording, space, healthy_recordings, settings)
+            for recording in used
         )
     return SeverityTrend(
         reference=fault,
@@ -111,19 +139,36 @@ def estimate_severity(
     )
 
 
-def _chosen(recordings: Sequence[Recording], fault: Fault) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:
-    """Recordings that may show the fault: of its class, also in other words, healthy or of none; and why not others."""
+def _chosen(
+    recordings: Sequence[Recording], fault: Fault
+) -> tuple[list[Recording], tuple[tuple[str, str], ...]]:
+    """Recordings that may show the fault: of its class, also in other words, healthy or of none;
+    and why not others.
+    """
     used, left_out = [], []
     for recording in recordings:
         label = recording.label
         if recording.condition is None:
-            left_out.append((recording.recording_id, "it lacks speed or pressure; add them to the index"))
-        elif label in (None, fault.label) or is_healthy(label) or propose_class(str(label)) == fault.label:
+            left_out.append(
+                (recording.recording_id, "it lacks speed or pressure; add them to the index")
+            )
+        elif (
+            label in (None, fault.label)
+            or is_healthy(label)
+            or propose_class(str(label)) == fault.label
+        ):
             used.append(recording)
         else:
-            left_out.append((recording.recording_id, f"the recording's label is {label}, the fault's {fault.label}"))
+            left_out.append(
+                (
+                    recording.recording_id,
+                    f"the recording's label is {label}, the fault's {fault.label}",
+                )
+            )
     if not used:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
+        reasons = (
+            "; ".join(f"{name}: {reason}" for name, reason in left_out[:3]) or "none was given"
+        )
         raise DataError(f"no recording to estimate a severity of ({reasons}).")
     return used, tuple(left_out)
 
@@ -135,11 +180,16 @@ def _of_recording(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Severity:
-    """Severity under the stated law; where a recess is deeper than films reach, also with slippers that lift off, but
-    where the calibration found a law of its own."""
+    """Severity under the stated law; where a recess is deeper than films reach, also with slippers
+    that lift off, but where the calibration found a law of its own.
+    """
     shared = _under_one_law(calibration, recording, space, healthy, settings)
     fault = space.reference
-    if not isinstance(fault, SwashPlateDefect) or fault.contact != "shared" or calibration.law is not None:
+    if (
+        not isinstance(fault, SwashPlateDefect)
+        or fault.contact != "shared"
+        or calibration.law is not None
+    ):
         return shared[0]
     deepest = replace(fault, depth=max(fault.depth, shared[0].severity.value))
     if deepest.with_fitting_contact() == deepest:
@@ -155,9 +205,13 @@ def _under_one_law(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> tuple[Severity, float]:
-    """(severity under the law of the space's fault, -2 ln likelihood of the lines but for what laws share)."""
+    """(severity under the law of the space's fault, -2 ln likelihood of the lines but for what laws
+    share).
+    """
     started = time.perf_counter()
-    comparison = comparison_of_fault(calibration, [recording], space.reference, healthy, settings.band)
+    comparison = comparison_of_fault(
+        calibration, [recording], space.reference, healthy, settings.band
+    )
     inversion = invert(calibration, [comparison], space, healthy, settings)
     minima, misfit = inversion.search()
     minima, ends = inversion.profiled(minima)
@@ -178,7 +232,8 @@ def _under_one_law(
     dimensions = (_severity(inversion, point, ends, is_there=is_there), *further)
     if calibration.is_in_doubt:
         dimensions = tuple(
-            replace(item, verdict="weak") if item.verdict == "identified" else item for item in dimensions
+            replace(item, verdict="weak") if item.verdict == "identified" else item
+            for item in dimensions
         )
     assert recording.condition is not None  # `_chosen` lets none pass
     relative = float(point[inversion.severity])
@@ -195,7 +250,10 @@ def _under_one_law(
         misfit=misfit,
         simulations=inversion.simulations,
         wall_s=time.perf_counter() - started,
-        notes=(*inversion.objective.comparisons[0].measurement.notes, *recording_notes(calibration, recording, misfit)),
+        notes=(
+            *inversion.objective.comparisons[0].measurement.notes,
+            *recording_notes(calibration, recording, misfit),
+        ),
     )
     return severity, loss
 
@@ -207,16 +265,22 @@ def comparison_of_fault(
     healthy: Sequence[Recording],
     band: tuple[float, float],
 ) -> Comparison:
-    """The calibrated pump's twin with `fault` beside recordings at one condition, over the lines of `band` [Hz]."""
+    """The calibrated pump's twin with `fault` beside recordings at one condition, over the lines of
+    `band` [Hz].
+    """
     condition = recordings[0].condition
     assert condition is not None
     twin = replace(calibration.nominal.at(condition), fault=fault, path=None)
-    between = twin.orders[twin.orders > 1] % twin.pump.rotating_group.piston_count  # the first order is unbalance
+    between = (
+        twin.orders[twin.orders > 1] % twin.pump.rotating_group.piston_count
+    )  # the first order is unbalance
     lines: Lines = "shaft" if between.any() else "piston"
     phases = bool(calibration.settings.get("phases"))
     labeled = [recording.replace(label=twin.label) for recording in recordings]
     measurement = measure(twin, labeled, band, lines=lines, phases=phases)
-    limited = replace(twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency)
+    limited = replace(
+        twin, bandwidth=(float(measurement.orders[-1]) + 0.5) * twin.condition.shaft_frequency
+    )
     floor = _floor(limited, measurement, healthy, lines)
     calibrated, channels = calibration.posterior.channels, measurement.channels
     if channels != calibrated:
@@ -234,7 +298,9 @@ def invert(
     healthy: Sequence[Recording],
     settings: SeveritySettings,
 ) -> Inversion:
-    """The problem of finding a fault of `space` from all `comparisons` at once, with what the calibration knows."""
+    """The problem of finding a fault of `space` from all `comparisons` at once, with what the
+    calibration knows.
+    """
     unknowns = calibration.posterior.unknowns
     drift = np.zeros((len(unknowns), len(unknowns)))
     center, covariance = calibration.posterior.point.copy(), calibration.posterior.covariance.copy()
@@ -258,7 +324,9 @@ def invert(
 def _floor(
     twin: Twin, measurement: Measurement, healthy: Sequence[Recording], lines: Lines
 ) -> Float[np.ndarray, "channel order"] | float:
-    """Least deviation of each line [m/s^2]: what a healthy pump shows where its twin is silent, at unknown phases."""
+    """Least deviation of each line [m/s^2]: what a healthy pump shows where its twin is silent, at
+    unknown phases.
+    """
     healthy_twin = twin.with_fault(None)
     silent = ~np.isin(measurement.orders, healthy_twin.orders)
     if not silent.any() or not any(is_healthy(recording.label) for recording in healthy):
@@ -280,20 +348,28 @@ def _floor(
 def _calibrated_at(
     calibration: Calibration, condition: OperatingCondition, healthy: Sequence[Recording]
 ) -> OperatingCondition:
-    """The calibrated condition nearest in pressure, with the mean oil temperature of the healthy recordings."""
+    """The calibrated condition nearest in pressure, with the mean oil temperature of the healthy
+    recordings.
+    """
     nearest = min(
         (fit.condition for fit in calibration.fits),
-        key=lambda recording: abs(math.log(recording.discharge_pressure / condition.discharge_pressure)),
+        key=lambda recording: abs(
+            math.log(recording.discharge_pressure / condition.discharge_pressure)
+        ),
     )
     temperatures = [
         recording.condition.oil_temperature
         for recording in healthy
         if recording.condition is not None and recording.recording_id in calibration.recording_ids
     ]
-    return nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
+    return (
+        nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
+    )
 
 
-def _severity(inversion: Inversion, point: np.ndarray, ends: Ends, *, is_there: bool) -> DimensionEstimate:
+def _severity(
+    inversion: Inversion, point: np.ndarray, ends: Ends, *, is_there: bool
+) -> DimensionEstimate:
     """The severity with the interval of its profiles, widened by the error of the fault's law."""
     space, (below, above) = inversion.space, ends
     law = search_of(space.reference).law
@@ -317,27 +393,44 @@ def _severity(inversion: Inversion, point: np.ndarray, ends: Ends, *, is_there: 
     return DimensionEstimate(space.free[0], relative * typical, interval, log_std, verdict)
 
 
-def _further(inversion: Inversion, minima: Sequence[Minimum], *, is_there: bool) -> list[DimensionEstimate]:
-    """The further dimensions with the hull of their intervals in all minima; as stated where there may be no fault."""
+def _further(
+    inversion: Inversion, minima: Sequence[Minimum], *, is_there: bool
+) -> list[DimensionEstimate]:
+    """The further dimensions with the hull of their intervals in all minima; as stated where there
+    may be no fault.
+    """
     space, estimates = inversion.space, []
     deviations = [np.sqrt(np.diag(inversion.deviations(minimum.point)[0])) for minimum in minima]
     for index, dimension in enumerate(space.free[1:], start=inversion.severity + 1):
         lows, highs = [], []
         for minimum, deviation in zip(minima, deviations, strict=True):
-            reach = math.sqrt(THRESHOLD - (minimum.height - minima[0].height)) * dimension.share * deviation[index]
+            reach = (
+                math.sqrt(THRESHOLD - (minimum.height - minima[0].height))
+                * dimension.share
+                * deviation[index]
+            )
             lows.append(minimum.point[index] - reach)
             highs.append(minimum.point[index] + reach)
-        typical, coordinate = getattr(space.reference, dimension.name), float(minima[0].point[index])
+        typical, coordinate = (
+            getattr(space.reference, dimension.name),
+            float(minima[0].point[index]),
+        )
         law = QUANTILE * dimension.law
         low, high = (
             coordinate - math.hypot(coordinate - min(lows), law), coordinate + math.hypot(max(highs) - coordinate, law)
         )  # fmt: skip
         if not is_there:
-            coordinate, low, high = 0.0, -QUANTILE * dimension.deviation, QUANTILE * dimension.deviation
+            coordinate, low, high = (
+                0.0,
+                -QUANTILE * dimension.deviation,
+                QUANTILE * dimension.deviation,
+            )
         std = float(high - low) / (2 * QUANTILE)
         interval = (typical * math.exp(low), typical * math.exp(high))
         verdict = _verdict(dimension, coordinate, std)
-        estimates.append(DimensionEstimate(dimension, typical * math.exp(coordinate), interval, std, verdict))
+        estimates.append(
+            DimensionEstimate(dimension, typical * math.exp(coordinate), interval, std, verdict)
+        )
     return estimates
 
 
@@ -354,6 +447,9 @@ def _traded(covariance: np.ndarray, inversion: Inversion) -> str | None:
     std = np.sqrt(np.diag(covariance))
     correlation = np.abs(covariance[index] / np.maximum(std * std[index], 1e-300))
     correlation[index] = 0.0
-    names = [*inversion.objective.unknowns.names, *(dimension.name for dimension in inversion.space.free)]
+    names = [
+        *inversion.objective.unknowns.names,
+        *(dimension.name for dimension in inversion.space.free),
+    ]
     other = int(np.argmax(correlation))
     return names[other] if correlation[other] > TRADED else None

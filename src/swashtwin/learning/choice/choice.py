@@ -18,8 +18,9 @@ DISTURBED_TRAINING = TrainingSettings(
     gain=12.0,
     stretch=0.02,
 )
-"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window, gains to 12 dB a
-channel and speeds to 2 % on half of them each."""
+"""Training on the windows as they are and four times changed: noise to -2.5 dB on every window,
+gains to 12 dB a channel and speeds to 2 % on half of them each.
+"""
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,10 @@ class Candidate:
 CANDIDATES = (Candidate(shape=True), Candidate(shape=False))
 """What training chooses from, the more invariant first.
 
-Of 24 kinds tried (lines at orders or in hertz, trained clean or disturbed, by each head or both) a trial with two
-pumps to train on, or with four bearings, chose by chance: on rig fleets 100 and 101 of version 2 what it chose named
-0.67 and 0.64 of the recordings of new pumps right, these two 0.66 to 0.67 and 0.82 to 0.83.
+Of 24 kinds tried (lines at orders or in hertz, trained clean or disturbed, by each head or both) a
+trial with two pumps to train on, or with four bearings, chose by chance: on rig fleets 100 and 101
+of version 2 what it chose named 0.67 and 0.64 of the recordings of new pumps right, these two 0.66
+to 0.67 and 0.82 to 0.83.
 """
 
 
@@ -72,9 +74,13 @@ class Choice:
     chosen: str
     """Name of the candidate chosen, of those tied with the best; see `choose`."""
     trials: tuple[Trial, ...]
-    """Every candidate tried, in the declared order; none where the recordings are too few for a trial."""
+    """Every candidate tried, in the declared order; none where the recordings are too few for a
+    trial.
+    """
     group: str
-    """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty without a trial."""
+    """What inner folds kept whole: ``"specimen"``, ``"condition"`` or ``"recording"``; empty
+    without a trial.
+    """
     n_folds: int
     n_windows: int
     """Measured windows that were tested on."""
@@ -83,8 +89,10 @@ class Choice:
     n_machines: int = 0
     """Machines that it rests on; 0 where folds did not leave machines out."""
     whole: Mapping[str, float] = field(default_factory=dict)
-    """Mean recall, by recording, of each head on whole recordings, and of all heads together ``"without own healthy
-    recordings"`` of the machine and ``"with own healthy recordings"``; empty where recordings are too short."""
+    """Mean recall, by recording, of each head on whole recordings, and of all heads together
+    ``"without own healthy recordings"`` of the machine and ``"with own healthy recordings"``; empty
+    where recordings are too short.
+    """
 
     def sentence(self) -> str:
         """The choice in words."""
@@ -98,9 +106,15 @@ class Choice:
             f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."
         )
         if self.whole:
-            unaided, aided = (self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with"))
+            unaided, aided = (
+                self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with")
+            )
             text += f" With heads on whole recordings {100 * (unaided or 0):.0f} %"
-            text += "." if aided is None else f", and {100 * aided:.0f} % with healthy recordings of the same machine."
+            text += (
+                "."
+                if aided is None
+                else f", and {100 * aided:.0f} % with healthy recordings of the same machine."
+            )
         if self.n_machines:
             text += f" This rests on {plural(self.n_machines, 'machine')}."
         return text

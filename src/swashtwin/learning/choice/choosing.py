@@ -7,7 +7,13 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
-from swashtwin.learning.choice.choice import CANDIDATES, DISTURBED_TRAINING, Candidate, Choice, Trial
+from swashtwin.learning.choice.choice import (
+    CANDIDATES,
+    DISTURBED_TRAINING,
+    Candidate,
+    Choice,
+    Trial,
+)
 from swashtwin.learning.networks.level_network import solve_alike
 from swashtwin.learning.networks.window_levels import window_levels
 from swashtwin.learning.training.classifier import Normalization
@@ -21,9 +27,13 @@ from swashtwin.signals import NoiseKind, unit_noise
 MOST_WINDOWS = 3000
 """Measured windows of a trial; of more, every recording lends its share."""
 MOST_FOLDS = 6
-"""Inner folds at most, so that of six machines each is left out once; fewer where a class stands in fewer groups."""
+"""Inner folds at most, so that of six machines each is left out once; fewer where a class stands in
+fewer groups.
+"""
 SNR, GAIN, STRETCH = 5.0, 12.0, 0.02
-"""Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative change of speed."""
+"""Disturbances of the test sides: signal-to-noise ratio [dB], largest gain [dB], largest relative
+change of speed.
+"""
 _KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
 
 
@@ -38,19 +48,23 @@ class FoldAnswers:
     fold: Int64[np.ndarray, " window"]
     """Fold that left it out."""
     seen: Seen | None = None
-    """What the chosen candidate sees of all windows in its training; None where the trial had others."""
+    """What the chosen candidate sees of all windows in its training; None where the trial had
+    others.
+    """
 
 
 def choose(
     windows: WindowSet, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None
 ) -> tuple[Candidate, Choice, FoldAnswers | None]:
-    """(candidate chosen, what was tried, the chosen one's answers across the folds or None without a trial).
+    """(candidate chosen, what was tried, the chosen one's answers across the folds or None without
+    a trial).
 
-    Measured windows are dealt into folds by specimen, else by condition, else by recording: the hardest grouping in
-    which every class stands in two groups. Each of `CANDIDATES` is trained on the other folds and on the synthetic
-    windows of other specimens, and tested on the fold as it is, under noise at 5 dB, and under gains of ±12 dB with
-    speeds of ±2 %, by recording. The first whose score is within one standard error of the best (between the groups;
-    Breiman and others 1984, "Classification and Regression Trees") is chosen.
+    Measured windows are dealt into folds by specimen, else by condition, else by recording: the
+    hardest grouping in which every class stands in two groups. Each of `CANDIDATES` is trained on
+    the other folds and on the synthetic windows of other specimens, and tested on the fold as it
+    is, under noise at 5 dB, and under gains of ±12 dB with speeds of ±2 %, by recording. The first
+    whose score is within one standard error of the best (between the groups; Breiman and others
+    1984, "Classification and Regression Trees") is chosen.
 
     Parameters
     ----------
@@ -65,7 +79,9 @@ def choose(
         raise InputError(f"seed ({seed}) must not be negative.")
     tell = progress or (lambda activity, finished, total: None)
     measured = without_overlap(windows.subset(~windows.synthetic))
-    if len(measured) > MOST_WINDOWS:  # the first of each recording, in a row, whose dependence is that of a recording
+    if (
+        len(measured) > MOST_WINDOWS
+    ):  # the first of each recording, in a row, whose dependence is that of a recording
         names, index = np.unique(measured.recording_id, return_inverse=True)
         share = max(1, MOST_WINDOWS // len(names))
         leading_rows = [np.flatnonzero(index == number)[:share] for number in range(len(names))]
@@ -79,12 +95,16 @@ def choose(
         log_probability = _answers(views, folds, seed, tell)
     groups = window_groups(measured, group)
     trials = _trials(log_probability, measured, groups)
-    chosen = next(candidate for candidate, trial in zip(CANDIDATES, trials, strict=True) if trial.is_tied)
+    chosen = next(
+        candidate for candidate, trial in zip(CANDIDATES, trials, strict=True) if trial.is_tied
+    )
     tested = np.sort(np.concatenate([rows for _, rows in folds]))
     fold = np.full(len(measured), -1)
     for number, (_, left_out) in enumerate(folds):
         fold[left_out] = number
-    is_all = len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
+    is_all = (
+        len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
+    )
     levels, rows = views.training
     answers = FoldAnswers(
         probability=np.exp(log_probability[chosen.name][0][tested]),
@@ -94,18 +114,28 @@ def choose(
         seen=(chosen.network(windows).shaped(levels), rows) if is_all else None,
     )
     n_machines = len(np.unique(groups)) if group == "specimen" else 0
-    return chosen, Choice(chosen.name, tuple(trials), group, len(folds), len(tested), "", n_machines), answers
+    return (
+        chosen,
+        Choice(chosen.name, tuple(trials), group, len(folds), len(tested), "", n_machines),
+        answers,
+    )
 
 
 def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]:
-    """(what the folds keep whole, the folds), or ("", ()) where not even recordings can be dealt."""
-    present = measured.with_classes([measured.classes[index] for index in np.unique(measured.target)])
+    """(what the folds keep whole, the folds), or ("", ()) where not even recordings can be
+    dealt.
+    """
+    present = measured.with_classes(
+        [measured.classes[index] for index in np.unique(measured.target)]
+    )
     for group in ("specimen", "condition", "recording"):
         try:
             groups = window_groups(measured, group)
         except DataError:
             continue
-        counts = [len(np.unique(groups[measured.target == index])) for index in np.unique(measured.target)]
+        counts = [
+            len(np.unique(groups[measured.target == index])) for index in np.unique(measured.target)
+        ]
         if len(counts) < 2 or min(counts) < 2:
             continue
         for n_folds in range(min(MOST_FOLDS, len(np.unique(groups))), 1, -1):
@@ -149,13 +179,17 @@ class _Views:
         """(levels of every training pass, index of the window behind each row)."""
 
     def _levels(self, windows: WindowSet) -> _Levels:
-        return np.concatenate([window_levels(samples, None) for samples, _ in self._normalization.blocks(windows)])
+        return np.concatenate(
+            [window_levels(samples, None) for samples, _ in self._normalization.blocks(windows)]
+        )
 
 
 def _answers(
     views: _Views, folds: tuple[Fold, ...], seed: int, tell: Callable[[str, int, int], None]
 ) -> dict[str, list[Float64[np.ndarray, "window class"]]]:
-    """Log-probabilities of the measured windows under each view, by candidate, from the fold that tested them."""
+    """Log-probabilities of the measured windows under each view, by candidate, from the fold that
+    tested them.
+    """
     shape = len(views.measured), len(views.windows.classes)
     answers = {candidate.name: [np.full(shape, np.nan) for _ in _VIEWS] for candidate in CANDIDATES}
     levels, rows = views.training
@@ -174,8 +208,9 @@ def _answers(
 
 
 def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np.ndarray:
-    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of other specimens, or
-    all of these where a class would be missing."""
+    """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of
+    other specimens, or all of these where a class would be missing.
+    """
     others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
     rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
     if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
@@ -186,11 +221,15 @@ def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np
 def made_without(
     synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
 ) -> Bool[np.ndarray, " synthetic"]:
-    """Whether each synthetic specimen was made without the tested ones: "... of" a specimen is what was made from
-    windows of it; a twin is called after its pump's type."""
+    """Whether each synthetic specimen was made without the tested ones: "... of" a specimen is what
+    was made from windows of it; a twin is called after its pump's type.
+    """
     names = set(tested.tolist())
     endings = tuple(f" of {name}" for name in names)
-    return np.array([not name or not (name in names or name.endswith(endings)) for name in synthetic.tolist()], bool)
+    return np.array(
+        [not name or not (name in names or name.endswith(endings)) for name in synthetic.tolist()],
+        bool,
+    )
 
 
 def _trials(
@@ -206,16 +245,25 @@ def _trials(
         pooled = np.zeros((len(first), answer.shape[1]))
         np.add.at(pooled, recording, answer)
         right = likeliest_class(pooled / count) == target
-        return float(np.mean([right[mask & (target == index)].mean() for index in np.unique(target[mask])]))
+        return float(
+            np.mean([right[mask & (target == index)].mean() for index in np.unique(target[mask])])
+        )
 
     def error(scores: np.ndarray) -> float:
         return float(scores.std(ddof=1) / np.sqrt(len(scores))) if len(scores) > 1 else 0.0
 
     tables = {
-        name: np.array([[recall(view, mask) for view in part] for mask in (*masks, np.ones(len(first), dtype=bool))])
+        name: np.array(
+            [
+                [recall(view, mask) for view in part]
+                for mask in (*masks, np.ones(len(first), dtype=bool))
+            ]
+        )
         for name, part in log_probability.items()
     }
-    by_group = {name: (table[:-1, 0] + table[:-1, 1:].mean(axis=1)) / 2 for name, table in tables.items()}
+    by_group = {
+        name: (table[:-1, 0] + table[:-1, 1:].mean(axis=1)) / 2 for name, table in tables.items()
+    }
     best = max(by_group.values(), key=np.mean)
     least = best.mean() - error(best)
     return [

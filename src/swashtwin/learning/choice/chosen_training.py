@@ -29,11 +29,13 @@ def fit_chosen(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> FittedClassifier:
-    """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a cross-fitted confidence.
+    """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a
+    cross-fitted confidence.
 
-    Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels join
-    (`RecordingModel`), each tempered by what it said of the machines left out; where none is left out, nothing says how
-    far levels so fine are the machine's own. Same seed, windows and machine: same choice, same bits.
+    Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels
+    join (`RecordingModel`), each tempered by what it said of the machines left out; where none is
+    left out, nothing says how far levels so fine are the machine's own. Same seed, windows and
+    machine: same choice, same bits.
 
     Parameters
     ----------
@@ -52,13 +54,19 @@ def fit_chosen(
     """
     first = np.unique(np.where(windows.synthetic, "", windows.recording_id), return_index=True)[1]
     first = first[~windows.synthetic[first]]
-    if error_rate is not None:  # a machine may be the hardest to name, whose recordings it then rests on
+    if (
+        error_rate is not None
+    ):  # a machine may be the hardest to name, whose recordings it then rests on
         counts = np.unique(windows.specimen[first], return_counts=True)[1]
-        require_enough(len(first), error_rate, min(counts[counts >= _LEAST_RECORDINGS].tolist(), default=None))
+        require_enough(
+            len(first), error_rate, min(counts[counts >= _LEAST_RECORDINGS].tolist(), default=None)
+        )
     require_trainable(windows)
     candidate, choice, answers = choose(windows, seed=seed, progress=progress)
     network, seen = candidate.network(windows), answers.seen if answers else None
-    fitted = fit(network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen)
+    fitted = fit(
+        network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen
+    )
     reference, by_machine = fitted.training_reference, choice.group == "specimen"
     whole, own_confidence = None, None
     if answers is not None and by_machine:
@@ -72,7 +80,9 @@ def fit_chosen(
         with_own = model.on_changes is not None
         choice = replace(choice, whole=trial.recalls(with_own))
         if with_own:
-            own_confidence = _confidence(reference, trial.answers(answers, own=True), error_rate, by_machine)
+            own_confidence = _confidence(
+                reference, trial.answers(answers, own=True), error_rate, by_machine
+            )
         answers = trial.answers(answers, own=False)
     confidence = _confidence(reference, answers, error_rate, by_machine)
     if confidence is None and error_rate is not None:
@@ -89,10 +99,11 @@ def _confidence(
     error_rate: float | None,
     by_machine: bool,
 ) -> Confidence | None:
-    """Confidence from the folds; None without a trial, or where no class has two recordings to compare.
+    """Confidence from the folds; None without a trial, or where no class has two recordings to
+    compare.
 
-    Of folds by machine it is that of the machine that was hardest to name: the next one may be as unlike the
-    others, and the mean over a few machines says nothing of how far machines differ.
+    Of folds by machine it is that of the machine that was hardest to name: the next one may be as
+    unlike the others, and the mean over a few machines says nothing of how far machines differ.
     """
     if reference is None or answers is None:
         return None
@@ -113,9 +124,19 @@ def _confidence(
 
 
 def _hardest_machine(reference: TrainingReference, answers: FoldAnswers) -> str:
-    """Machine whose recordings the folds gave the least probability; empty where it has too few for a confidence."""
+    """Machine whose recordings the folds gave the least probability; empty where it has too few for
+    a confidence.
+    """
     specimen = dict(zip(reference.recording_id, reference.specimen, strict=True))
     of_window = np.array([specimen.get(name, "") for name in answers.recording_id.tolist()])
-    right = np.log(np.maximum(answers.probability[np.arange(len(answers.target)), answers.target], 1e-12))
-    hardest = min(np.unique(of_window).tolist(), key=lambda name: float(right[of_window == name].mean()))
-    return hardest if np.unique(answers.recording_id[of_window == hardest]).size >= _LEAST_RECORDINGS else ""
+    right = np.log(
+        np.maximum(answers.probability[np.arange(len(answers.target)), answers.target], 1e-12)
+    )
+    hardest = min(
+        np.unique(of_window).tolist(), key=lambda name: float(right[of_window == name].mean())
+    )
+    return (
+        hardest
+        if np.unique(answers.recording_id[of_window == hardest]).size >= _LEAST_RECORDINGS
+        else ""
+    )

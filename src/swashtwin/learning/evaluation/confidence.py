@@ -1,4 +1,6 @@
-"""`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence, `score_confidence` tests it."""
+"""`learn_confidence` and `cross_fitted_confidence` calibrate a classifier's confidence,
+`score_confidence` tests it.
+"""
 
 import math
 from dataclasses import asdict, dataclass, replace
@@ -42,7 +44,9 @@ class RecordingAnswers:
     def with_verdict(self) -> "RecordingAnswers":
         """The answers to recordings that have a verdict, since all numbers of it are finite."""
         finite = np.isfinite(self.probability).all(axis=1) & np.isfinite(self.ood_score)
-        names = tuple(name for name, is_finite in zip(self.recording_id, finite, strict=True) if is_finite)
+        names = tuple(
+            name for name, is_finite in zip(self.recording_id, finite, strict=True) if is_finite
+        )
         values = (self.target, self.probability, self.n_windows, self.ood_score)
         return RecordingAnswers(names, *(value[finite] for value in values))
 
@@ -74,7 +78,9 @@ def _pooled(
     return RecordingAnswers(
         recording_id=tuple(names.tolist()),
         target=np.array([windows.target[mask][0] for mask in masks], dtype=np.int64),
-        probability=np.stack([pooled_probabilities(probability[mask]) for mask in masks]).astype(np.float64),
+        probability=np.stack([pooled_probabilities(probability[mask]) for mask in masks]).astype(
+            np.float64
+        ),
         n_windows=np.array([np.count_nonzero(mask) for mask in masks], dtype=np.int64),
         ood_score=np.array(ood_score, dtype=np.float64),
     )
@@ -83,12 +89,14 @@ def _pooled(
 def learn_confidence(
     classifier: FittedClassifier, validation: WindowSet, *, error_rate: float = 0.1
 ) -> FittedClassifier:
-    """The same classifier with its confidence calibrated by validation recordings, which join its manifest.
+    """The same classifier with its confidence calibrated by validation recordings, which join its
+    manifest.
 
     Parameters
     ----------
-    validation : measured windows with labels, without overlap, of recordings it was not trained on. Draw them as the
-        recordings to come will differ from the training: by specimen for pumps that were never measured.
+    validation : measured windows with labels, without overlap, of recordings it was not trained on.
+        Draw them as the recordings to come will differ from the training: by specimen for pumps
+        that were never measured.
     error_rate : see `Confidence`.
 
     Raises
@@ -105,7 +113,9 @@ def learn_confidence(
     probability, features = classifier.answer(validation)
     answers = _pooled(classifier, validation, probability, features)
     if without := sorted({*answers.recording_id} - {*answers.with_verdict().recording_id}):
-        raise DataError(f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out.")
+        raise DataError(
+            f"{without[0]}: no verdict, since the classifier's numbers are not finite; leave it out."
+        )
     confidence = _confidence(
         [probability[validation.recording_id == name] for name in answers.recording_id],
         answers.target,
@@ -130,9 +140,16 @@ def _require_fitting(classifier: FittedClassifier, validation: WindowSet) -> Non
         )
     if validation.synthetic.any():
         name = validation.recording_id[validation.synthetic][0]
-        raise LeakError(f"{name} is synthetic; confidence is calibrated on measured recordings only.")
-    listed, trained = join_manifests([classifier.manifest]), classifier.training_reference.recording_id
-    if seen := seen_recordings({name: listed.get(name, ()) for name in trained}, validation.recordings):
+        raise LeakError(
+            f"{name} is synthetic; confidence is calibrated on measured recordings only."
+        )
+    listed, trained = (
+        join_manifests([classifier.manifest]),
+        classifier.training_reference.recording_id,
+    )
+    if seen := seen_recordings(
+        {name: listed.get(name, ()) for name in trained}, validation.recordings
+    ):
         raise LeakError(f"{say_seen(seen)} was trained on; calibrate the confidence on others.")
 
 
@@ -144,25 +161,30 @@ def cross_fitted_confidence(
     *,
     error_rate: float | None = None,
 ) -> Confidence:
-    """Confidence from out-of-fold answers to the recordings of the training itself, so that none need be held out.
+    """Confidence from out-of-fold answers to the recordings of the training itself, so that none
+    need be held out.
 
-    Each recording is answered by a model of the same kind that was trained without it (grouped folds); the final
-    model's answers to new recordings are compared with these. Where the recordings are exchangeable with new ones and
-    the model hardly changes when a fold is left out, a set misses the true class in about the share `error_rate` of the
-    recordings, rather fewer, since the final model saw more. There is no bound for any model whatever: cross-conformal
-    prediction (Vovk 2015, DOI 10.1007/s10472-013-9368-4) and CV+ (Barber, Candès, Ramdas and Tibshirani 2021, DOI
-    10.1214/20-AOS1965), with about twice the rate, ask the models of all folds about each new recording.
-    `learn_confidence`, with recordings held out, has the exact bound.
+    Each recording is answered by a model of the same kind that was trained without it (grouped
+    folds); the final model's answers to new recordings are compared with these. Where the
+    recordings are exchangeable with new ones and the model hardly changes when a fold is left out,
+    a set misses the true class in about the share `error_rate` of the recordings, rather fewer,
+    since the final model saw more. There is no bound for any model whatever: cross-conformal
+    prediction (Vovk 2015, DOI 10.1007/s10472-013-9368-4) and CV+ (Barber, Candès, Ramdas and
+    Tibshirani 2021, DOI 10.1214/20-AOS1965), with about twice the rate, ask the models of all folds
+    about each new recording. `learn_confidence`, with recordings held out, has the exact bound.
 
-    Folds by specimen give answers to pumps that were never measured, folds by recording to further recordings of the
-    same pumps: the confidence holds for what the folds left out.
+    Folds by specimen give answers to pumps that were never measured, folds by recording to further
+    recordings of the same pumps: the confidence holds for what the folds left out.
 
     Parameters
     ----------
-    probability : out-of-fold probability of each class of each window, those of a recording in order of time.
+    probability : out-of-fold probability of each class of each window, those of a recording in
+        order of time.
     target : index of the true class of each window.
-    ood_score : out-of-fold out-of-distribution score of each recording, in the order of ``np.unique(recording_id)``.
-    error_rate : see `Confidence`. By default 0.1, or the least that so many recordings allow (`allowed_error_rate`).
+    ood_score : out-of-fold out-of-distribution score of each recording, in the order of
+        ``np.unique(recording_id)``.
+    error_rate : see `Confidence`. By default 0.1, or the least that so many recordings allow
+        (`allowed_error_rate`).
 
     Raises
     ------
@@ -179,7 +201,9 @@ def cross_fitted_confidence(
         )
     finite = np.isfinite(probability).all(axis=1) & np.isfinite(ood_score)[index]
     if not finite.all():
-        raise DataError(f"{recording_id[~finite][0]}: its out-of-fold answer is not finite; leave it out.")
+        raise DataError(
+            f"{recording_id[~finite][0]}: its out-of-fold answer is not finite; leave it out."
+        )
     rate = allowed_error_rate(len(names), _ERROR_RATE) if error_rate is None else error_rate
     parts = [probability[index == number] for number in range(len(names))]
     return _confidence(parts, target[first], np.asarray(ood_score), rate, cross_fitted=True)
@@ -200,7 +224,9 @@ def _confidence(
     score = np.array(
         [
             [
-                nonconformity_scores(pooled_probabilities(part[: count if count < shortest else None]))[index]
+                nonconformity_scores(
+                    pooled_probabilities(part[: count if count < shortest else None])
+                )[index]
                 for part, index in zip(probability, target, strict=True)
             ]
             for count in counts
@@ -220,13 +246,17 @@ def _confidence(
 
 @dataclass(frozen=True)
 class ConfidenceScores:
-    """How well a classifier's confidence holds on test recordings; every figure counts recordings."""
+    """How well a classifier's confidence holds on test recordings; every figure counts
+    recordings.
+    """
 
     n_recordings: int
     accuracy: float
     """Share told right."""
     ece_before: float
-    """Expected calibration error (10 bins) of the probabilities from the mean log-probability of the windows."""
+    """Expected calibration error (10 bins) of the probabilities from the mean log-probability of
+    the windows.
+    """
     ece_after: float
     """The same at the temperature and dependence."""
     log_loss_before: float
@@ -259,15 +289,24 @@ def score_confidence(classifier: FittedClassifier, test: WindowSet) -> Confidenc
     """
     confidence = classifier.confidence
     if confidence is None:
-        raise InputError("the classifier has no confidence yet; calibrate it on recordings held out for it.")
+        raise InputError(
+            "the classifier has no confidence yet; calibrate it on recordings held out for it."
+        )
     if test.classes != classifier.classes:
-        raise InputError("the test windows have other classes; cut them for those of the classifier.")
+        raise InputError(
+            "the test windows have other classes; cut them for those of the classifier."
+        )
     test.require_labels("a test of confidence")
     refuse_seen(classifier, test.recordings)
     answers = recording_answers(classifier, test).with_verdict()
     if not answers.recording_id:
-        raise DataError("no test recording has a verdict; is the model damaged, or every recording?")
-    rows, scaled = np.arange(answers.target.size), confidence.temperature_scaled(answers.probability, answers.n_windows)
+        raise DataError(
+            "no test recording has a verdict; is the model damaged, or every recording?"
+        )
+    rows, scaled = (
+        np.arange(answers.target.size),
+        confidence.temperature_scaled(answers.probability, answers.n_windows),
+    )
     right = answers.probability.argmax(axis=1) == answers.target
     in_set = confidence.prediction_set(answers.probability, answers.n_windows)
     covered = in_set[rows, answers.target]
@@ -276,9 +315,13 @@ def score_confidence(classifier: FittedClassifier, test: WindowSet) -> Confidenc
         accuracy=float(right.mean()),
         ece_before=expected_calibration_error(right, answers.probability.max(axis=1), 10),
         ece_after=expected_calibration_error(right, scaled.max(axis=1), 10),
-        log_loss_before=float(nonconformity_scores(answers.probability)[rows, answers.target].mean()),
+        log_loss_before=float(
+            nonconformity_scores(answers.probability)[rows, answers.target].mean()
+        ),
         log_loss_after=float(nonconformity_scores(scaled)[rows, answers.target].mean()),
         coverage=float(covered.mean()),
         set_size=float(in_set.sum(axis=1).mean()),
-        called_unknown=float(np.mean(confidence.ood_p_value(answers.ood_score) <= confidence.error_rate)),
+        called_unknown=float(
+            np.mean(confidence.ood_p_value(answers.ood_score) <= confidence.error_rate)
+        ),
     )

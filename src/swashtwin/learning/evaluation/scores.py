@@ -9,7 +9,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from sklearn.metrics import confusion_matrix, f1_score, roc_auc_score
 
-from swashtwin.foundation import DataError, InputError, LeakError, finite_values, plural, stream, to_table
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    LeakError,
+    finite_values,
+    plural,
+    stream,
+    to_table,
+)
 from swashtwin.learning.training.confidence import likeliest_class, pooled_probabilities
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
@@ -27,7 +35,9 @@ class Classifier(Protocol):
 
     @property
     def manifest(self) -> Manifest | tuple[str, ...]:
-        """Every recording that had a part in it: by id with the hashes of its content, or ids alone."""
+        """Every recording that had a part in it: by id with the hashes of its content, or ids
+        alone.
+        """
 
     def predict_proba(self, windows: WindowSet) -> np.ndarray:
         """Probability of each class for each window."""
@@ -36,7 +46,8 @@ class Classifier(Protocol):
 def unseen_recordings(
     manifest: Manifest | Iterable[str], recordings: Sequence[Recording]
 ) -> tuple[list[Recording], dict[str, str]]:
-    """Measured recordings that had no part in a model, in their order, and those that had (`seen_recordings`).
+    """Measured recordings that had no part in a model, in their order, and those that had
+    (`seen_recordings`).
 
     Raises
     ------
@@ -55,9 +66,13 @@ def unseen_recordings(
 
 
 def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
-    """Raise a `LeakError` that names a recording that had a part in the classifier, if there is one."""
+    """Raise a `LeakError` that names a recording that had a part in the classifier, if there is
+    one.
+    """
     if seen := seen_recordings(classifier.manifest, recordings):
-        raise LeakError(f"{say_seen(seen)} had a part in the classifier (its manifest); test on others.")
+        raise LeakError(
+            f"{say_seen(seen)} had a part in the classifier (its manifest); test on others."
+        )
 
 
 LEVELS = {
@@ -80,7 +95,9 @@ def level_between(reference: TrainingReference, recordings: Iterable[Recording])
     for recording in recordings:
         if recording.specimen is None or not any(reference.specimen):
             return None
-        same = [number for number, name in enumerate(reference.specimen) if name == recording.specimen]
+        same = [
+            number for number, name in enumerate(reference.specimen) if name == recording.specimen
+        ]
         condition = recording.condition
         if not same:
             levels.add("L4")
@@ -102,7 +119,8 @@ def recalls(confusion: Int[np.ndarray, "actual predicted"]) -> Float[np.ndarray,
 
 
 def g_mean(confusion: Int[np.ndarray, "actual predicted"]) -> float:
-    """Geometric mean of the recalls of all declared classes: 0 where one is 0, NaN where a class has no test window.
+    """Geometric mean of the recalls of all declared classes: 0 where one is 0, NaN where a class
+    has no test window.
 
     Where it is defined it equals imbalanced-learn's ``geometric_mean_score(average="multiclass")``.
     """
@@ -112,54 +130,80 @@ def g_mean(confusion: Int[np.ndarray, "actual predicted"]) -> float:
 
 
 def g_mean_laplace(confusion: Int[np.ndarray, "actual predicted"]) -> float:
-    """G_ε: geometric mean of the Laplace recalls (tp + 0.5) / (n + 1); NaN where a class has no test window."""
+    """G_ε: geometric mean of the Laplace recalls (tp + 0.5) / (n + 1); NaN where a class has no
+    test window.
+    """
     count = confusion.sum(axis=1)
     if not count.all():
         return float("nan")
     return float(np.exp(np.mean(np.log((np.diag(confusion) + 0.5) / (count + 1)))))
 
 
-def false_alarm_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
-    """Share of the windows of the `normal` classes that were called none of them; NaN where there is none."""
+def false_alarm_rate(
+    confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]
+) -> float:
+    """Share of the windows of the `normal` classes that were called none of them; NaN where there
+    is none.
+    """
     rows = confusion[list(normal)]
     return float(1 - rows[:, list(normal)].sum() / rows.sum()) if rows.sum() else float("nan")
 
 
-def missed_fault_rate(confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]) -> float:
-    """Share of the faulty windows that were called normal, or have no verdict; NaN where there is none."""
+def missed_fault_rate(
+    confusion: Int[np.ndarray, "actual predicted"], normal: Sequence[int]
+) -> float:
+    """Share of the faulty windows that were called normal, or have no verdict; NaN where there is
+    none.
+    """
     faulty = np.delete(confusion, normal, axis=0)
     missed = faulty[:, normal].sum() + faulty[:, len(confusion) :].sum()
     return float(missed / faulty.sum()) if faulty.sum() else float("nan")
 
 
-def macro_auroc(target: Int[np.ndarray, " window"], probability: Float[np.ndarray, "window class"]) -> float:
-    """Mean area under the curve of each class with test windows against the rest; NaN where there is one class only."""
+def macro_auroc(
+    target: Int[np.ndarray, " window"], probability: Float[np.ndarray, "window class"]
+) -> float:
+    """Mean area under the curve of each class with test windows against the rest; NaN where there
+    is one class only.
+    """
     present = np.unique(target)
     if present.size < 2:
         return float("nan")
-    return float(np.mean([roc_auc_score(target == index, probability[:, index]) for index in present]))
+    return float(
+        np.mean([roc_auc_score(target == index, probability[:, index]) for index in present])
+    )
 
 
 def expected_calibration_error(
     right: Bool[np.ndarray, " window"], confidence: Float[np.ndarray, " window"], n_bins: int = 15
 ) -> float:
-    """ECE: mean over the windows of |accuracy - confidence| of their bin, with `n_bins` equal bins of confidence."""
+    """ECE: mean over the windows of |accuracy - confidence| of their bin, with `n_bins` equal bins
+    of confidence.
+    """
     bins = np.minimum((confidence * n_bins).astype(np.int64), n_bins - 1)
     gap = np.bincount(bins, weights=right.astype(np.float64) - confidence, minlength=n_bins)
     return float(np.abs(gap).sum() / right.size)
 
 
 def accuracy_interval(
-    right: Bool[np.ndarray, " window"], group: Int[np.ndarray, " window"], *, draws: int = 2000, seed: int = 0
+    right: Bool[np.ndarray, " window"],
+    group: Int[np.ndarray, " window"],
+    *,
+    draws: int = 2000,
+    seed: int = 0,
 ) -> tuple[float, float]:
-    """95 % interval of the accuracy by bootstrap over the groups (recordings), since windows are not independent.
+    """95 % interval of the accuracy by bootstrap over the groups (recordings), since windows are
+    not independent.
 
-    The bootstrap is too narrow with few groups, and has no width without an error; so the interval holds Wilson's
-    (1927, DOI 10.1080/01621459.1927.10502953) too, for as many independent trials as there are groups.
+    The bootstrap is too narrow with few groups, and has no width without an error; so the interval
+    holds Wilson's (1927, DOI 10.1080/01621459.1927.10502953) too, for as many independent trials as
+    there are groups.
     """
     correct, total = np.bincount(group, weights=right), np.bincount(group)
     wilson = wilson_interval(float(right.mean()), total.size)
-    times = stream(seed, "bootstrap").multinomial(total.size, np.full(total.size, 1 / total.size), size=draws)
+    times = stream(seed, "bootstrap").multinomial(
+        total.size, np.full(total.size, 1 / total.size), size=draws
+    )
     low, high = np.percentile((times @ correct) / (times @ total), [2.5, 97.5])
     return min(float(low), wilson[0]), max(float(high), wilson[1])
 
@@ -187,10 +231,14 @@ class CellScore:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """What a classifier scored on one test set. A number that the test set cannot give is NaN, with a reason."""
+    """What a classifier scored on one test set. A number that the test set cannot give is NaN, with
+    a reason.
+    """
 
     level: str | None
-    """Level of generalization, ``"L0"`` to ``"L5"`` (`LEVELS`), or None where the caller did not state it."""
+    """Level of generalization, ``"L0"`` to ``"L5"`` (`LEVELS`), or None where the caller did not
+    state it.
+    """
     classes: tuple[str, ...]
     """Declared classes; `recall` and `confusion` follow their order."""
     n_windows: int
@@ -198,8 +246,10 @@ class Scores:
     """Test recordings; the number of independent trials."""
     accuracy: float
     accuracy_interval: tuple[float, float]
-    """95 % interval of the accuracy, by bootstrap over the recordings, and no narrower than Wilson's interval for as
-    many independent trials as there are recordings: few recordings without an error do not prove that there is none."""
+    """95 % interval of the accuracy, by bootstrap over the recordings, and no narrower than
+    Wilson's interval for as many independent trials as there are recordings: few recordings without
+    an error do not prove that there is none.
+    """
     recording_accuracy: float
     """Share of the recordings classified right, each by the mean log-probability of its windows."""
     macro_recall: float
@@ -221,8 +271,9 @@ class Scores:
     recall: Mapping[str, float]
     """Recall of each class; NaN where it has no test window."""
     confusion: Int[np.ndarray, "actual predicted"]
-    """Windows of each class (row) that were given each class (column); where some have no verdict, a last column
-    counts these."""
+    """Windows of each class (row) that were given each class (column); where some have no verdict,
+    a last column counts these.
+    """
     cells: tuple[CellScore, ...]
     reasons: Mapping[str, str]
     """Why a number is NaN or rests on fewer classes than declared, by its name."""
@@ -241,11 +292,13 @@ class Scores:
         return {**finite_values(to_table(self)), "level_meaning": LEVELS.get(self.level or "")}
 
 
-def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0) -> Scores:
+def evaluate(
+    classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0
+) -> Scores:
     """Scores on measured recordings that had no part in the classifier.
 
-    A window without a verdict, because a number of the classifier is not finite, counts as an error; `Scores.reasons`
-    says how many.
+    A window without a verdict, because a number of the classifier is not finite, counts as an
+    error; `Scores.reasons` says how many.
 
     Parameters
     ----------
@@ -255,7 +308,8 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     Raises
     ------
     LeakError
-        A test window is synthetic, or its recording stands in the classifier's manifest, under whatever name.
+        A test window is synthetic, or its recording stands in the classifier's manifest, under
+        whatever name.
     DataError
         No test window, or one without label.
     InputError
@@ -276,7 +330,9 @@ def evaluate(classifier: Classifier, test: WindowSet, *, level: str | None = Non
     recall = recalls(confusion)
     values = {
         "macro_recall": float(np.nanmean(recall)),
-        "macro_f1": float(f1_score(target, predicted, labels=present, average="macro", zero_division=0)),
+        "macro_f1": float(
+            f1_score(target, predicted, labels=present, average="macro", zero_division=0)
+        ),
         "g_mean": g_mean(confusion),
         "g_mean_laplace": g_mean_laplace(confusion),
         "false_alarm_rate": false_alarm_rate(confusion, normal) if normal else math.nan,
@@ -307,7 +363,9 @@ def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) 
     test.require_any("to test on")
     test.require_labels("an evaluation")
     if test.synthetic.any():
-        raise LeakError(f"{test.recording_id[test.synthetic][0]} is synthetic; scores are of measured windows only.")
+        raise LeakError(
+            f"{test.recording_id[test.synthetic][0]} is synthetic; scores are of measured windows only."
+        )
     refuse_seen(classifier, test.recordings)
     foreign = [name for name in test.classes if name not in classifier.classes]
     if foreign:
@@ -327,9 +385,15 @@ def _confusion(
 def _cells(test: WindowSet, right: np.ndarray) -> tuple[CellScore, ...]:
     scores = []
     for (label, pressure), count in test.counts().items():
-        at_pressure = np.isnan(test.cell_pressure) if pressure is None else test.cell_pressure == pressure
+        at_pressure = (
+            np.isnan(test.cell_pressure) if pressure is None else test.cell_pressure == pressure
+        )
         if count:
-            scores.append(CellScore(label, pressure, count, float(right[(test.label == label) & at_pressure].mean())))
+            scores.append(
+                CellScore(
+                    label, pressure, count, float(right[(test.label == label) & at_pressure].mean())
+                )
+            )
     return tuple(scores)
 
 
@@ -339,16 +403,25 @@ def _reasons(
     values: dict[str, float],
 ) -> dict[str, str]:
     absent = [name for name, count in zip(classes, confusion.sum(axis=1), strict=True) if not count]
-    names = ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace") if absent else ()
+    names = (
+        ("macro_recall", "macro_f1", "macro_auroc", "g_mean", "g_mean_laplace") if absent else ()
+    )
     reasons = dict.fromkeys(names, f"no test window of {', '.join(absent)}")
     has_normal = any(map(is_healthy, classes))
-    rates = {"false_alarm_rate": ("normal", "false-alarm"), "missed_fault_rate": ("faulty", "missed-fault")}
+    rates = {
+        "false_alarm_rate": ("normal", "false-alarm"),
+        "missed_fault_rate": ("faulty", "missed-fault"),
+    }
     for name, (kind, rate) in rates.items():
         if math.isnan(values[name]):
-            reasons[name] = f"no {kind} test window" if has_normal else f"no healthy class, so no {rate} rate"
+            reasons[name] = (
+                f"no {kind} test window" if has_normal else f"no healthy class, so no {rate} rate"
+            )
     if math.isnan(values["macro_auroc"]):
         reasons["macro_auroc"] = "every test window is of one class"
     without = int(confusion[:, len(classes) :].sum())
     if without:
-        reasons["accuracy"] = f"{without} of {int(confusion.sum())} windows have no verdict and count as errors"
+        reasons["accuracy"] = (
+            f"{without} of {int(confusion.sum())} windows have no verdict and count as errors"
+        )
     return reasons

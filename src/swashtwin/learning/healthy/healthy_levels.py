@@ -1,4 +1,6 @@
-"""Levels of a machine's healthy recordings by operating point: what new ones are compared with, and the odd ones."""
+"""Levels of a machine's healthy recordings by operating point: what new ones are compared with, and
+the odd ones.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -24,19 +26,23 @@ from swashtwin.recordings import (
 Point = tuple[str | float | None, ...]
 
 LEAST_SPREAD = 1.0
-"""Standard deviation [dB] that every level has at least: mounting and temperature move it so much, whatever was
-measured."""
+"""Standard deviation [dB] that every level has at least: mounting and temperature move it so much,
+whatever was measured.
+"""
 RIDGE = 1.0
-"""Added to each level's variance, in units of it, in all directions: there are more levels than recordings."""
+"""Added to each level's variance, in units of it, in all directions: there are more levels than
+recordings.
+"""
 
 
 def point_residuals(
     levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> tuple[Float64[np.ndarray, "recording level"], Float64[np.ndarray, " recording"]]:
-    """(levels less the mean of their point, factor to the spread of a difference from the other recordings' mean).
+    """(levels less the mean of their point, factor to the spread of a difference from the other
+    recordings' mean).
 
-    Of m recordings of a point the factor is sqrt(m / (m - 1)): residual times factor has the variance of one recording,
-    at every point.
+    Of m recordings of a point the factor is sqrt(m / (m - 1)): residual times factor has the
+    variance of one recording, at every point.
     """
     count = np.bincount(point)[point]
     sums = np.zeros((int(point.max()) + 1, levels.shape[1]))
@@ -47,7 +53,8 @@ def point_residuals(
 def robust_spread(
     levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Float64[np.ndarray, " level"]:
-    """Standard deviation [dB] of each level within the points: 1.4826 times the median magnitude, and `LEAST_SPREAD`.
+    """Standard deviation [dB] of each level within the points: 1.4826 times the median magnitude,
+    and `LEAST_SPREAD`.
 
     Both are added as variances; every point has two recordings at least.
     """
@@ -59,13 +66,15 @@ def robust_spread(
 def nonconformity_scores(
     levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Float64[np.ndarray, " recording"]:
-    """Nonconformity score of each recording: its squared Mahalanobis distance from all others of the set.
+    """Nonconformity score of each recording: its squared Mahalanobis distance from all others of
+    the set.
 
-    d_i = n u_i' (R_i' R_i + n ρ I)^-1 u_i with u_i the recording's difference from the mean of the others at its point,
-    over the spread of such a difference, R_i the residuals of the n others about their points' means, both in units of
-    `robust_spread`, and ρ = 1. Leaving one out is done in closed form: with all residuals R of N = n + 1 recordings and
-    h the diagonal of f² R R' (R R' + N ρ I)^-1, d is h / (1 - h) up to a factor. No order of the recordings matters, so
-    the scores of exchangeable recordings are exchangeable.
+    d_i = n u_i' (R_i' R_i + n ρ I)^-1 u_i with u_i the recording's difference from the mean of the
+    others at its point, over the spread of such a difference, R_i the residuals of the n others
+    about their points' means, both in units of `robust_spread`, and ρ = 1. Leaving one out is done
+    in closed form: with all residuals R of N = n + 1 recordings and h the diagonal of f² R R' (R R'
+    + N ρ I)^-1, d is h / (1 - h) up to a factor. No order of the recordings matters, so the scores
+    of exchangeable recordings are exchangeable.
     """
     residual, factor = point_residuals(levels, point)
     scaled = residual / robust_spread(levels, point)
@@ -78,8 +87,9 @@ def nonconformity_scores(
 def conformal_p_value(scores: Float[np.ndarray, " recording"]) -> float:
     """Share of the scores that are at least as high as the last, the last counted.
 
-    Full conformal prediction (Vovk, Gammerman and Shafer 2005, DOI 10.1007/b106715): where the last recording is
-    exchangeable with the others, it is at most e with a chance of at most e, for each e.
+    Full conformal prediction (Vovk, Gammerman and Shafer 2005, DOI 10.1007/b106715): where the last
+    recording is exchangeable with the others, it is at most e with a chance of at most e, for each
+    e.
     """
     return float(np.mean(scores >= scores[-1] * (1 - 1e-9)))
 
@@ -92,7 +102,9 @@ USUAL_ERROR_RATE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class HealthyLevels:
-    """Levels of healthy recordings, with the machine and the operating point of each; it holds no samples."""
+    """Levels of healthy recordings, with the machine and the operating point of each; it holds no
+    samples.
+    """
 
     layout: LevelLayout
     levels: Float64[np.ndarray, "recording level"]
@@ -110,13 +122,21 @@ class HealthyLevels:
     def __post_init__(self) -> None:
         count = len(self.specimen)
         if self.layout.length > self.shortest or 2 * self.layout.n_orders > self.layout.sample_rate:
-            raise InputError("the segments are longer than the recordings, or shaft orders beyond the sample rate.")
+            raise InputError(
+                "the segments are longer than the recordings, or shaft orders beyond the sample rate."
+            )
         if len(self.manifest) != count or not self.speed.shape == self.pressure.shape == (count,):
-            raise InputError(f"{count} healthy recordings need as many speeds, pressures and entries of the manifest.")
+            raise InputError(
+                f"{count} healthy recordings need as many speeds, pressures and entries of the manifest."
+            )
         if self.levels.shape != (count, len(self.layout.levels)):
-            raise InputError(f"the levels have the shape {self.levels.shape} for {count} recordings.")
+            raise InputError(
+                f"the levels have the shape {self.levels.shape} for {count} recordings."
+            )
         if count < 2 or np.bincount(self.point_index).min() < 2:
-            raise InputError("an operating point has a single healthy recording; two are needed at least.")
+            raise InputError(
+                "an operating point has a single healthy recording; two are needed at least."
+            )
 
     @property
     def n_recordings(self) -> int:
@@ -125,7 +145,9 @@ class HealthyLevels:
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point; None where not stated."""
+        """Specimen, speed [rad/s] and pressure [Pa] of each machine and operating point; None where
+        not stated.
+        """
         return tuple(dict.fromkeys(self._keys()))
 
     @cached_property
@@ -139,20 +161,27 @@ class HealthyLevels:
     def deviation(self, recording: Recording) -> Deviation:
         """How far a recording is from the healthy ones.
 
-        It joins them, and all are scored alike, so the p-value is exact where it is exchangeable with them
-        (`conformal_p_value`).
+        It joins them, and all are scored alike, so the p-value is exact where it is exchangeable
+        with them (`conformal_p_value`).
 
         Raises
         ------
         DataError
-            It is unfit, much shorter than the healthy ones, or of a machine or operating point that has none.
+            It is unfit, much shorter than the healthy ones, or of a machine or operating point that
+            has none.
         """
         index, notes = self._point_of(recording)
         return self.deviation_of(self.layout.measure(recording, self.shortest), index, notes)
 
-    def deviation_of(self, levels: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()) -> Deviation:
-        """How far `levels` [dB] are from those of the healthy recordings of a point, by its index."""
-        scores = nonconformity_scores(np.vstack([self.levels, levels]), np.append(self.point_index, index))
+    def deviation_of(
+        self, levels: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()
+    ) -> Deviation:
+        """How far `levels` [dB] are from those of the healthy recordings of a point, by its
+        index.
+        """
+        scores = nonconformity_scores(
+            np.vstack([self.levels, levels]), np.append(self.point_index, index)
+        )
         members = self.levels[self.point_index == index]
         change = levels - members.mean(axis=0)
         scatter = robust_spread(self.levels, self.point_index) * math.sqrt(1 + 1 / len(members))
@@ -174,7 +203,9 @@ class HealthyLevels:
         )
 
     def members(self, recording: Recording) -> Float64[np.ndarray, "recording level"]:
-        """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError` without any."""
+        """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError`
+        without any.
+        """
         return self.levels[self.point_index == self._point_of(recording)[0]]
 
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
@@ -183,9 +214,17 @@ class HealthyLevels:
         left, missing = list(range(len(self.points))), []
         for part, (noun, tolerance) in enumerate(_FACTS):
             stated, known = point[part], [self.points[index][part] for index in left]
-            exact = [index for index, fact in zip(left, known, strict=True) if _agree(fact, stated, tolerance)]
+            exact = [
+                index
+                for index, fact in zip(left, known, strict=True)
+                if _agree(fact, stated, tolerance)
+            ]
             if not exact:
-                exact = [index for index, fact in zip(left, known, strict=True) if fact is None or stated is None]
+                exact = [
+                    index
+                    for index, fact in zip(left, known, strict=True)
+                    if fact is None or stated is None
+                ]
             if not exact:
                 others = dict.fromkeys(_fact_words(part, fact) for fact in known)
                 where = f"{'of' if part == 0 else 'at the'} {noun} {_fact_words(part, stated)}"
@@ -205,7 +244,9 @@ class HealthyLevels:
             )
         if not missing:
             return left[0], ()
-        return left[0], (f"It does not state its {' and '.join(missing)}; {_words(self.points[left[0]])} was assumed.",)
+        return left[0], (
+            f"It does not state its {' and '.join(missing)}; {_words(self.points[left[0]])} was assumed.",
+        )
 
 
 _FACTS = (("specimen", 0.0), ("speed", SPEED_TOLERANCE), ("pressure", PRESSURE_TOLERANCE))
@@ -232,12 +273,17 @@ def measure_healthy(
     """
     for recording in recordings:
         if recording.synthetic:
-            raise InputError(f"{recording.recording_id} is synthetic; only measured recordings say how much scatters.")
+            raise InputError(
+                f"{recording.recording_id} is synthetic; only measured recordings say how much scatters."
+            )
     for finding in layout_findings(recordings):
         raise DataError(finding.message)
     manifest = manifest_of(recordings)
     copies = repeated_recordings(manifest)
-    notes = [f"{name} holds the same samples as {first} and is left out." for name, first in copies.items()]
+    notes = [
+        f"{name} holds the same samples as {first} and is left out."
+        for name, first in copies.items()
+    ]
     distinct = [recording for recording in recordings if recording.recording_id not in copies]
     facts = np.array([_stated_point(recording) for recording in distinct]).reshape(-1, 2)
     speed = merge_close_values(facts[:, 0], SPEED_TOLERANCE)
@@ -245,7 +291,9 @@ def measure_healthy(
     specimens = [recording.specimen or "" for recording in distinct]
     keys = list(map(_point_key, specimens, speed.tolist(), pressure.tolist()))
     for key in dict.fromkeys(key for key in keys if keys.count(key) == 1):
-        notes.append(f"{distinct[keys.index(key)].recording_id} is the only one at {_words(key)} and is left out.")
+        notes.append(
+            f"{distinct[keys.index(key)].recording_id} is the only one at {_words(key)} and is left out."
+        )
     used = [index for index, key in enumerate(keys) if keys.count(key) > 1]
     if len(used) < LEAST_HEALTHY:
         raise DataError(
@@ -273,8 +321,12 @@ def measure_healthy(
 
 
 def _stated_point(recording: Recording) -> tuple[float, float]:
-    """Speed [rad/s] and discharge pressure [Pa] that a recording states, NaN where it states none."""
-    return float(2 * math.pi * (stated_speed(recording) or math.nan)), float(stated_pressure(recording))
+    """Speed [rad/s] and discharge pressure [Pa] that a recording states, NaN where it states
+    none.
+    """
+    return float(2 * math.pi * (stated_speed(recording) or math.nan)), float(
+        stated_pressure(recording)
+    )
 
 
 def _agree(first: str | float | None, second: str | float | None, tolerance: float) -> bool:
@@ -299,11 +351,14 @@ def _fact_words(part: int, value: str | float | None) -> str:
 
 
 MOST_ODD = 0.2
-"""Share of the recordings that is left out at most: more of them are no exception but another state of the machine."""
+"""Share of the recordings that is left out at most: more of them are no exception but another state
+of the machine.
+"""
 _SPREADS, _LEAST_SPREAD = 6.0, 0.1
-"""A recording is odd where the cube root of its score is so many standard deviations above the median of the usual
-ones; the deviation is at least so much of the median. Cube roots of chi-squares are nearly normal (Wilson and Hilferty
-1931)."""
+"""A recording is odd where the cube root of its score is so many standard deviations above the
+median of the usual ones; the deviation is at least so much of the median. Cube roots of chi-squares
+are nearly normal (Wilson and Hilferty 1931).
+"""
 
 
 def usual_recordings(
@@ -311,10 +366,11 @@ def usual_recordings(
 ) -> Bool[np.ndarray, " recording"]:
     """Which recordings, two or more of each point, are alike; the others are odd.
 
-    From the half of each point that is nearest to the point's median the usual ones grow and shrink (as in Rousseeuw
-    and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until each has a score below the limit against the
-    other usual ones, and no other recording has. So odd recordings cannot hide one another. A point of which one
-    recording would be left is odd as a whole.
+    From the half of each point that is nearest to the point's median the usual ones grow and shrink
+    (as in Rousseeuw and Van Driessen 1999, DOI 10.1080/00401706.1999.10485670) until each has a
+    score below the limit against the other usual ones, and no other recording has. So odd
+    recordings cannot hide one another. A point of which one recording would be left is odd as a
+    whole.
     """
     usual = _central_half(levels, point)
     for _ in range(len(levels)):
@@ -335,24 +391,31 @@ def scores_against(
     point: Int[np.ndarray, " recording"],
     usual: Bool[np.ndarray, " recording"],
 ) -> Float64[np.ndarray, " recording"]:
-    """Nonconformity score of each recording against the usual ones without it; infinite where its point has none."""
+    """Nonconformity score of each recording against the usual ones without it; infinite where its
+    point has none.
+    """
     scores = np.full(len(levels), np.inf)
     scores[usual] = nonconformity_scores(levels[usual], point[usual])
     count = np.bincount(point[usual], minlength=point.max() + 1)[point]
     other = ~usual & (count > 0)
-    means = np.stack([levels[usual & (point == own)].mean(axis=0) for own in point[other]] or [levels[0]])
+    means = np.stack(
+        [levels[usual & (point == own)].mean(axis=0) for own in point[other]] or [levels[0]]
+    )
     change = (levels[other] - means[: other.sum()]) * np.sqrt(count / (count + 1))[other, None]
     scores[other] = _distance(levels[usual], point[usual], change)
     return scores
 
 
 def least_rise(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"], error_rate: float
+    levels: Float[np.ndarray, "recording level"],
+    point: Int[np.ndarray, " recording"],
+    error_rate: float,
 ) -> float:
-    """Rise of a single level [dB] that lifts a usual recording to an alarm, in the median of the levels.
+    """Rise of a single level [dB] that lifts a usual recording to an alarm, in the median of the
+    levels.
 
-    The score is quadratic in the change: x² w = s - m, with w the score of a rise by 1 dB, s the score that an alarm
-    takes at the false-alarm rate, and m the median score of the recordings.
+    The score is quadratic in the change: x² w = s - m, with w the score of a rise by 1 dB, s the
+    score that an alarm takes at the false-alarm rate, and m the median score of the recordings.
     """
     scores = np.sort(nonconformity_scores(levels, point))
     needed = scores[-max(1, int(error_rate * (len(levels) + 1) + 1e-9))]
@@ -365,7 +428,9 @@ def _distance(
     point: Int[np.ndarray, " recording"],
     change: Float[np.ndarray, "other level"],
 ) -> Float64[np.ndarray, " other"]:
-    """Squared Mahalanobis distance of changes [dB], each of the variance of one recording: `nonconformity_scores`."""
+    """Squared Mahalanobis distance of changes [dB], each of the variance of one recording:
+    `nonconformity_scores`.
+    """
     spread, ridge = robust_spread(levels, point), (len(levels) + 1) * RIDGE
     residual, scaled = point_residuals(levels, point)[0] / spread, change / spread
     along = residual @ scaled.T
@@ -376,7 +441,9 @@ def _distance(
 def _central_half(
     levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Bool[np.ndarray, " recording"]:
-    """The recordings of each point that are nearest to its median in all levels together: more than half."""
+    """The recordings of each point that are nearest to its median in all levels together: more than
+    half.
+    """
     change = levels - np.stack([np.median(levels[point == own], axis=0) for own in point])
     spread = np.sqrt(np.median(np.abs(change), axis=0) ** 2 + 1)
     distance = ((change / spread) ** 2).sum(axis=1)

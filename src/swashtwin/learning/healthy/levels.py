@@ -1,4 +1,6 @@
-"""Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its envelope."""
+"""Levels of a recording: power in bands of frequency and at shaft orders, of the signal and of its
+envelope.
+"""
 
 import math
 from collections.abc import Sequence
@@ -22,14 +24,17 @@ LEAST_LINES = 4
 _RATIO = 2 ** (1 / 3)
 """Upper over lower edge of a wide band: a third octave."""
 _ORDER_WIDTH = 0.5
-"""Width of the band around a shaft order, in orders; a wandering speed smears the line within it."""
+"""Width of the band around a shaft order, in orders; a wandering speed smears the line within
+it.
+"""
 _FAINTEST = 1e-12
 """Power of a level over that of its channel, at least: the converter's steps are far above it."""
 _SEGMENT = 8192
 """Samples of each segment at most, where the speed is not known."""
 _SHORTEST = 0.5
-"""Length of a recording over that of the shortest one it is compared with, at least: levels of a shorter one scatter
-more."""
+"""Length of a recording over that of the shortest one it is compared with, at least: levels of a
+shorter one scatter more.
+"""
 
 
 @dataclass(frozen=True)
@@ -69,25 +74,35 @@ class Level:
         of = " of the envelope" if self.is_envelope else ""
         if self.order is None:
             return f"{_hertz(self.low)} to {_hertz(self.high)} Hz{of}"
-        return f"shaft order {self.order}{of}" + ("" if shaft is None else f" ({_hertz(self.order * shaft)} Hz)")
+        return f"shaft order {self.order}{of}" + (
+            "" if shaft is None else f" ({_hertz(self.order * shaft)} Hz)"
+        )
 
 
 @dataclass(frozen=True)
 class LevelLayout(WindowLayout):
-    """Which levels a recording is described by; `length` is that of the half-overlapping segments of its spectra."""
+    """Which levels a recording is described by; `length` is that of the half-overlapping segments
+    of its spectra.
+    """
 
     n_orders: int
-    """Shaft orders 1, 2, ... that have levels; 0 where the speed is not known or too few turns were recorded."""
+    """Shaft orders 1, 2, ... that have levels; 0 where the speed is not known or too few turns were
+    recorded.
+    """
 
     def __post_init__(self) -> None:
         if not (0 < self.sample_rate < math.inf and self.channels and self.length >= 2):
-            raise InputError("levels need a positive sample rate, a channel, and segments of two samples at least.")
+            raise InputError(
+                "levels need a positive sample rate, a channel, and segments of two samples at least."
+            )
         if not 0 <= self.n_orders <= MOST_ORDERS:
             raise InputError(f"n_orders ({self.n_orders}) must lie between 0 and {MOST_ORDERS}.")
 
     @cached_property
     def levels(self) -> tuple[Level, ...]:
-        """What each level is: for each channel bands and orders of the signal, then those of its envelope."""
+        """What each level is: for each channel bands and orders of the signal, then those of its
+        envelope.
+        """
         edges = (band_edges(self.length // 2) * self.sample_rate / self.length).tolist()
         half = _ORDER_WIDTH / 2
         return tuple(
@@ -96,15 +111,18 @@ class LevelLayout(WindowLayout):
             for is_envelope in (False, True)
             for level in (
                 *(Level(channel, is_envelope, None, *pair) for pair in pairwise(edges)),
-                *(Level(channel, is_envelope, k, k - half, k + half) for k in range(1, self.n_orders + 1)),
+                *(
+                    Level(channel, is_envelope, k, k - half, k + half)
+                    for k in range(1, self.n_orders + 1)
+                ),
             )
         )
 
     def measure(self, recording: Recording, shortest: int = 0) -> Float64[np.ndarray, " level"]:
         """The recording's `levels` [dB of the squared unit]; it is never whole in memory.
 
-        10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The envelope is the magnitude
-        of the analytic signal of the whole band.
+        10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The
+        envelope is the magnitude of the analytic signal of the whole band.
 
         Parameters
         ----------
@@ -118,13 +136,19 @@ class LevelLayout(WindowLayout):
         shaft = shaft_frequency(recording) if self.n_orders else None
 
         def with_envelope(signal: np.ndarray) -> np.ndarray:
-            return np.stack([signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1)
+            return np.stack(
+                [signal, signal_envelope(signal - signal.mean(axis=1, keepdims=True))], axis=1
+            )
 
-        density = recording_density(recording, self.length, least=_SHORTEST * shortest, of=with_envelope)
+        density = recording_density(
+            recording, self.length, least=_SHORTEST * shortest, of=with_envelope
+        )
         low, high = np.array([level.edges(shaft) for level in self.levels[: self._n_each]]).T
         sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
         power = between(sums, low * per_hertz, high * per_hertz)
-        return np.asarray(10 * np.log10(np.maximum(power, _FAINTEST * sums[..., -1:] + 1e-300) / per_hertz)).ravel()
+        return np.asarray(
+            10 * np.log10(np.maximum(power, _FAINTEST * sums[..., -1:] + 1e-300) / per_hertz)
+        ).ravel()
 
     @property
     def _n_each(self) -> int:
@@ -145,7 +169,9 @@ class Deviation:
     spreads: Float64[np.ndarray, " level"]
     """The same over the standard deviation of such a difference between healthy recordings."""
     point: str
-    """Machine and operating point whose healthy recordings it was compared with, in words; empty for the only one."""
+    """Machine and operating point whose healthy recordings it was compared with, in words; empty
+    for the only one.
+    """
     notes: tuple[str, ...]
     """What was assumed, since the recording does not state it."""
 
@@ -155,7 +181,8 @@ def _hertz(value: float) -> str:
 
 
 def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
-    """Edges of bands over the lines 1 to `n_lines`, in lines: third octaves, but no fewer than `LEAST_LINES` wide.
+    """Edges of bands over the lines 1 to `n_lines`, in lines: third octaves, but no fewer than
+    `LEAST_LINES` wide.
 
     Examples
     --------
@@ -172,7 +199,9 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
 
 
 def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
-    """(levels that all of one or more recordings of one layout allow, why orders are not among them)."""
+    """(levels that all of one or more recordings of one layout allow, why orders are not among
+    them).
+    """
     first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
     shafts = [stated_speed(recording) for recording in recordings]
     stated = [shaft for shaft in shafts if shaft]
@@ -185,4 +214,6 @@ def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[st
         segment = min(round(TURNS * first.sample_rate / min(stated)), shortest)
         n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
     notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
-    return LevelLayout(float(first.sample_rate), first.channels, first.unit, segment, n_orders), notes
+    return LevelLayout(
+        float(first.sample_rate), first.channels, first.unit, segment, n_orders
+    ), notes

@@ -1,8 +1,9 @@
-"""Training of `BiTCN` on a CPU: the same numbers as its branches give, in few passes over the features.
+"""Training of `BiTCN` on a CPU: the same numbers as its branches give, in few passes over the
+features.
 
-Convolutions find the features of a step side by side, as the processor multiplies them. Normalization, ReLU
-and dropout are compiled to one pass over the features for each mean that they need, and dropout draws its numbers
-within such a pass.
+Convolutions find the features of a step side by side, as the processor multiplies them.
+Normalization, ReLU and dropout are compiled to one pass over the features for each mean that they
+need, and dropout draws its numbers within such a pass.
 """
 
 from typing import Any, no_type_check
@@ -21,7 +22,10 @@ _U32, _F32 = np.uint32, np.float32
 
 
 def fused_encoding(
-    positive: Branch, inverse: Branch | None, skip: nn.Conv1d, windows: Float[Tensor, "window channel time"]
+    positive: Branch,
+    inverse: Branch | None,
+    skip: nn.Conv1d,
+    windows: Float[Tensor, "window channel time"],
 ) -> Float[Tensor, "window feature"]:
     """What `BiTCN.encode` gives of whole patches in training, to rounding.
 
@@ -33,20 +37,30 @@ def fused_encoding(
     return (fused + _patch_features(skip, windows)).relu_().mean(dim=1)
 
 
-def _features(branch: Branch, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window step feature"]:
+def _features(
+    branch: Branch, windows: Float[Tensor, "window channel time"]
+) -> Float[Tensor, "window step feature"]:
     """Features of a branch."""
     features = _patch_features(branch.entry, windows)
     for unit in branch.units:
         assert isinstance(unit, ResidualUnit)
         normalization = unit.normalization
-        convolved = _convolve(unit.convolution, functional.pad(features, (0, 0, *unit.padding)), with_bias=False)
+        convolved = _convolve(
+            unit.convolution, functional.pad(features, (0, 0, *unit.padding)), with_bias=False
+        )
         active, mean = _Activation.apply(
-            convolved, unit.convolution.bias, normalization.weight, normalization.bias, normalization, unit.dropout.p
+            convolved,
+            unit.convolution.bias,
+            normalization.weight,
+            normalization.bias,
+            normalization,
+            unit.dropout.p,
         )
         if isinstance(unit.attention, SqueezeExcitation):
             active = active * unit.attention.weights(mean).unsqueeze(1)
         features = (
-            active + (features if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, features))
+            active
+            + (features if isinstance(unit.skip, nn.Identity) else _convolve(unit.skip, features))
         ).relu_()
     return _convolve(branch.exit, features)
 
@@ -63,25 +77,41 @@ def _convolve(
     convolution: nn.Conv1d, x: Float[Tensor, "window step feature_in"], with_bias: bool = True
 ) -> Float[Tensor, "window shorter feature_out"]:
     """The convolution over the steps."""
-    image = x.transpose(1, 2).unsqueeze(2)  # one row of pixels, which torch knows to hold the features last
+    image = x.transpose(1, 2).unsqueeze(
+        2
+    )  # one row of pixels, which torch knows to hold the features last
     bias = convolution.bias if with_bias else None
-    convolved = functional.conv2d(image, convolution.weight.unsqueeze(2), bias, dilation=(1, *convolution.dilation))
+    convolved = functional.conv2d(
+        image, convolution.weight.unsqueeze(2), bias, dilation=(1, *convolution.dilation)
+    )
     return convolved.squeeze(2).transpose(1, 2)
 
 
 class _Activation(torch.autograd.Function):
-    """Dropout of the ReLU of what batch normalization makes of a convolution, and its mean over the steps.
+    """Dropout of the ReLU of what batch normalization makes of a convolution, and its mean over the
+    steps.
 
     The bias of the convolution only shifts the running mean: normalization takes it away.
     """
 
     @staticmethod
     def forward(
-        ctx: Any, x: Tensor, bias: Tensor, gamma: Tensor, beta: Tensor, normalization: nn.BatchNorm1d, dropout: float
+        ctx: Any,
+        x: Tensor,
+        bias: Tensor,
+        gamma: Tensor,
+        beta: Tensor,
+        normalization: nn.BatchNorm1d,
+        dropout: float,
     ) -> tuple[Tensor, Tensor]:
         x = x.contiguous()
         mean, variance = _moments(_array(x))
-        _update(normalization, torch.from_numpy(mean) + bias, torch.from_numpy(variance), x.shape[0] * x.shape[1])
+        _update(
+            normalization,
+            torch.from_numpy(mean) + bias,
+            torch.from_numpy(variance),
+            x.shape[0] * x.shape[1],
+        )
         inverse = 1 / np.sqrt(variance + normalization.eps)
         gain = 1 / (1 - dropout)
         scale = gain * inverse * gamma.numpy()
@@ -98,9 +128,18 @@ class _Activation(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         x, active, gamma = ctx.saved_tensors
         grad_x = torch.empty_like(x)
-        arrays = (_array(part) for part in (grads[0].contiguous(), grads[1], x, active, gamma, grad_x))
+        arrays = (
+            _array(part) for part in (grads[0].contiguous(), grads[1], x, active, gamma, grad_x)
+        )
         of_bias, of_gamma, of_beta = _activate_backward(*arrays, *ctx.factors)
-        return grad_x, torch.from_numpy(of_bias), torch.from_numpy(of_gamma), torch.from_numpy(of_beta), None, None
+        return (
+            grad_x,
+            torch.from_numpy(of_bias),
+            torch.from_numpy(of_gamma),
+            torch.from_numpy(of_beta),
+            None,
+            None,
+        )
 
 
 def _update(normalization: nn.BatchNorm1d, mean: Tensor, variance: Tensor, count: int) -> None:
@@ -143,8 +182,8 @@ def _moments(x):
 def _activate(x, scale, shift, active, mean, seed, least):
     """Fill in what is active after ReLU and dropout, and its mean over the steps.
 
-    The random number of an entry is a hash of its place and the seed (the multipliers are of C. Wellons, "Prospecting
-    for hash functions", 2018); an entry below `least` is dropped.
+    The random number of an entry is a hash of its place and the seed (the multipliers are of C.
+    Wellons, "Prospecting for hash functions", 2018); an entry below `least` is dropped.
     """
     windows, steps, features = x.shape
     for n in range(windows):
@@ -167,7 +206,9 @@ def _activate(x, scale, shift, active, mean, seed, least):
 @compiled
 @no_type_check
 def _activate_backward(grad, grad_mean, x, active, gamma, grad_x, mean, inverse, gain):
-    """Fill in the gradient of `x`; those of the convolution's bias (rounding only), of gamma and of beta come back."""
+    """Fill in the gradient of `x`; those of the convolution's bias (rounding only), of gamma and of
+    beta come back.
+    """
     windows, steps, features = x.shape
     of_beta, of_gamma, of_bias = np.zeros(features), np.zeros(features), np.zeros(features)
     for n in range(windows):
@@ -180,7 +221,10 @@ def _activate_backward(grad, grad_mean, x, active, gamma, grad_x, mean, inverse,
                 weighted[c] += passed * ((x[n, t, c] - mean[c]) * inverse[c])
         of_beta += plain
         of_gamma += weighted
-    constant, slope = (of_beta / (windows * steps)).astype(_F32), (of_gamma / (windows * steps)).astype(_F32)
+    constant, slope = (
+        (of_beta / (windows * steps)).astype(_F32),
+        (of_gamma / (windows * steps)).astype(_F32),
+    )
     scale = gamma * inverse
     for n in range(windows):
         total = np.zeros(features, _F32)
@@ -188,7 +232,9 @@ def _activate_backward(grad, grad_mean, x, active, gamma, grad_x, mean, inverse,
             for c in range(features):
                 passed = (grad[n, t, c] + grad_mean[n, c] / _F32(steps)) * gain
                 passed = passed if active[n, t, c] > _ZERO else _ZERO
-                value = scale[c] * (passed - constant[c] - (x[n, t, c] - mean[c]) * inverse[c] * slope[c])
+                value = scale[c] * (
+                    passed - constant[c] - (x[n, t, c] - mean[c]) * inverse[c] * slope[c]
+                )
                 grad_x[n, t, c] = value
                 total[c] += value
         of_bias += total

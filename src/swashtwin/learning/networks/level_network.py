@@ -24,16 +24,17 @@ _RIDGE = 1e-6  # added to each variance, which a level that never changes has no
 
 
 class LevelNetwork(SolvedNetwork):
-    """Levels of a window's spectrum and envelopes, decided on by a discriminant, a hidden layer, or both; ours.
+    """Levels of a window's spectrum and envelopes, decided on by a discriminant, a hidden layer, or
+    both; ours.
 
-    A level is log10 of a power: of narrow lines at the shaft's orders (or of equal width in hertz), of logarithmic
-    bands, of the same of the envelope of all of the signal and of what lies above 1 kHz and 4 kHz (at 25.6 kHz), and
-    the shape of the distributions (`window_levels`). With `shape` each channel's own level is subtracted, so that no
-    gain changes anything.
+    A level is log10 of a power: of narrow lines at the shaft's orders (or of equal width in hertz),
+    of logarithmic bands, of the same of the envelope of all of the signal and of what lies above 1
+    kHz and 4 kHz (at 25.6 kHz), and the shape of the distributions (`window_levels`). With `shape`
+    each channel's own level is subtracted, so that no gain changes anything.
 
-    The discriminant is linear: Gaussian classes of one covariance, shrunk by Ledoit and Wolf (2004, DOI
-    10.1016/S0047-259X(03)00096-4), all classes alike likely. The hidden layer is trained by Adam (`fit_hidden`). Their
-    probabilities are averaged.
+    The discriminant is linear: Gaussian classes of one covariance, shrunk by Ledoit and Wolf (2004,
+    DOI 10.1016/S0047-259X(03)00096-4), all classes alike likely. The hidden layer is trained by
+    Adam (`fit_hidden`). Their probabilities are averaged.
 
     Weights, with L levels of a window, H = `hidden`:
 
@@ -52,7 +53,8 @@ class LevelNetwork(SolvedNetwork):
     axis : one of `AXES`.
     shape : whether each channel's own level is subtracted.
     heads : some of `HEADS`.
-    turns : turns of the shaft per sample where a window's speed is not stated; 0 refuses such windows.
+    turns : turns of the shaft per sample where a window's speed is not stated; 0 refuses such
+        windows.
     hidden : size of the hidden layer.
     dropout : share of its features dropped in training.
     noise : deviation of the noise on the levels when the hidden layer is trained, over theirs.
@@ -88,9 +90,13 @@ class LevelNetwork(SolvedNetwork):
         if axis not in AXES:
             raise InputError(f"{self.name}: axis {axis!r} is none of {', '.join(AXES)}.")
         if not heads or not set(heads) <= set(HEADS):
-            raise InputError(f"{self.name}: heads ({', '.join(heads) or 'none'}) are some of {', '.join(HEADS)}.")
+            raise InputError(
+                f"{self.name}: heads ({', '.join(heads) or 'none'}) are some of {', '.join(HEADS)}."
+            )
         if noise < 0 or turns < 0:
-            raise InputError(f"{self.name}: noise ({noise:g}) and turns ({turns:g}) must not be negative.")
+            raise InputError(
+                f"{self.name}: noise ({noise:g}) and turns ({turns:g}) must not be negative."
+            )
         super().__init__(
             n_channels=n_channels, n_classes=n_classes, axis=axis, shape=shape, heads=heads, turns=turns, hidden=hidden,
             dropout=dropout, noise=noise,
@@ -103,30 +109,52 @@ class LevelNetwork(SolvedNetwork):
         return bool(self.settings["axis"] == "order")
 
     def catalogue(self, length: int) -> tuple[Level, ...]:
-        """What each level of a channel is of, in windows of `length` samples; a feature is level after level, channel
-        after channel."""
+        """What each level of a channel is of, in windows of `length` samples; a feature is level
+        after level, channel after channel.
+        """
         return level_catalogue(length, self.uses_speed)
 
     def represent_at(
-        self, windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"]
+        self,
+        windows: Float32[np.ndarray, "window channel time"],
+        turns: Float[np.ndarray, " window"],
     ) -> Float32[np.ndarray, "window level"]:
-        """Levels of windows with so many turns of the shaft per sample; NaN takes the training's."""
+        """Levels of windows with so many turns of the shaft per sample; NaN takes the
+        training's.
+        """
         usual = self.settings["turns"]
         if self.uses_speed and not usual and np.isnan(turns).any():
-            raise DataError("the model counts orders of the shaft: state the speed, or train with turns (per sample).")
-        return self.shaped(window_levels(windows, np.where(np.isnan(turns), usual, turns) if self.uses_speed else None))
+            raise DataError(
+                "the model counts orders of the shaft: state the speed, or train with turns (per sample)."
+            )
+        return self.shaped(
+            window_levels(
+                windows, np.where(np.isnan(turns), usual, turns) if self.uses_speed else None
+            )
+        )
 
-    def shaped(self, levels: Float32[np.ndarray, "window channel level"]) -> Float32[np.ndarray, "window value"]:
-        """Levels of `window_levels`, channel after channel; with `shape` less what each channel's own level adds."""
+    def shaped(
+        self, levels: Float32[np.ndarray, "window channel level"]
+    ) -> Float32[np.ndarray, "window value"]:
+        """Levels of `window_levels`, channel after channel; with `shape` less what each channel's
+        own level adds.
+        """
         if self.settings["shape"]:
             levels = levels - self.response * levels[..., :1]
         return levels.reshape(len(levels), -1)
 
-    def encode(self, values: Float32[np.ndarray, "window level"]) -> Float[np.ndarray, "window level"]:
+    def encode(
+        self, values: Float32[np.ndarray, "window level"]
+    ) -> Float[np.ndarray, "window level"]:
         """Levels in deviations of the training's."""
         return (values - self.weights["mean"]) / self.weights["deviation"]
 
-    def solve(self, values: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], seed: int) -> None:
+    def solve(
+        self,
+        values: Float32[np.ndarray, "window level"],
+        target: Int[np.ndarray, " window"],
+        seed: int,
+    ) -> None:
         """Find the weights from levels and classes."""
         solve_alike([self], [values], target, seed)
 
@@ -141,17 +169,22 @@ class LevelNetwork(SolvedNetwork):
                 levels_seen, layer = np.maximum(self._affine("hidden", levels), 0), "output"
             else:
                 levels_seen, layer = levels, head
-            logarithms[head] = scipy.special.log_softmax(self._affine(layer, levels_seen).astype(np.float64), axis=1)
+            logarithms[head] = scipy.special.log_softmax(
+                self._affine(layer, levels_seen).astype(np.float64), axis=1
+            )
         return logarithms
 
-    def scores(self, values: Float32[np.ndarray, "window level"]) -> Float64[np.ndarray, "window class"]:
+    def scores(
+        self, values: Float32[np.ndarray, "window level"]
+    ) -> Float64[np.ndarray, "window class"]:
         """Logarithm of the mean probability of the heads."""
         return mean_of_heads(list(self.log_probabilities(values).values()))
 
     def mean_gradient(
         self, levels: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
     ) -> tuple[Float64[np.ndarray, "window level"], Float64[np.ndarray, " window"]]:
-        """(mean gradient on the straight way from 0, change on it) of a class's score less that of its rival.
+        """(mean gradient on the straight way from 0, change on it) of a class's score less that of
+        its rival.
 
         `levels` are as `encode` gives them, `steps` the points of the midpoint rule.
         """
@@ -159,7 +192,9 @@ class LevelNetwork(SolvedNetwork):
         inner = {head: (levels @ self.weights[head].T).astype(np.float64) for head in names}
         slope = {head: np.zeros_like(part) for head, part in inner.items()}
         for step in range(steps):
-            ways = {head: self._along(head, part, (step + 0.5) / steps) for head, part in inner.items()}
+            ways = {
+                head: self._along(head, part, (step + 0.5) / steps) for head, part in inner.items()
+            }
             for chosen, sign in ((label, 1.0), (rival, -1.0)):
                 shares = scipy.special.log_softmax(
                     np.stack([way[0][:, chosen] for way in ways.values()], axis=1), axis=1
@@ -169,18 +204,24 @@ class LevelNetwork(SolvedNetwork):
                     change = -np.exp(logarithm)
                     change[:, chosen] += 1
                     change *= sign * share[:, None] / steps
-                    slope[head] += change if active is None else (change @ self.weights["output"]) * active
+                    slope[head] += (
+                        change if active is None else (change @ self.weights["output"]) * active
+                    )
         gradient = sum(part @ self.weights[head] for head, part in slope.items())
         margins = []
         for position in (1.0, 0.0):
-            mean = mean_of_heads([self._along(head, part, position)[0] for head, part in inner.items()])
+            mean = mean_of_heads(
+                [self._along(head, part, position)[0] for head, part in inner.items()]
+            )
             margins.append(mean[:, label] - mean[:, rival])
         return np.asarray(gradient), margins[0] - margins[1]
 
     def _along(
         self, head: str, inner: Float64[np.ndarray, "window unit"], position: float
     ) -> tuple[Float64[np.ndarray, "window class"], np.ndarray | None]:
-        """(log-probabilities of a head at a share of the way from 0, which hidden units are active)."""
+        """(log-probabilities of a head at a share of the way from 0, which hidden units are
+        active).
+        """
         sums = position * inner + self.weights[f"{head}.bias"]
         if head == "discriminant":
             return scipy.special.log_softmax(sums, axis=1), None
@@ -189,7 +230,9 @@ class LevelNetwork(SolvedNetwork):
         return scipy.special.log_softmax(scores, axis=1), active
 
     def loaded(self, weights: Mapping[str, np.ndarray]) -> "LevelNetwork":
-        """This network with the weights of a saved one; a `ValueError` where they are of another shape."""
+        """This network with the weights of a saved one; a `ValueError` where they are of another
+        shape.
+        """
         n_levels, hidden = self.n_channels * len(self.response), self.settings["hidden"]
         needed: dict[str, tuple[int, ...]] = {"mean": (n_levels,), "deviation": (n_levels,)}
         layers = {"discriminant": (self.n_classes, n_levels), "hidden": (hidden, n_levels)}
@@ -202,7 +245,9 @@ class LevelNetwork(SolvedNetwork):
         self.weights = dict(weights)
         return self
 
-    def _affine(self, layer: str, x: Float[np.ndarray, "window unit"]) -> Float[np.ndarray, "window row"]:
+    def _affine(
+        self, layer: str, x: Float[np.ndarray, "window unit"]
+    ) -> Float[np.ndarray, "window row"]:
         return x @ self.weights[layer].T + self.weights[f"{layer}.bias"]
 
 
@@ -212,10 +257,14 @@ def solve_alike(
     target: Int[np.ndarray, " window"],
     seed: int,
 ) -> None:
-    """Find the weights of networks that differ in `shape` only, each from its levels; noise is drawn once for all."""
+    """Find the weights of networks that differ in `shape` only, each from its levels; noise is
+    drawn once for all.
+    """
     heads, levels = networks[0].settings["heads"], []
     for network, part in zip(networks, values, strict=True):
-        deviation = part.std(axis=0, ddof=1, dtype=np.float64) if len(part) > 1 else np.ones(part.shape[1])
+        deviation = (
+            part.std(axis=0, ddof=1, dtype=np.float64) if len(part) > 1 else np.ones(part.shape[1])
+        )
         network.weights = {
             "mean": part.mean(axis=0, dtype=np.float64).astype(np.float32),
             "deviation": np.maximum(deviation, _LEAST_DEVIATION).astype(np.float32),
@@ -224,13 +273,25 @@ def solve_alike(
         if "discriminant" in heads:
             network.weights |= discriminant(levels[-1], target, network.n_classes)
     if "hidden" in heads:
-        size, dropout, noise = (networks[0].settings[name] for name in ("hidden", "dropout", "noise"))
-        layers = fit_hidden(np.stack(levels), target, network.n_classes, size, dropout=dropout, noise=noise, seed=seed)
+        size, dropout, noise = (
+            networks[0].settings[name] for name in ("hidden", "dropout", "noise")
+        )
+        layers = fit_hidden(
+            np.stack(levels),
+            target,
+            network.n_classes,
+            size,
+            dropout=dropout,
+            noise=noise,
+            seed=seed,
+        )
         for index, network in enumerate(networks):
             network.weights |= {name: part[index] for name, part in layers.items()}
 
 
-def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> Float64[np.ndarray, "window class"]:
+def mean_of_heads(
+    logarithms: Sequence[Float64[np.ndarray, "window class"]],
+) -> Float64[np.ndarray, "window class"]:
     """Logarithm of the mean of probabilities whose logarithms these are."""
     return np.asarray(np.logaddexp.reduce(np.stack(logarithms), axis=0) - np.log(len(logarithms)))
 
@@ -238,7 +299,9 @@ def mean_of_heads(logarithms: Sequence[Float64[np.ndarray, "window class"]]) -> 
 def discriminant(
     levels: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], n_classes: int
 ) -> dict[str, Float32[np.ndarray, "..."]]:
-    """Weights of the linear discriminant: W = S⁻¹ m_c, b = -m_cᵀ S⁻¹ m_c / 2, S the covariance within classes."""
+    """Weights of the linear discriminant: W = S⁻¹ m_c, b = -m_cᵀ S⁻¹ m_c / 2, S the covariance
+    within classes.
+    """
     x = levels.astype(np.float64)
     centers = np.stack([x[target == index].mean(axis=0) for index in range(n_classes)])
     covariance = shrunk_covariance(x - centers[target])
@@ -266,12 +329,14 @@ def fit_hidden(
     noise: float,
     seed: int,
 ) -> dict[str, Float32[np.ndarray, "..."]]:
-    """Weights ``hidden`` and ``output`` of W₂ ReLU(W₁ x + b₁) + b₂, with their biases; x of mean 0 and deviation 1.
+    """Weights ``hidden`` and ``output`` of W₂ ReLU(W₁ x + b₁) + b₂, with their biases; x of mean 0
+    and deviation 1.
 
-    Trained by Adam (Kingma and Ba 2015, arXiv:1412.6980), its derivatives written out, for the cross-entropy, classes
-    weighted alike, in ten passes with a rate that falls by a cosine. Before the ReLU stands batch normalization (Ioffe
-    and Szegedy 2015, arXiv:1502.03167), which the weights given hold already, and after it dropout of a share of the
-    `size` units; in each step noise of deviation `noise` is added to the levels; all kinds of these share the draws.
+    Trained by Adam (Kingma and Ba 2015, arXiv:1412.6980), its derivatives written out, for the
+    cross-entropy, classes weighted alike, in ten passes with a rate that falls by a cosine. Before
+    the ReLU stands batch normalization (Ioffe and Szegedy 2015, arXiv:1502.03167), which the
+    weights given hold already, and after it dropout of a share of the `size` units; in each step
+    noise of deviation `noise` is added to the levels; all kinds of these share the draws.
     """
     rng = stream(seed, "hidden layer")
     n, n_levels = levels.shape[-2:]
@@ -283,12 +348,18 @@ def fit_hidden(
         "second": np.tile(_uniform(rng, (n_classes, size), size), alike),
         "bias": np.tile(_uniform(rng, (1, n_classes), size), alike),
     }
-    moments = {name: (np.zeros_like(value), np.zeros_like(value)) for name, value in weights.items()}
-    class_weight = (n / (n_classes * np.maximum(np.bincount(target, minlength=n_classes), 1))).astype(np.float32)
+    moments = {
+        name: (np.zeros_like(value), np.zeros_like(value)) for name, value in weights.items()
+    }
+    class_weight = (
+        n / (n_classes * np.maximum(np.bincount(target, minlength=n_classes), 1))
+    ).astype(np.float32)
     mean, variance = np.zeros_like(weights["gain"]), np.ones_like(weights["gain"])
     starts = list(range(0, n, _BATCH))
     if len(starts) > 1 and n - starts[-1] == 1:
-        del starts[-1]  # a last step of one window joins the one before: one window has no deviation
+        del starts[
+            -1
+        ]  # a last step of one window joins the one before: one window has no deviation
     steps, step, keep = _PASSES * len(starts), 0, np.float32(1 - dropout)
     for _ in range(_PASSES):
         order = rng.permutation(n)
@@ -318,9 +389,9 @@ def fit_hidden(
                 "gain": (back * scaled).sum(axis=-2, keepdims=True), "shift": back.sum(axis=-2, keepdims=True),
                 "second": slope.swapaxes(-1, -2) @ active, "bias": slope.sum(axis=-2, keepdims=True),
             }  # fmt: skip
-            back = (back - gradient["shift"] / len(rows) - scaled * (gradient["gain"] / len(rows))) * (
-                weights["gain"] * inverse
-            )
+            back = (
+                back - gradient["shift"] / len(rows) - scaled * (gradient["gain"] / len(rows))
+            ) * (weights["gain"] * inverse)
             gradient["first"] = back.swapaxes(-1, -2) @ x
             rate, step = _RATE * (1 + np.cos(np.pi * step / steps)) / 2, step + 1
             first_bias, second_bias = (1 - decay**step for decay in _DECAYS)
@@ -342,6 +413,10 @@ def fit_hidden(
     }
 
 
-def _uniform(rng: np.random.Generator, shape: tuple[int, ...], n_inputs: int) -> Float32[np.ndarray, "..."]:
+def _uniform(
+    rng: np.random.Generator, shape: tuple[int, ...], n_inputs: int
+) -> Float32[np.ndarray, "..."]:
     """First weights, uniform within one over the root of the number of inputs."""
-    return ((2 * rng.random(shape, dtype=np.float32) - 1) / np.float32(np.sqrt(n_inputs))).astype(np.float32)
+    return ((2 * rng.random(shape, dtype=np.float32) - 1) / np.float32(np.sqrt(n_inputs))).astype(
+        np.float32
+    )

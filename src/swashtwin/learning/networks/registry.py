@@ -1,4 +1,6 @@
-"""Networks by name, and their settings, checked against the constructor before anything is built."""
+"""Networks by name, and their settings, checked against the constructor before anything is
+built.
+"""
 
 import difflib
 import inspect
@@ -27,7 +29,9 @@ NETWORKS: dict[str, type | tuple[str, str]] = {
     "random_forest": ("tree_network", "RandomForest"),
     "bitcn": ("bitcn", "BiTCN"),
 }
-"""Class of each network, or module and name of a class of this package that nobody needed yet (`network_class`)."""
+"""Class of each network, or module and name of a class of this package that nobody needed yet
+(`network_class`).
+"""
 
 BUILT_IN = frozenset(NETWORKS)
 """Names of the networks of this package, which no other network can take."""
@@ -50,10 +54,14 @@ def network_class(name: str) -> Any:
     if name not in NETWORKS:
         near = difflib.get_close_matches(name.lower(), NETWORKS, n=1, cutoff=0.3)
         hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}")
+        raise InputError(
+            f"unknown network {name!r}; there are {', '.join(sorted(NETWORKS))}.{hint}"
+        )
     found = NETWORKS[name]
     if isinstance(found, tuple):
-        module = load_extra(f"swashtwin.learning.networks.{found[0]}", "networks", f"the network {name}")
+        module = load_extra(
+            f"swashtwin.learning.networks.{found[0]}", "networks", f"the network {name}"
+        )
         found = NETWORKS[name] = getattr(module, found[1])
     return found
 
@@ -61,23 +69,24 @@ def network_class(name: str) -> Any:
 def register_network(name: str, network: "type[AnyNetwork] | Callable[..., nn.Module]") -> None:
     """Make an own network known under `name`, to be trained, saved and loaded like any other.
 
-    A saved model names its network only, so the same call must come before it is loaded elsewhere. A package can have
-    it made automatically, for the command line too, by an entry point `name` of the group ``swashtwin.networks`` that
-    points at `network`.
+    A saved model names its network only, so the same call must come before it is loaded elsewhere.
+    A package can have it made automatically, for the command line too, by an entry point `name` of
+    the group ``swashtwin.networks`` that points at `network`.
 
     Parameters
     ----------
     name : new name; registering it again replaces the earlier network.
-    network : a function, or a class, that gives a `torch.nn.Module` from ``(n_channels, n_classes, length)``. The
-        module takes scaled windows ``(window, channel, sample)`` and gives ``(window, class)`` scores before softmax.
-        Further arguments with defaults are settings. Or a subclass of `Network`, or of `SolvedNetwork` where numpy
-        finds the weights at once, which has this `name`.
+    network : a function, or a class, that gives a `torch.nn.Module` from ``(n_channels, n_classes,
+        length)``. The module takes scaled windows ``(window, channel, sample)`` and gives
+        ``(window, class)`` scores before softmax. Further arguments with defaults are settings. Or
+        a subclass of `Network`, or of `SolvedNetwork` where numpy finds the weights at once, which
+        has this `name`.
 
     Raises
     ------
     InputError
-        The name is empty, belongs to a network of this package, or the class has another name; or it
-        takes other arguments.
+        The name is empty, belongs to a network of this package, or the class has another name; or
+        it takes other arguments.
 
     Examples
     --------
@@ -124,7 +133,8 @@ def build_network(
     Raises
     ------
     InputError
-        No network or none of its settings is called so (the nearest is offered), or a setting cannot be.
+        No network or none of its settings is called so (the nearest is offered), or a setting
+        cannot be.
     MissingExtraError
         The network needs torch, which is not installed.
     """
@@ -132,7 +142,9 @@ def build_network(
     checked = checked_settings(kind, settings)
     if hasattr(kind, "build"):
         if length is None:
-            raise InputError(f"network {name!r} is built for one window length; give that length, in samples.")
+            raise InputError(
+                f"network {name!r} is built for one window length; give that length, in samples."
+            )
         checked["length"] = length
     sizes = {"n_channels": n_channels, "n_classes": n_classes}
     if issubclass(kind, SolvedNetwork):
@@ -144,7 +156,9 @@ def build_network(
     return network
 
 
-def rebuild_network(name: str, settings: dict[str, Any], weights: Mapping[str, np.ndarray]) -> AnyNetwork:
+def rebuild_network(
+    name: str, settings: dict[str, Any], weights: Mapping[str, np.ndarray]
+) -> AnyNetwork:
     """The network of that name with settings and weights of a saved one.
 
     Raises
@@ -152,7 +166,8 @@ def rebuild_network(name: str, settings: dict[str, Any], weights: Mapping[str, n
     InputError
         As `build_network`.
     ValueError
-        The weights are not those of a network with these settings; one of this package takes no memory before.
+        The weights are not those of a network with these settings; one of this package takes no
+        memory before.
     """
     if not issubclass(network_class(name), SolvedNetwork) and name in BUILT_IN:
         import torch
@@ -168,21 +183,27 @@ def default_settings(kind: Any) -> dict[str, Any]:
     """Default of every setting of a network by name; a subclass has those of its base class too."""
     defaults: dict[str, Any] = {}
     build = getattr(kind, "build", None)  # of a person's own module
-    for constructor in [build] if build else [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]:
+    for constructor in (
+        [build] if build else [vars(owner).get("__init__", kind.__init__) for owner in kind.__mro__]
+    ):
         parameters = inspect.signature(constructor).parameters.values()
-        defaults |= {item.name: item.default for item in parameters if item.default is not item.empty}
+        defaults |= {
+            item.name: item.default for item in parameters if item.default is not item.empty
+        }
         if all(item.kind is not item.VAR_KEYWORD for item in parameters):
             break
     return defaults
 
 
 def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """`settings` as the constructor takes them: one entry for a setting of several becomes a tuple of one.
+    """`settings` as the constructor takes them: one entry for a setting of several becomes a tuple
+    of one.
 
     Raises
     ------
     InputError
-        The network has no setting of that name (the nearest is offered), or the value is of another kind.
+        The network has no setting of that name (the nearest is offered), or the value is of another
+        kind.
     """
     defaults = default_settings(kind)
     checked = {}
@@ -190,7 +211,9 @@ def checked_settings(kind: Any, settings: dict[str, Any]) -> dict[str, Any]:
         if word not in defaults:
             near = difflib.get_close_matches(word, defaults, n=1)
             hint = f" Did you mean {near[0]}?" if near else ""
-            raise InputError(f"network {kind.name} has no setting {word!r}; it has {', '.join(defaults)}.{hint}")
+            raise InputError(
+                f"network {kind.name} has no setting {word!r}; it has {', '.join(defaults)}.{hint}"
+            )
         checked[word] = _checked(f"{kind.name}: {word}", value, defaults[word])
     return checked
 
@@ -202,13 +225,23 @@ _KINDS: dict[type, tuple[Any, str]] = {
 
 
 def _checked(what: str, value: Any, default: Any) -> Any:
-    if default is None or isinstance(default, tuple):  # none by default: whole numbers, worked out from the others
+    if default is None or isinstance(
+        default, tuple
+    ):  # none by default: whole numbers, worked out from the others
         if value is None and default is None:
             return None
-        entries = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+        entries = (
+            tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+        )
         return tuple(_checked(what, entry, default[0] if default else 1) for entry in entries)
-    kind, expected = next((known for usual, known in _KINDS.items() if isinstance(default, usual)), _KINDS[str])
+    kind, expected = next(
+        (known for usual, known in _KINDS.items() if isinstance(default, usual)), _KINDS[str]
+    )
     is_bool_for_number = isinstance(value, bool) and kind is not bool
-    if not isinstance(value, kind) or is_bool_for_number or (kind is Real and not math.isfinite(value)):
+    if (
+        not isinstance(value, kind)
+        or is_bool_for_number
+        or (kind is Real and not math.isfinite(value))
+    ):
         raise InputError(f"{what} ({value}) must be {expected}; {default} is usual.")
     return type(default)(value)

@@ -1,7 +1,9 @@
-"""Levels of a whole window: narrow lines, logarithmic bands and the shape of the waveform, of signal and envelopes.
+"""Levels of a whole window: narrow lines, logarithmic bands and the shape of the waveform, of
+signal and envelopes.
 
-Nothing here has weights. Each level is log10 of a power or of an amplitude, or a number that no gain changes; by how
-much a gain changes it is its gain response, so that a gain can be applied to, or removed from, the levels themselves.
+Nothing here has weights. Each level is log10 of a power or of an amplitude, or a number that no
+gain changes; by how much a gain changes it is its gain response, so that a gain can be applied to,
+or removed from, the levels themselves.
 """
 
 import math
@@ -16,21 +18,28 @@ from swashtwin.learning.healthy.levels import Level
 from swashtwin.signals import band_shares, hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7
-"""Added to each power before its logarithm, in the square of the scaled unit; windows are expected scaled
-(`Normalization`), which makes it negligible."""
+"""Added to each power before its logarithm, in the square of the scaled unit; windows are expected
+scaled (`Normalization`), which makes it negligible.
+"""
 N_ORDERS, N_ENVELOPE_ORDERS = 72, 40
 """Orders of the shaft whose lines stand one by one, of the signal and of an envelope."""
 _LINES, LINE_SHARE, _ENVELOPE_LINES, ENVELOPE_SHARE = 200, 200 / 1024, 64, 64 / 1024
 BANDS, ENVELOPE_BANDS = 48, 24
 ENVELOPE_FROM = (0.0, 1000 / 12800, 4000 / 12800)
-"""Shares of half the sample rate above which envelopes are taken: of all, above 1 kHz and 4 kHz at 25.6 kHz."""
-LEAST_DEVIATION, NARROWEST = 1e-6, 1e-3  # of a channel, in the scaled unit; of an order within the spectrum [lines]
+"""Shares of half the sample rate above which envelopes are taken: of all, above 1 kHz and 4 kHz at
+25.6 kHz.
+"""
+LEAST_DEVIATION, NARROWEST = (
+    1e-6,
+    1e-3,
+)  # of a channel, in the scaled unit; of an order within the spectrum [lines]
 _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
 
 
 @lru_cache(maxsize=4)
 def level_catalogue(length: int, orders: bool) -> tuple[Level, ...]:
-    """What each level of a channel is of, in the order of `window_levels`, for windows of `length` samples.
+    """What each level of a channel is of, in the order of `window_levels`, for windows of `length`
+    samples.
 
     Edges are in periods per sample, or in orders.
 
@@ -47,12 +56,17 @@ def level_catalogue(length: int, orders: bool) -> tuple[Level, ...]:
         else:
             edges = (((edge + 0.5) / length).tolist() for edge in narrow_edges(n, n_lines, share))
             lines = [level(None, *pair) for pair in zip(*edges, strict=True)]
-        bands = pairwise((np.geomspace(0.5, n + 0.5, n_bands + 1) / length).tolist())  # the edges of `band_shares`
+        bands = pairwise(
+            (np.geomspace(0.5, n + 0.5, n_bands + 1) / length).tolist()
+        )  # the edges of `band_shares`
         whole = [level(None, 0.0, 0.5, name) for name in ("deviation", *["shape"] * (_N_SHAPE - 1))]
         return [*whole, *lines, *(level(None, *pair) for pair in bands)]
 
     counts = line_counts(orders)
-    envelope = [*of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), Level("", True, None, 0.0, 0.5, "deviation")]
+    envelope = [
+        *of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS),
+        Level("", True, None, 0.0, 0.5, "deviation"),
+    ]
     return (*of(False, counts[0], LINE_SHARE, BANDS), *envelope * len(ENVELOPE_FROM))
 
 
@@ -61,8 +75,8 @@ def window_levels(
 ) -> Float32[np.ndarray, "window channel level"]:
     """Levels of each channel, the logarithm of its deviation first.
 
-    Narrow lines are orders of the shaft, which turns so far per sample in each window; without `turns` they are of
-    equal width over the lowest fifth of the spectrum.
+    Narrow lines are orders of the shaft, which turns so far per sample in each window; without
+    `turns` they are of equal width over the lowest fifth of the spectrum.
     """
     x = windows - windows.mean(axis=-1, keepdims=True)
     deviation = np.maximum(np.sqrt(_mean_product(x, x)), np.float32(LEAST_DEVIATION))
@@ -74,7 +88,10 @@ def window_levels(
         envelope = _envelope(x, spectrum, math.floor(above * (length // 2)) + 1)
         mean = envelope.mean(axis=-1, keepdims=True)
         envelope -= mean
-        parts += [*_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS), np.log10(mean + FLOOR)]
+        parts += [
+            *_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS),
+            np.log10(mean + FLOOR),
+        ]
     levels = np.concatenate(parts, axis=-1, dtype=np.float32)
     levels += gain_response(turns is not None) * np.log10(deviation)
     return levels
@@ -88,7 +105,9 @@ def line_counts(orders: bool) -> tuple[int, int]:
 def narrow_edges(
     n_lines: int, n_narrow: int, share: float
 ) -> tuple[Int[np.ndarray, " band"], Int[np.ndarray, " band"]]:
-    """(first line, line after the last) of each of `n_narrow` bands over the lowest `share` of a spectrum's lines."""
+    """(first line, line after the last) of each of `n_narrow` bands over the lowest `share` of a
+    spectrum's lines.
+    """
     lowest, band = max(1, round(share * n_lines)), np.arange(n_narrow)
     return band * lowest // n_narrow, -(-(band + 1) * lowest // n_narrow)
 
@@ -102,7 +121,9 @@ def gain_response(orders: bool) -> Float32[np.ndarray, " level"]:
     [1.0, 0.0, 0.0, 0.0, 0.0, 2.0]
     """
     decades = {"power": 2.0, "deviation": 1.0, "shape": 0.0}
-    return np.array([decades[level.quantity] for level in level_catalogue(2, orders)], dtype=np.float32)
+    return np.array(
+        [decades[level.quantity] for level in level_catalogue(2, orders)], dtype=np.float32
+    )
 
 
 def _mean_product(x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "window channel 1"]:
@@ -110,9 +131,13 @@ def _mean_product(x: np.ndarray, y: np.ndarray) -> Float32[np.ndarray, "window c
 
 
 def _envelope(
-    x: Float32[np.ndarray, "window channel time"], spectrum: Complex64[np.ndarray, "window channel line"], first: int
+    x: Float32[np.ndarray, "window channel time"],
+    spectrum: Complex64[np.ndarray, "window channel line"],
+    first: int,
 ) -> Float32[np.ndarray, "window channel time"]:
-    """Magnitude of the analytic signal of the lines from `first` on; `spectrum` is the transform of `x`, of mean 0."""
+    """Magnitude of the analytic signal of the lines from `first` on; `spectrum` is the transform of
+    `x`, of mean 0.
+    """
     length = x.shape[-1]
     lines = spectrum.copy()
     lines[..., :first] = 0
@@ -130,7 +155,9 @@ def _levels(
     share: float,
     n_bands: int,
 ) -> list[np.ndarray]:
-    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands; the mean of `x` is 0."""
+    """Shape of the waveform, levels of narrow lines, levels of logarithmic bands; the mean of `x`
+    is 0.
+    """
     lines = transform(x * hann_taper(x.shape[-1]).astype(np.float32))[..., 1:]
     power, n = (lines.real**2 + lines.imag**2) / np.float32(x.shape[-1]), x.shape[-1] // 2
     if turns is None:
@@ -138,12 +165,17 @@ def _levels(
         sums = running_sums(power[..., : last[-1]])
         narrow = (sums[..., last] - sums[..., first]) / (last - first)
     else:
-        edges = np.clip((np.arange(n_narrow + 1) + 0.5) * (turns * x.shape[-1])[:, None], 0.5, n + 0.5)[:, None]
+        edges = np.clip(
+            (np.arange(n_narrow + 1) + 0.5) * (turns * x.shape[-1])[:, None], 0.5, n + 0.5
+        )[:, None]
         width, sums = np.diff(edges), running_sums(power[..., : int(edges.max() + 0.5)])
         narrow = np.diff(up_to(sums, edges)) / np.maximum(width, 1e-6)
         narrow = np.where(width < NARROWEST, power[..., -1:], narrow)  # beyond the spectrum
     bands = narrow, power @ band_shares(n, n_bands).astype(np.float32)
-    return [*_waveform_shape(x), *(np.log10(np.float32(part) + np.float32(FLOOR)) for part in bands)]
+    return [
+        *_waveform_shape(x),
+        *(np.log10(np.float32(part) + np.float32(FLOOR)) for part in bands),
+    ]
 
 
 def _waveform_shape(

@@ -1,1 +1,3 @@
-"""Whole recordings: their levels, what heads say of them, and the changes from a machine's own healthy recordings."""
+"""Whole recordings: their levels, what heads say of them, and the changes from a machine's own
+healthy recordings.
+"""

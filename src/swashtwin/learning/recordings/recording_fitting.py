@@ -1,4 +1,6 @@
-"""`fit_recordings`: heads on whole recordings, and how far each is to be believed of a machine not heard."""
+"""`fit_recordings`: heads on whole recordings, and how far each is to be believed of a machine not
+heard.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +17,13 @@ from swashtwin.learning.recordings.recording_levels import (
     recording_rows,
     shortest_stretch,
 )
-from swashtwin.learning.recordings.recording_model import HEAD_NAMES, Heads, RecordingModel, fit_heads, joint
+from swashtwin.learning.recordings.recording_model import (
+    HEAD_NAMES,
+    Heads,
+    RecordingModel,
+    fit_heads,
+    joint,
+)
 from swashtwin.learning.training.confidence import fit_pooling
 from swashtwin.learning.training.settings import with_noise
 from swashtwin.learning.windows.window_set import WindowSet
@@ -42,20 +50,32 @@ class RecordingTrial:
         """Mean recall, by recording, of each head on whole recordings, and of all together."""
         by_head = zip(HEAD_NAMES, self.logarithms[1:], strict=True)
         recalls = {name: self._recall(part) for name, part in by_head if part is not None}
-        recalls["without own healthy recordings"] = self._recall(joint(self.logarithms[:3], self.temperatures))
+        recalls["without own healthy recordings"] = self._recall(
+            joint(self.logarithms[:3], self.temperatures)
+        )
         if with_own:
-            recalls["with own healthy recordings"] = self._recall(joint(self.logarithms, self.temperatures))
+            recalls["with own healthy recordings"] = self._recall(
+                joint(self.logarithms, self.temperatures)
+            )
         return recalls
 
     def answers(self, windows: FoldAnswers, *, own: bool) -> FoldAnswers:
-        """Joint answers of windows, from those by the short windows alone, with or without the heads on changes."""
+        """Joint answers of windows, from those by the short windows alone, with or without the
+        heads on changes.
+        """
         index = np.unique(windows.recording_id, return_inverse=True)[1]
-        heads = [None if part is None else part[index] for part in self.logarithms[1 : 5 if own else 3]]
-        return replace(windows, probability=joint([_logarithm(windows.probability), *heads], self.temperatures))
+        heads = [
+            None if part is None else part[index] for part in self.logarithms[1 : 5 if own else 3]
+        ]
+        return replace(
+            windows, probability=joint([_logarithm(windows.probability), *heads], self.temperatures)
+        )
 
     def _recall(self, answer: Float[np.ndarray, "recording class"]) -> float:
         right = answer.argmax(axis=1) == self.target
-        return float(np.mean([right[self.target == index].mean() for index in np.unique(self.target)]))
+        return float(
+            np.mean([right[self.target == index].mean() for index in np.unique(self.target)])
+        )
 
 
 def _logarithm(probability: Float[np.ndarray, "row class"]) -> Float64[np.ndarray, "row class"]:
@@ -63,7 +83,9 @@ def _logarithm(probability: Float[np.ndarray, "row class"]) -> Float64[np.ndarra
 
 
 class _Tables:
-    """Levels of all training recordings as they are and with noise, and their changes, each computed once."""
+    """Levels of all training recordings as they are and with noise, and their changes, each
+    computed once.
+    """
 
     def __init__(self, windows: WindowSet, layout: RecordingLevels, seed: int) -> None:
         rows = recording_rows(windows)
@@ -73,21 +95,32 @@ class _Tables:
         rng = stream(seed, "noise on recordings")
         rate = windows.sample_rate
         noisy = levels_of(
-            layout, windows, rows, lambda stretch: with_noise(stretch[None], _LEAST_SNR, rng, _KINDS, rate)[0]
+            layout,
+            windows,
+            rows,
+            lambda stretch: with_noise(stretch[None], _LEAST_SNR, rng, _KINDS, rate)[0],
         )
         is_normal = np.array([is_healthy(name) for name in windows.classes])
         self.healthy = self.table.only(is_normal[self.target] & ~self.synthetic)
         machines = set(self.healthy.machines())
-        measured = {name for name, made in zip(self.table.specimen, self.synthetic, strict=True) if not made}
+        measured = {
+            name for name, made in zip(self.table.specimen, self.synthetic, strict=True) if not made
+        }
         copies = [self.table, replace(self.table, levels=noisy)]
-        self.on_levels = np.stack([layout.shapes(part.levels).reshape(len(rows), -1) for part in copies])
+        self.on_levels = np.stack(
+            [layout.shapes(part.levels).reshape(len(rows), -1) for part in copies]
+        )
         self.on_changes: np.ndarray | None = None
         has_each_class = len(np.unique(self.target[~self.synthetic])) == len(windows.classes)
         if has_each_class and measured <= machines:
-            self.on_changes = np.stack([self.healthy.changes(layout, part).reshape(len(rows), -1) for part in copies])
+            self.on_changes = np.stack(
+                [self.healthy.changes(layout, part).reshape(len(rows), -1) for part in copies]
+            )
 
     def training(self, tested: np.ndarray) -> np.ndarray:
-        """Recordings that train where some are tested: the other measured ones, and what was made without them."""
+        """Recordings that train where some are tested: the other measured ones, and what was made
+        without them.
+        """
         specimen = np.array(self.table.specimen, dtype=np.str_)
         measured = ~self.synthetic & ~np.isin(np.arange(len(self.target)), tested)
         made = self.synthetic & made_without(specimen, specimen[tested])
@@ -100,10 +133,14 @@ class _Tables:
         return fit_heads(values[:, used], self.target[used], n_classes, seed)
 
 
-def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple[RecordingModel, RecordingTrial] | None:
-    """(heads on whole recordings, what they said of left-out recordings), or None where recordings are too short.
+def fit_recordings(
+    windows: WindowSet, answers: FoldAnswers, seed: int
+) -> tuple[RecordingModel, RecordingTrial] | None:
+    """(heads on whole recordings, what they said of left-out recordings), or None where recordings
+    are too short.
 
-    `answers` are those of short windows to the recordings that each fold left out; the heads' folds are the same.
+    `answers` are those of short windows to the recordings that each fold left out; the heads' folds
+    are the same.
     """
     shortest = shortest_stretch(windows)
     if shortest < LEAST_SAMPLES:
@@ -129,7 +166,9 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
     heard = (pooled, None, on_levels, None, on_changes)
     temperatures = np.array(
         [
-            1.0 if part is None else fit_pooling(list(scipy.special.softmax(part, axis=1)[:, None]), target)[0]
+            1.0
+            if part is None
+            else fit_pooling(list(scipy.special.softmax(part, axis=1)[:, None]), target)[0]
             for part in heard
         ]
     )
@@ -139,7 +178,9 @@ def fit_recordings(windows: WindowSet, answers: FoldAnswers, seed: int) -> tuple
         layout=layout,
         usual_shaft=float(np.median(windows.speed) / (2 * np.pi)) if layout.n_orders else 0.0,
         on_levels=tables.heads(tables.on_levels, every, n_classes, seed),
-        on_changes=None if tables.on_changes is None else tables.heads(tables.on_changes, every, n_classes, seed),
+        on_changes=None
+        if tables.on_changes is None
+        else tables.heads(tables.on_changes, every, n_classes, seed),
         healthy=tables.healthy,
         temperatures=trial.temperatures,
     )

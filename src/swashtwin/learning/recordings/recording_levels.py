@@ -19,9 +19,13 @@ LONGEST = 1 << 18
 """Samples of a segment, at most."""
 _THIRDS, _ORDERS, _ENVELOPE_ORDERS, _FLOORS, _OCTAVES = 24, 40, 20, 8, 4
 _LINE, _BETWEEN = 0.25, (0.3, 0.7)
-"""Half the width of the band around an order, and where the floor between two orders is read, in orders."""
+"""Half the width of the band around an order, and where the floor between two orders is read, in
+orders.
+"""
 _SEARCH, _STEPS, _NARROW = 0.025, 101, 0.06
-"""How far from the stated speed the comb of orders may lie, in so many steps, and half the width of its teeth."""
+"""How far from the stated speed the comb of orders may lie, in so many steps, and half the width of
+its teeth.
+"""
 _LEAST_TURNS = 4
 """Turns of the shaft in a segment from which orders are told apart."""
 _FAINTEST = 1e-12
@@ -30,24 +34,33 @@ _FAINTEST = 1e-12
 
 @dataclass(frozen=True)
 class RecordingLevels:
-    """Which levels recordings are described by; their number does not depend on how long a recording is.
+    """Which levels recordings are described by; their number does not depend on how long a
+    recording is.
 
-    Per channel 24 third octaves up to half the sample rate; the lines of shaft orders 1 to 40, the floor between them
-    in eight groups, and lines 1 to 20 of the squared envelope of four octaves over its mean, which no gain changes.
-    Without a speed, bands of a twelfth octave stand for the lines, and logarithmic bands of the envelopes for theirs.
-    All are mean squares in dB.
+    Per channel 24 third octaves up to half the sample rate; the lines of shaft orders 1 to 40, the
+    floor between them in eight groups, and lines 1 to 20 of the squared envelope of four octaves
+    over its mean, which no gain changes. Without a speed, bands of a twelfth octave stand for the
+    lines, and logarithmic bands of the envelopes for theirs. All are mean squares in dB.
     """
 
     sample_rate: float
     """Samples per second and channel [Hz]."""
     length: int
-    """Samples of the segments, half-overlapping, whose powers are averaged; a shorter recording is one segment."""
+    """Samples of the segments, half-overlapping, whose powers are averaged; a shorter recording is
+    one segment.
+    """
     n_orders: int
     """Shaft orders that have a line; 0 where no speed is stated."""
 
     def __post_init__(self) -> None:
-        if not (0 < self.sample_rate < math.inf and 2 <= self.length <= LONGEST and 0 <= self.n_orders <= _ORDERS):
-            raise InputError(f"levels need a rate, segments of 2 to {LONGEST} samples and {_ORDERS} orders at most.")
+        if not (
+            0 < self.sample_rate < math.inf
+            and 2 <= self.length <= LONGEST
+            and 0 <= self.n_orders <= _ORDERS
+        ):
+            raise InputError(
+                f"levels need a rate, segments of 2 to {LONGEST} samples and {_ORDERS} orders at most."
+            )
 
     @classmethod
     def of(cls, windows: WindowSet, shortest: int) -> "RecordingLevels":
@@ -75,15 +88,25 @@ class RecordingLevels:
         edges = np.unique(np.geomspace(1, self.n_orders + 1, _FLOORS + 1).round().astype(int))
         return list(pairwise(edges.tolist()))
 
-    def measure(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float32[np.ndarray, "channel level"]:
-        """Levels of a recording [dB of the squared unit; of envelopes dB] at a shaft frequency [Hz or NaN]."""
+    def measure(
+        self, signal: Float[np.ndarray, "channel time"], shaft: float
+    ) -> Float32[np.ndarray, "channel level"]:
+        """Levels of a recording [dB of the squared unit; of envelopes dB] at a shaft frequency [Hz
+        or NaN].
+        """
         length = min(self.length, signal.shape[1])
         starts = range(0, signal.shape[1] - length + 1, max(1, length - length // 2))
-        power = np.mean([self._powers(signal[:, start : start + length], shaft) for start in starts], axis=0)
+        power = np.mean(
+            [self._powers(signal[:, start : start + length], shaft) for start in starts], axis=0
+        )
         return np.asarray(10 * np.log10(power), dtype=np.float32)
 
-    def _powers(self, signal: Float[np.ndarray, "channel time"], shaft: float) -> Float64[np.ndarray, "channel level"]:
-        x = signal.astype(np.float32) - signal.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
+    def _powers(
+        self, signal: Float[np.ndarray, "channel time"], shaft: float
+    ) -> Float64[np.ndarray, "channel level"]:
+        x = signal.astype(np.float32) - signal.mean(axis=1, keepdims=True, dtype=np.float64).astype(
+            np.float32
+        )
         highest = x.shape[1] / 2
         per_order = shaft * x.shape[1] / self.sample_rate
         sums = running_sums(line_powers(x))
@@ -92,8 +115,12 @@ class RecordingLevels:
             order = np.arange(1, self.n_orders + 1)
             per_order *= _aligned(sums, order, per_order)
             parts.append(between(sums, (order - _LINE) * per_order, (order + _LINE) * per_order))
-            floor = between(sums, (order + _BETWEEN[0]) * per_order, (order + _BETWEEN[1]) * per_order)
-            parts.append(np.stack([floor[:, a - 1 : b - 1].mean(axis=1) for a, b in self._groups], axis=1))
+            floor = between(
+                sums, (order + _BETWEEN[0]) * per_order, (order + _BETWEEN[1]) * per_order
+            )
+            parts.append(
+                np.stack([floor[:, a - 1 : b - 1].mean(axis=1) for a, b in self._groups], axis=1)
+            )
         else:
             parts.append(_bands(sums, highest, 12))
         parts[:] = [np.maximum(np.concatenate(parts, axis=1), _FAINTEST * sums[:, -1:] + 1e-30)]
@@ -102,8 +129,12 @@ class RecordingLevels:
             parts.append(self._envelope(lines, highest / 2**octave, per_order))
         return np.concatenate(parts, axis=1)
 
-    def _envelope(self, lines: np.ndarray, low: float, per_order: float) -> Float64[np.ndarray, "channel level"]:
-        """Powers of lines of the squared envelope of the octave above line `low`, over its mean squared."""
+    def _envelope(
+        self, lines: np.ndarray, low: float, per_order: float
+    ) -> Float64[np.ndarray, "channel level"]:
+        """Powers of lines of the squared envelope of the octave above line `low`, over its mean
+        squared.
+        """
         first, last = int(low), int(2 * low)
         count = scipy.fft.next_fast_len(2 * max(last - first, 8))
         analytic = scipy.fft.ifft(lines[:, first:last], count, axis=1)
@@ -113,18 +144,24 @@ class RecordingLevels:
         if self.n_orders:
             edges = (number - _LINE) * per_order, (number + _LINE) * per_order
         else:
-            bands = np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * (lines.shape[1] - 1) / 2**_OCTAVES
+            bands = (
+                np.geomspace(2.0**-9, 1, _ENVELOPE_ORDERS + 1) * (lines.shape[1] - 1) / 2**_OCTAVES
+            )
             edges = bands[:-1], bands[1:]
         sums = running_sums(line_powers(square - 1)[:, : int(edges[1][-1]) + 2])
         return np.maximum(between(sums, *edges), 1e-12)
 
-    def shapes(self, levels: Float[np.ndarray, "*row channel level"]) -> Float[np.ndarray, "*row channel level"]:
+    def shapes(
+        self, levels: Float[np.ndarray, "*row channel level"]
+    ) -> Float[np.ndarray, "*row channel level"]:
         """Levels less the mean of each channel's third octaves where they rise with its gain."""
         shaped = levels.copy()
         shaped[..., : self.n_scaled] -= levels[..., :_THIRDS].mean(axis=-1, keepdims=True)
         return shaped
 
-    def without_gain(self, change: Float[np.ndarray, "channel level"]) -> Float[np.ndarray, "channel level"]:
+    def without_gain(
+        self, change: Float[np.ndarray, "channel level"]
+    ) -> Float[np.ndarray, "channel level"]:
         """Changes of levels less what a channel's gain explains (`common_shift`)."""
         corrected = change.copy()
         corrected[:, : self.n_scaled] -= common_shift(change[:, :_THIRDS])[:, None]
@@ -139,11 +176,17 @@ def _bands(
     return between(sums, edges[:-1], edges[1:])
 
 
-def _aligned(sums: Float64[np.ndarray, "channel edge"], order: Int64[np.ndarray, " order"], per_order: float) -> float:
-    """Factor on the stated speed under which a comb of orders stands out most: what is stated is the set speed."""
+def _aligned(
+    sums: Float64[np.ndarray, "channel edge"], order: Int64[np.ndarray, " order"], per_order: float
+) -> float:
+    """Factor on the stated speed under which a comb of orders stands out most: what is stated is
+    the set speed.
+    """
     factor = np.linspace(1 - _SEARCH, 1 + _SEARCH, _STEPS)
     teeth = np.outer(factor, order)
-    line = between(sums, (teeth - _NARROW).ravel() * per_order, (teeth + _NARROW).ravel() * per_order)
+    line = between(
+        sums, (teeth - _NARROW).ravel() * per_order, (teeth + _NARROW).ravel() * per_order
+    )
     line = line.reshape(-1, *teeth.shape)
     around = between(sums, (order - 0.5) * per_order, (order + 0.5) * per_order)[:, None]
     return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])
@@ -152,7 +195,9 @@ def _aligned(sums: Float64[np.ndarray, "channel edge"], order: Int64[np.ndarray,
 LEAST_OWN = 2
 """Healthy recordings of a machine from which changes from them are taken."""
 _NEAR = 0.1
-"""Distance of two operating points, in logarithms of speed and pressure, at which one counts half for the other."""
+"""Distance of two operating points, in logarithms of speed and pressure, at which one counts half
+for the other.
+"""
 _SAME = 0.06
 """Such a distance up to which two points are the same."""
 _ROUNDS = 4
@@ -166,7 +211,9 @@ def recording_rows(windows: WindowSet) -> list[Rows]:
     """Rows of each recording's windows in order of time, in the order of the ids."""
     order = np.lexsort((windows.start, windows.recording_id))
     names = windows.recording_id[order]
-    return [part for part in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1) if part.size]
+    return [
+        part for part in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1) if part.size
+    ]
 
 
 def joined(windows: WindowSet, rows: Rows) -> Iterator[Float32[np.ndarray, "channel time"]]:
@@ -184,19 +231,28 @@ def joined(windows: WindowSet, rows: Rows) -> Iterator[Float32[np.ndarray, "chan
 
 def shortest_stretch(windows: WindowSet) -> int:
     """Samples of the longest stretch of the recording whose longest stretch is the shortest."""
-    return min(max(part.shape[1] for part in joined(windows, rows)) for rows in recording_rows(windows))
+    return min(
+        max(part.shape[1] for part in joined(windows, rows)) for rows in recording_rows(windows)
+    )
 
 
 def levels_of(
-    layout: RecordingLevels, windows: WindowSet, rows: list[Rows], change: Change = lambda stretch: stretch
+    layout: RecordingLevels,
+    windows: WindowSet,
+    rows: list[Rows],
+    change: Change = lambda stretch: stretch,
 ) -> Float[np.ndarray, "recording channel level"]:
-    """Levels of recordings by their windows' rows: of their stretches, each changed before, the mean by length."""
+    """Levels of recordings by their windows' rows: of their stretches, each changed before, the
+    mean by length.
+    """
     levels = np.empty((len(rows), windows.n_channels, layout.n_levels), dtype=np.float32)
     for number, members in enumerate(rows):
         shaft = float(windows.speed[members[0]]) / (2 * np.pi)
         parts = list(joined(windows, members))
         weights = [part.shape[1] for part in parts]
-        levels[number] = np.average([layout.measure(change(part), shaft) for part in parts], axis=0, weights=weights)
+        levels[number] = np.average(
+            [layout.measure(change(part), shaft) for part in parts], axis=0, weights=weights
+        )
     return levels
 
 
@@ -213,7 +269,9 @@ class RecordingTable:
     def __post_init__(self) -> None:
         count = len(self.levels)
         if not count == len(self.specimen) == len(self.condition) == len(self.recording_id):
-            raise InputError("levels of recordings need a machine, an operating point and an id each.")
+            raise InputError(
+                "levels of recordings need a machine, an operating point and an id each."
+            )
 
     @classmethod
     def measured(cls, layout: RecordingLevels, windows: WindowSet) -> "RecordingTable":
@@ -230,7 +288,11 @@ class RecordingTable:
     def machines(self) -> tuple[str, ...]:
         """Machines with `LEAST_OWN` healthy recordings or more, in order."""
         names, count = np.unique(self.specimen, return_counts=True)
-        return tuple(name for name, n in zip(names.tolist(), count.tolist(), strict=True) if name and n >= LEAST_OWN)
+        return tuple(
+            name
+            for name, n in zip(names.tolist(), count.tolist(), strict=True)
+            if name and n >= LEAST_OWN
+        )
 
     def joined(self, other: "RecordingTable") -> "RecordingTable":
         """These and further recordings; of one id the new one."""
@@ -244,32 +306,51 @@ class RecordingTable:
 
     def only(self, used: Bool[np.ndarray, " reference"]) -> "RecordingTable":
         """Those that a mask keeps."""
-        specimen, recording_id = (tuple(compress(part, used.tolist())) for part in (self.specimen, self.recording_id))
+        specimen, recording_id = (
+            tuple(compress(part, used.tolist())) for part in (self.specimen, self.recording_id)
+        )
         return RecordingTable(self.levels[used], specimen, self.condition[used], recording_id)
 
-    def changes(self, layout: RecordingLevels, of: "RecordingTable") -> Float32[np.ndarray, "recording channel level"]:
-        """Changes of recordings from the others of their machine in this table of healthy ones; NaN where it has none.
+    def changes(
+        self, layout: RecordingLevels, of: "RecordingTable"
+    ) -> Float32[np.ndarray, "recording channel level"]:
+        """Changes of recordings from the others of their machine in this table of healthy ones; NaN
+        where it has none.
 
-        What an operating point adds is the same for all machines (`_of_points`) and is taken off, as other machines
-        have it: so each healthy recording of a machine counts, those near the recording's point most. A channel that
-        moved as a whole is taken for a gain (`RecordingLevels.without_gain`).
+        What an operating point adds is the same for all machines (`_of_points`) and is taken off,
+        as other machines have it: so each healthy recording of a machine counts, those near the
+        recording's point most. A channel that moved as a whole is taken for a gain
+        (`RecordingLevels.without_gain`).
         """
-        own, ids = np.array(self.specimen, dtype=np.str_), np.array(self.recording_id, dtype=np.str_)
+        own, ids = (
+            np.array(self.specimen, dtype=np.str_),
+            np.array(self.recording_id, dtype=np.str_),
+        )
         changes = np.full(of.levels.shape, np.nan, dtype=np.float32)
-        for row, (name, at, this) in enumerate(zip(of.specimen, of.condition, of.recording_id, strict=True)):
+        for row, (name, at, this) in enumerate(
+            zip(of.specimen, of.condition, of.recording_id, strict=True)
+        ):
             others = np.flatnonzero((own == name) & (ids != this))
             if name and others.size:
                 weight = 1 / (1 + _distance(self.condition[others], at) / _NEAR)
                 added = np.stack([self._added_at(name, at) for at in self.condition[others]])
                 usual = np.average(self.levels[others] - added, axis=0, weights=weight)
-                changes[row] = layout.without_gain(of.levels[row] - self._added_at(name, at) - usual)
+                changes[row] = layout.without_gain(
+                    of.levels[row] - self._added_at(name, at) - usual
+                )
         return changes
 
-    def _added_at(self, name: str, at: Float[np.ndarray, " quantity"]) -> Float64[np.ndarray, "channel level"]:
-        """What an operating point adds by other machines than the one named, so that a recording never has a part in
-        what it is compared with: of a point that they lack, the mean of those around, the nearest most."""
+    def _added_at(
+        self, name: str, at: Float[np.ndarray, " quantity"]
+    ) -> Float64[np.ndarray, "channel level"]:
+        """What an operating point adds by other machines than the one named, so that a recording
+        never has a part in what it is compared with: of a point that they lack, the mean of those
+        around, the nearest most.
+        """
         if name not in self._points:
-            self._points[name] = _of_points(self.only(np.array(self.specimen, dtype=np.str_) != name))
+            self._points[name] = _of_points(
+                self.only(np.array(self.specimen, dtype=np.str_) != name)
+            )
         points, added = self._points[name]
         if not len(points):
             return np.zeros(self.levels.shape[1:])
@@ -286,7 +367,9 @@ class RecordingTable:
 def _of_points(
     table: RecordingTable,
 ) -> tuple[Float64[np.ndarray, "point quantity"], Float64[np.ndarray, "point channel level"]]:
-    """(operating points, what each adds to the levels of any machine): least squares of machine plus point."""
+    """(operating points, what each adds to the levels of any machine): least squares of machine
+    plus point.
+    """
     if not table.specimen:
         return np.zeros((0, 2)), np.zeros((0, *table.levels.shape[1:]))
     points, point = operating_points(table.condition)
@@ -298,6 +381,10 @@ def _of_points(
     return points, added
 
 
-def _distance(points: Float[np.ndarray, "point quantity"], at: Float[np.ndarray, " quantity"]) -> np.ndarray:
-    """Sum of the magnitudes of the logarithms of ratios; what either does not state counts nothing."""
+def _distance(
+    points: Float[np.ndarray, "point quantity"], at: Float[np.ndarray, " quantity"]
+) -> np.ndarray:
+    """Sum of the magnitudes of the logarithms of ratios; what either does not state counts
+    nothing.
+    """
     return np.asarray(np.nansum(np.abs(np.log(points / at)), axis=1))

@@ -1,4 +1,6 @@
-"""What whole recordings say of their class: trees on levels, and on changes from the machine's own healthy ones."""
+"""What whole recordings say of their class: trees on levels, and on changes from the machine's own
+healthy ones.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,8 +23,9 @@ _SOFT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """Trees, and in models of earlier versions a discriminant on the same rows, which went too far on machines unlike
-    those of the training."""
+    """Trees, and in models of earlier versions a discriminant on the same rows, which went too far
+    on machines unlike those of the training.
+    """
 
     mean: Float64[np.ndarray, " level"]
     deviation: Float64[np.ndarray, " level"]
@@ -33,7 +36,11 @@ class Head:
 
     def __post_init__(self) -> None:
         count, levels = self.weight.shape
-        if self.mean.shape != (levels,) or self.deviation.shape != (levels,) or self.bias.shape != (count,):
+        if (
+            self.mean.shape != (levels,)
+            or self.deviation.shape != (levels,)
+            or self.bias.shape != (count,)
+        ):
             raise ValueError("a head on whole recordings does not fit itself")
         if count not in (0, self.n_classes) or self._forest.column.max(initial=-1) >= levels:
             raise ValueError("the trees on whole recordings do not fit the classes and levels")
@@ -49,7 +56,9 @@ class Head:
 
     def log_probabilities(
         self, values: Float[np.ndarray, "recording level"]
-    ) -> tuple[Float64[np.ndarray, "recording class"] | None, Float64[np.ndarray, "recording class"]]:
+    ) -> tuple[
+        Float64[np.ndarray, "recording class"] | None, Float64[np.ndarray, "recording class"]
+    ]:
         """(logarithms of the discriminant's probabilities or None, of those of the trees)."""
         of_trees = np.log(np.maximum(self._forest.predict_proba(values.astype(np.float32)), _SOFT))
         if not len(self.weight):
@@ -60,10 +69,12 @@ class Head:
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """A head for recordings as they are, one for noisy ones, and trees that tell which a recording is.
+    """A head for recordings as they are, one for noisy ones, and trees that tell which a recording
+    is.
 
-    Trained on both at once, changes from a machine's own healthy recordings lost 6 points on clean recordings of new
-    pumps (rig fleets 100 and 101 of version 2), trained on clean ones alone 40 points under noise at 5 dB.
+    Trained on both at once, changes from a machine's own healthy recordings lost 6 points on clean
+    recordings of new pumps (rig fleets 100 and 101 of version 2), trained on clean ones alone 40
+    points under noise at 5 dB.
     """
 
     clean: Head
@@ -77,15 +88,22 @@ class Heads:
     ) -> list[Float64[np.ndarray, "recording class"] | None]:
         """[logarithms of the discriminants' probabilities or None, of those of the trees]."""
         noise = self.gate.log_probabilities(values)[1]
-        pairs = zip(self.clean.log_probabilities(values), self.noisy.log_probabilities(values), strict=True)
+        pairs = zip(
+            self.clean.log_probabilities(values), self.noisy.log_probabilities(values), strict=True
+        )
         return [
-            None if clean is None or noisy is None else np.logaddexp(noise[:, :1] + clean, noise[:, 1:] + noisy)
+            None
+            if clean is None or noisy is None
+            else np.logaddexp(noise[:, :1] + clean, noise[:, 1:] + noisy)
             for clean, noisy in pairs
         ]
 
 
 def fit_heads(
-    values: Float[np.ndarray, "copy recording level"], target: Int[np.ndarray, " recording"], n_classes: int, seed: int
+    values: Float[np.ndarray, "copy recording level"],
+    target: Int[np.ndarray, " recording"],
+    n_classes: int,
+    seed: int,
 ) -> Heads:
     """Heads found from the levels of recordings as they are, and of copies with noise."""
     n_copies, n_recordings = values.shape[:2]
@@ -99,7 +117,10 @@ def fit_heads(
 
 
 def _fit_head(
-    values: Float[np.ndarray, "row level"], target: Int[np.ndarray, " row"], n_classes: int, seed: int
+    values: Float[np.ndarray, "row level"],
+    target: Int[np.ndarray, " row"],
+    n_classes: int,
+    seed: int,
 ) -> Head:
     from sklearn import config_context
     from sklearn.tree import ExtraTreeClassifier
@@ -107,8 +128,13 @@ def _fit_head(
 
     rows, share = values.astype(np.float32), compute_sample_weight("balanced", target)
     states = np.random.RandomState(seed % 2**32).randint(2**31 - 1, size=_TREES).tolist()
-    with config_context(skip_parameter_validation=True):  # as `ExtraTreesClassifier` in three quarters of its time
-        grown = [ExtraTreeClassifier(random_state=each).fit(rows, target, share, check_input=False) for each in states]
+    with config_context(
+        skip_parameter_validation=True
+    ):  # as `ExtraTreesClassifier` in three quarters of its time
+        grown = [
+            ExtraTreeClassifier(random_state=each).fit(rows, target, share, check_input=False)
+            for each in states
+        ]
     trees = forest_of(grown, grown[0].classes_, n_classes).tensors(np.float32)
     n_levels = rows.shape[1]
     return Head(np.zeros(n_levels), np.ones(n_levels), np.zeros((0, n_levels)), np.zeros(0), trees)
@@ -120,10 +146,12 @@ HEAD_NAMES = ("levels, discriminant", "levels, trees", "changes, discriminant", 
 
 @dataclass(frozen=True, eq=False)
 class RecordingModel:
-    """Heads on whole recordings, each with the temperature that its answers to left-out machines ask for.
+    """Heads on whole recordings, each with the temperature that its answers to left-out machines
+    ask for.
 
-    The probability of a recording is the mean over the heads, each tempered: a head that was too sure of machines that
-    it had not heard is flat and counts little. Heads on changes answer where the machine has healthy recordings.
+    The probability of a recording is the mean over the heads, each tempered: a head that was too
+    sure of machines that it had not heard is flat and counts little. Heads on changes answer where
+    the machine has healthy recordings.
     """
 
     layout: RecordingLevels
@@ -142,11 +170,16 @@ class RecordingModel:
             raise ValueError("whole recordings need a positive temperature for each head")
 
     def require_sizes(self, n_channels: int, n_classes: int) -> None:
-        """Raise a `ValueError` where heads or healthy recordings are of other channels, levels or classes."""
+        """Raise a `ValueError` where heads or healthy recordings are of other channels, levels or
+        classes.
+        """
         shape = (n_channels, self.layout.n_levels)
         for heads in filter(None, (self.on_levels, self.on_changes)):
             counts = ((heads.clean, n_classes), (heads.noisy, n_classes), (heads.gate, 2))
-            if any((head.n_classes, len(head.mean)) != (count, math.prod(shape)) for head, count in counts):
+            if any(
+                (head.n_classes, len(head.mean)) != (count, math.prod(shape))
+                for head, count in counts
+            ):
                 raise ValueError("heads on whole recordings do not fit the channels and classes")
         if self.healthy.levels.shape[1:] != shape:
             raise ValueError("healthy recordings do not fit the channels and levels")
@@ -169,32 +202,48 @@ class RecordingModel:
     def combined(
         self, log_probability: Float[np.ndarray, "window class"], windows: WindowSet
     ) -> Float64[np.ndarray, "window class"]:
-        """Probabilities of windows from the logarithms of their own and from what their whole recordings say."""
+        """Probabilities of windows from the logarithms of their own and from what their whole
+        recordings say.
+        """
         answers = self.answers(self.table(windows))
         of_window = np.unique(windows.recording_id, return_inverse=True)[1]
         return joint([log_probability, *(None if part is None else part[of_window] for part in answers)],
                      self.temperatures)  # fmt: skip
 
     def answers(self, table: RecordingTable) -> list[Float64[np.ndarray, "recording class"] | None]:
-        """Logarithms of probabilities by each head; NaN rows where a machine has no healthy recordings of its own."""
+        """Logarithms of probabilities by each head; NaN rows where a machine has no healthy
+        recordings of its own.
+        """
         levels = self.layout.shapes(table.levels)
-        answers: list[np.ndarray | None] = [*self.on_levels.log_probabilities(levels.reshape(len(levels), -1))]
+        answers: list[np.ndarray | None] = [
+            *self.on_levels.log_probabilities(levels.reshape(len(levels), -1))
+        ]
         if self.on_changes is None:
             return [*answers, None, None]
         named = tuple(name if self.knows(name) else "" for name in table.specimen)
-        flat = self.healthy.changes(self.layout, replace(table, specimen=named)).reshape(len(levels), -1)
+        flat = self.healthy.changes(self.layout, replace(table, specimen=named)).reshape(
+            len(levels), -1
+        )
         known = np.isfinite(flat).all(axis=1)
         on_changes = self.on_changes.log_probabilities(np.where(known[:, None], flat, 0))
-        return [*answers, *(None if part is None else np.where(known[:, None], part, np.nan) for part in on_changes)]
+        return [
+            *answers,
+            *(
+                None if part is None else np.where(known[:, None], part, np.nan)
+                for part in on_changes
+            ),
+        ]
 
 
 def joint(
-    logarithms: Sequence[Float[np.ndarray, "row class"] | None], temperatures: Float[np.ndarray, " head"]
+    logarithms: Sequence[Float[np.ndarray, "row class"] | None],
+    temperatures: Float[np.ndarray, " head"],
 ) -> Float64[np.ndarray, "row class"]:
-    """Mean over heads of their tempered probabilities; one that is None or left out, or whose row is NaN, has no say.
+    """Mean over heads of their tempered probabilities; one that is None or left out, or whose row
+    is NaN, has no say.
 
-    Changes, where they are known, have half of the weight of all: on rig fleets 100 to 102 of both versions trees on
-    changes were right in 0.93 of recordings of new pumps, and levels in 0.85.
+    Changes, where they are known, have half of the weight of all: on rig fleets 100 to 102 of both
+    versions trees on changes were right in 0.93 of recordings of new pumps, and levels in 0.85.
     """
     rows, classes = next(part.shape for part in logarithms if part is not None)
     total, weight = np.zeros((rows, classes)), np.zeros((rows, 1))

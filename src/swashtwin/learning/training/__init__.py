@@ -1,1 +1,3 @@
-"""From windows to a fitted classifier: `fit`, its settings, and checkpoints that continue bit for bit."""
+"""From windows to a fitted classifier: `fit`, its settings, and checkpoints that continue bit for
+bit.
+"""

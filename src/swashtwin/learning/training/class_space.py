@@ -1,4 +1,6 @@
-"""How far a recording lies from every trained class: a likelihood ratio between a trained class and a new one."""
+"""How far a recording lies from every trained class: a likelihood ratio between a trained class and
+a new one.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,11 +11,14 @@ from jaxtyping import Float, Float64, Shaped
 from swashtwin.learning.windows.window_set import group_means, operating_points
 
 
-def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[np.ndarray, "feature feature"]:
+def shrunk_covariance(
+    rows: Float[np.ndarray, "recording feature"],
+) -> Float64[np.ndarray, "feature feature"]:
     """Covariance of the rows, shrunk towards a multiple of the identity by Ledoit and Wolf (2004).
 
-    (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI 10.1016/S0047-259X(03)00096-4); as
-    scikit-learn's `LedoitWolf`, whose import would take longer than a diagnosis.
+    (1 - s) S + s m I with S the covariance, m the mean of its diagonal (DOI
+    10.1016/S0047-259X(03)00096-4); as scikit-learn's `LedoitWolf`, whose import would take longer
+    than a diagnosis.
     """
     return shrinkage(rows, rows.shape[1])[0]
 
@@ -21,9 +26,11 @@ def shrunk_covariance(rows: Float[np.ndarray, "recording feature"]) -> Float64[n
 def shrinkage(
     rows: Float[np.ndarray, "recording axis"], n_features: int
 ) -> tuple[Float64[np.ndarray, "axis axis"], float]:
-    """(covariance of the rows as `shrunk_covariance`, its diagonal along directions in which no row differs).
+    """(covariance of the rows as `shrunk_covariance`, its diagonal along directions in which no row
+    differs).
 
-    The rows are coordinates along some orthonormal axes that hold all that differs between them, out of `n_features`.
+    The rows are coordinates along some orthonormal axes that hold all that differs between them,
+    out of `n_features`.
     """
     centered = rows - rows.mean(axis=0)
     squares = np.einsum("ij,ij->i", centered, centered)
@@ -34,27 +41,35 @@ def shrinkage(
     beta = (float((squares**2).sum()) / len(rows) - norm) / (n_features * len(rows))
     delta = (norm - 2 * mean * trace + n_features * mean**2) / n_features
     share = min(beta, delta) / delta if min(beta, delta) > 0 else 0.0
-    return np.asarray((1 - share) * covariance + share * mean * np.eye(len(covariance))), float(share * mean)
+    return np.asarray((1 - share) * covariance + share * mean * np.eye(len(covariance))), float(
+        share * mean
+    )
 
 
 _LEAST_VARIANCE = 1e-6
 """Added to each variance, for classes of one recording have none."""
 _NEW_CLASS_SPREAD, _MACHINE_SPREAD = 0.1, 0.5
-"""Share of the variance between classes, and between machines, that is taken to be alike in every direction."""
+"""Share of the variance between classes, and between machines, that is taken to be alike in every
+direction.
+"""
 _LEAST_IN_CELL = 2
-"""Recordings of each class and operating point, on average, from which the points' offsets can be told."""
+"""Recordings of each class and operating point, on average, from which the points' offsets can be
+told.
+"""
 _SPAN = 1e-10
 """Share of the greatest eigenvalue below which a direction is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClassSpace:
-    """Gaussian classes that differ by machine and by recording, within the span of the training recordings.
+    """Gaussian classes that differ by machine and by recording, within the span of the training
+    recordings.
 
-    A recording of class c is m_c + a + e, with the machine's share a ~ N(0, P) and the recording's e ~ N(0, E); a new
-    class is the mean of all + b + a + e with b ~ N(0, B). E is shrunk by Ledoit and Wolf (2004, DOI
-    10.1016/S0047-259X(03)00096-4); P and B, of which a few machines and classes tell little, are mixed with a
-    multiple of the identity. Outside the span of the training recordings all three are multiples of the identity.
+    A recording of class c is m_c + a + e, with the machine's share a ~ N(0, P) and the recording's
+    e ~ N(0, E); a new class is the mean of all + b + a + e with b ~ N(0, B). E is shrunk by Ledoit
+    and Wolf (2004, DOI 10.1016/S0047-259X(03)00096-4); P and B, of which a few machines and classes
+    tell little, are mixed with a multiple of the identity. Outside the span of the training
+    recordings all three are multiples of the identity.
     """
 
     mean: Float64[np.ndarray, " feature"]
@@ -71,12 +86,16 @@ class ClassSpace:
     offsets: Float64[np.ndarray, "point feature"]
     """What each operating point adds, whatever the class."""
 
-    def score(self, features: Float[np.ndarray, " feature"], condition: Float[np.ndarray, " quantity"]) -> float:
+    def score(
+        self, features: Float[np.ndarray, " feature"], condition: Float[np.ndarray, " quantity"]
+    ) -> float:
         """Squared distance from the nearest trained class less that from a new one, per feature."""
         ratio = np.abs(np.log(self.conditions / condition)).sum(axis=1)
         is_stated = not np.isnan(ratio).all()
         centered = (
-            features - self.mean - (self.offsets[np.nanargmin(ratio)] if is_stated else self.offsets.mean(axis=0))
+            features
+            - self.mean
+            - (self.offsets[np.nanargmin(ratio)] if is_stated else self.offsets.mean(axis=0))
         )
         inside = centered @ self.basis
         rest = max(float(centered @ centered - inside @ inside), 0.0)
@@ -93,14 +112,18 @@ def fit_class_space(
     specimen: Sequence[str] | Shaped[np.ndarray, " recording"],
     condition: Float[np.ndarray, "recording quantity"],
 ) -> ClassSpace:
-    """The space of recordings by their mean features, class, machine ("" for none), speed [rad/s] and pressure [Pa]."""
+    """The space of recordings by their mean features, class, machine ("" for none), speed [rad/s]
+    and pressure [Pa].
+    """
     values, n_features = features.astype(np.float64), features.shape[1]
     classes, target = np.unique(label, return_inverse=True)
     points, point = _operating_points(condition, len(classes))
     means, offsets = group_means(values, target), np.zeros((len(points), values.shape[1]))
     for number in range(len(points)):
         present = np.unique(target[point == number])
-        changes = [values[(point == number) & (target == c)].mean(axis=0) - means[c] for c in present]
+        changes = [
+            values[(point == number) & (target == c)].mean(axis=0) - means[c] for c in present
+        ]
         offsets[number] = np.mean(changes, axis=0)
     values = values - offsets[point]
     mean = values.mean(axis=0)
@@ -119,12 +142,21 @@ def fit_class_space(
         covariance, outside = _shrunk(within, n_features)
     new, inverse_outside = np.zeros_like(covariance), 0.0
     if len(classes) > 1:
-        spread, spread_outside = _mixed(centers - centers.mean(axis=0), _NEW_CLASS_SPREAD, n_features)
+        spread, spread_outside = _mixed(
+            centers - centers.mean(axis=0), _NEW_CLASS_SPREAD, n_features
+        )
         share = len(classes) / (len(classes) - 1)
         new = np.linalg.inv(covariance + share * spread)
         inverse_outside = 1 / (outside + share * spread_outside)
     return ClassSpace(
-        mean, basis, centers, np.linalg.inv(covariance), new, (1 / outside, inverse_outside), points, offsets
+        mean,
+        basis,
+        centers,
+        np.linalg.inv(covariance),
+        new,
+        (1 / outside, inverse_outside),
+        points,
+        offsets,
     )
 
 
@@ -135,8 +167,12 @@ def _span(rows: Float64[np.ndarray, "recording feature"]) -> Float64[np.ndarray,
     return np.asarray(rows.T @ vector[:, used] / np.sqrt(value[used]))
 
 
-def _mixed(rows: Float64[np.ndarray, "row axis"], share: float, n_features: int) -> tuple[np.ndarray, float]:
-    """(mean square of the rows mixed with `share` of a multiple of the identity, that outside their span)."""
+def _mixed(
+    rows: Float64[np.ndarray, "row axis"], share: float, n_features: int
+) -> tuple[np.ndarray, float]:
+    """(mean square of the rows mixed with `share` of a multiple of the identity, that outside their
+    span).
+    """
     square = rows.T @ rows / len(rows)
     outside = share * float(np.trace(square)) / n_features
     return (1 - share) * square + outside * np.eye(len(square)), outside
@@ -153,7 +189,8 @@ def _operating_points(
 ) -> tuple[Float64[np.ndarray, "point quantity"], np.ndarray]:
     """(speed and pressure of each operating point, index of each recording's).
 
-    Where there are fewer than two recordings for each class and point, all count as one point that is not stated.
+    Where there are fewer than two recordings for each class and point, all count as one point that
+    is not stated.
     """
     points, point = operating_points(condition)
     if len(condition) < _LEAST_IN_CELL * n_classes * len(points):

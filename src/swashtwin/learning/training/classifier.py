@@ -19,15 +19,17 @@ from swashtwin.learning.windows.window_set import WindowLayout, WindowSet
 from swashtwin.recordings import Manifest, Recording
 
 TOGETHER = 32
-"""Windows that pass a network together where nothing is learned: they stay in the processor's cache."""
+"""Windows that pass a network together where nothing is learned: they stay in the processor's
+cache.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Normalization:
     """Subtracts a mean from each channel and divides by a deviation, taken over what `kind` says.
 
-    ``"window"``: over each window by itself. ``"set"``: over the training windows, kept here. ``"none"``: not at all. A
-    channel that does not move is not divided.
+    ``"window"``: over each window by itself. ``"set"``: over the training windows, kept here.
+    ``"none"``: not at all. A channel that does not move is not divided.
     """
 
     kind: str
@@ -39,7 +41,9 @@ class Normalization:
 
     def __post_init__(self) -> None:
         if self.kind not in NORMALIZATIONS:
-            raise InputError(f"normalization {self.kind[:60]!r} is none of {', '.join(NORMALIZATIONS)}.")
+            raise InputError(
+                f"normalization {self.kind[:60]!r} is none of {', '.join(NORMALIZATIONS)}."
+            )
         if not (self.deviation > 0).all():
             raise InputError("the deviation of a normalization must be positive.")
 
@@ -62,7 +66,10 @@ class Normalization:
         for at in range(0, len(windows), TOGETHER):
             part, mean, deviation = windows.signal[at : at + TOGETHER], self.mean, self.deviation
             if self.kind == "window":
-                mean, deviation = part.mean(axis=2, dtype=np.float64), part.std(axis=2, dtype=np.float64)
+                mean, deviation = (
+                    part.mean(axis=2, dtype=np.float64),
+                    part.std(axis=2, dtype=np.float64),
+                )
             scaled = part - mean[..., None]
             scaled /= _not_zero(deviation)[..., None]
             yield scaled.astype(np.float32), turns[at : at + TOGETHER]
@@ -88,24 +95,33 @@ class FittedClassifier:
     seed: int
     history: tuple[Epoch, ...]
     manifest: Manifest
-    """Every recording that had a part in it (training, validation, calibration), by id with the hashes of its content;
-    none may be tested on."""
+    """Every recording that had a part in it (training, validation, calibration), by id with the
+    hashes of its content; none may be tested on.
+    """
     pressures: tuple[float, ...]
     """Discharge pressures it was trained at [Pa], ascending; empty where they were not known."""
     speeds: tuple[float, ...]
     """Shaft speeds it was trained at [rad/s], ascending; empty where they were not known."""
     training_reference: TrainingReference | None = None
-    """The measured recordings it was trained on, by the levels of their vibration; None where there was none."""
+    """The measured recordings it was trained on, by the levels of their vibration; None where there
+    was none.
+    """
     choice: Choice | None = None
     """What was tried and chosen (`fit_chosen`); None where the network was named."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model (`swashtwin.pump`) that a class of another name stands for."""
     confidence: Confidence | None = None
-    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not calibrated."""
+    """Calibrated confidence (`learn_confidence`, `cross_fitted_confidence`); None where it was not
+    calibrated.
+    """
     recordings: RecordingModel | None = None
-    """Heads on whole recordings (`fit_chosen`); None where the network was named, or recordings were too short."""
+    """Heads on whole recordings (`fit_chosen`); None where the network was named, or recordings
+    were too short.
+    """
     own_confidence: Confidence | None = None
-    """Confidence of answers to machines whose healthy recordings the model knows; None where `confidence` is theirs."""
+    """Confidence of answers to machines whose healthy recordings the model knows; None where
+    `confidence` is theirs.
+    """
 
     @property
     def sample_rate(self) -> float:
@@ -125,8 +141,8 @@ class FittedClassifier:
     def predict_proba(self, windows: WindowSet) -> Float[np.ndarray, "window class"]:
         """Probability of each class for each window; rows sum to 1.
 
-        NaN where the square of a scaled sample, a feature or a score of the window is no finite number: it has no
-        verdict.
+        NaN where the square of a scaled sample, a feature or a score of the window is no finite
+        number: it has no verdict.
 
         Raises
         ------
@@ -141,17 +157,25 @@ class FittedClassifier:
 
     def cut_windows(self, recordings: Iterable[Recording]) -> WindowSet:
         """Windows of recordings as the classifier takes them."""
-        return cut_windows(recordings, length=self.length, classes=self.classes, allow_partial_revolution=True)
+        return cut_windows(
+            recordings, length=self.length, classes=self.classes, allow_partial_revolution=True
+        )
 
     def confidence_of(self, specimen: str) -> Confidence | None:
         """The confidence of answers to a machine."""
         is_known = self.recordings is not None and self.recordings.knows(specimen)
-        return self.own_confidence if is_known and self.own_confidence is not None else self.confidence
+        return (
+            self.own_confidence if is_known and self.own_confidence is not None else self.confidence
+        )
 
     def with_healthy(self, windows: WindowSet) -> "FittedClassifier":
-        """The classifier that knows further healthy recordings, by their windows, and compares with them."""
+        """The classifier that knows further healthy recordings, by their windows, and compares with
+        them.
+        """
         assert self.recordings is not None
-        return replace(self, recordings=self.recordings.with_healthy(self.recordings.table(windows)))
+        return replace(
+            self, recordings=self.recordings.with_healthy(self.recordings.table(windows))
+        )
 
     def _probabilities(self, samples: np.ndarray, turns: np.ndarray) -> np.ndarray:
         probability = self.network.probabilities(samples, turns)
@@ -161,7 +185,9 @@ class FittedClassifier:
         return probability
 
     def predict(self, windows: WindowSet) -> Shaped[np.ndarray, " window"]:
-        """Name of the likeliest class of each window; a `DataError` where a window has no verdict."""
+        """Name of the likeliest class of each window; a `DataError` where a window has no
+        verdict.
+        """
         probability = self.predict_proba(windows)
         require_verdicts(probability, windows.recording_id)
         return np.array(self.classes, dtype=np.str_)[probability.argmax(axis=1)]
@@ -173,11 +199,12 @@ class FittedClassifier:
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, `level_features`) of each window: what a verdict and what its trust rest on.
+        """(`predict_proba`, `level_features`) of each window: what a verdict and what its trust
+        rest on.
 
-        The levels are of the samples as they are: they tell a new class better than those that a `LevelNetwork` decides
-        by, and far better than the last layer, where a class that it never saw fell among the known ones
-        (docs/explanation/diagnosis.md).
+        The levels are of the samples as they are: they tell a new class better than those that a
+        `LevelNetwork` decides by, and far better than the last layer, where a class that it never
+        saw fell among the known ones (docs/explanation/diagnosis.md).
         """
         return self.predict_proba(windows), level_features(windows)
 
@@ -190,8 +217,12 @@ class FittedClassifier:
         return np.concatenate([step(*block) for block in self.normalization.blocks(windows)])
 
 
-def require_verdicts(probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]) -> None:
-    """Raise a `DataError` that names the first answer with a probability that is no finite number, if there is one."""
+def require_verdicts(
+    probability: Float[np.ndarray, "answer class"], names: Shaped[np.ndarray, " answer"]
+) -> None:
+    """Raise a `DataError` that names the first answer with a probability that is no finite number,
+    if there is one.
+    """
     finite = np.isfinite(probability).all(axis=1)
     if not finite.all():
         raise DataError(

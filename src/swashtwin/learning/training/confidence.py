@@ -1,4 +1,6 @@
-"""How reliable a classifier's answers are, from answers to recordings that had no part in training what gave them."""
+"""How reliable a classifier's answers are, from answers to recordings that had no part in training
+what gave them.
+"""
 
 import math
 from collections.abc import Sequence
@@ -13,29 +15,42 @@ from swashtwin.foundation import InputError, plural
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """A temperature, prediction sets and a threshold for what is unknown, learned from validation recordings."""
+    """A temperature, prediction sets and a threshold for what is unknown, learned from validation
+    recordings.
+    """
 
     temperature: float
-    """T by which the log-probabilities of a single window are divided: p_c^(1/T) / Σ p^(1/T) (Guo and others 2017,
-    arXiv:1706.04599). Above 1 the classifier was too sure of itself."""
+    """T by which the log-probabilities of a single window are divided: p_c^(1/T) / Σ p^(1/T) (Guo
+    and others 2017, arXiv:1706.04599). Above 1 the classifier was too sure of itself.
+    """
     dependence: float
-    """ρ, how much the windows of a recording repeat each other: n of them count as n / (1 + (n - 1) ρ) independent
-    ones (Kish's design effect, 1965). 0: each window is new evidence; 1: all windows are no more than the first."""
+    """ρ, how much the windows of a recording repeat each other: n of them count as n / (1 + (n - 1)
+    ρ) independent ones (Kish's design effect, 1965). 0: each window is new evidence; 1: all windows
+    are no more than the first.
+    """
     listening_windows: tuple[int, ...]
-    """Windows that the rows of `nonconformity_score` pool, ascending from 1; the last row pools whole recordings."""
+    """Windows that the rows of `nonconformity_score` pool, ascending from 1; the last row pools
+    whole recordings.
+    """
     nonconformity_score: Float64[np.ndarray, "listening recording"]
-    """-log p of the true class of each validation recording, from the mean log-probability of its first windows,
-    before the temperature [nat]."""
+    """-log p of the true class of each validation recording, from the mean log-probability of its
+    first windows, before the temperature [nat].
+    """
     target: Int64[np.ndarray, " recording"]
     """Index of the true class of each validation recording."""
     ood_score: Float64[np.ndarray, " recording"]
-    """Out-of-distribution score of each validation recording, ascending; see `TrainingReference.ood_score`."""
+    """Out-of-distribution score of each validation recording, ascending; see
+    `TrainingReference.ood_score`.
+    """
     error_rate: float
-    """Share of the recordings whose prediction set may miss the true class, and of those that may be called unknown
-    although their class was trained."""
+    """Share of the recordings whose prediction set may miss the true class, and of those that may
+    be called unknown although their class was trained.
+    """
     cross_fitted: bool = False
-    """Whether the validation recordings are those of the training, each answered by models that were trained without
-    it (`cross_fitted_confidence`), rather than recordings held out (`learn_confidence`)."""
+    """Whether the validation recordings are those of the training, each answered by models that
+    were trained without it (`cross_fitted_confidence`), rather than recordings held out
+    (`learn_confidence`).
+    """
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.temperature) and self.temperature > 0):
@@ -66,12 +81,14 @@ class Confidence:
         return f"{plural(self.n_recordings, 'validation recording')} held out"
 
     def temperature_scaled(
-        self, probability: Float[np.ndarray, "*recording class"], n_windows: int | Int[np.ndarray, "*recording"]
+        self,
+        probability: Float[np.ndarray, "*recording class"],
+        n_windows: int | Int[np.ndarray, "*recording"],
     ) -> Float64[np.ndarray, "*recording class"]:
         """Calibrated probabilities of recordings; rows sum to 1, and the likeliest class stays.
 
-        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ) and p from the mean log-probability of the n
-        windows (`pooled_probabilities`).
+        log p_c becomes n_eff log p_c / T, with n_eff = n / (1 + (n - 1) ρ) and p from the mean
+        log-probability of the n windows (`pooled_probabilities`).
 
         Examples
         --------
@@ -80,7 +97,9 @@ class Confidence:
         >>> confidence.temperature_scaled(np.array([0.96, 0.04]), 20).round(2)
         array([0.95, 0.05])
         """
-        return temperature_scaled(probability, pooled_temperature(self.temperature, self.dependence, n_windows))
+        return temperature_scaled(
+            probability, pooled_temperature(self.temperature, self.dependence, n_windows)
+        )
 
     def plausibility(
         self,
@@ -88,13 +107,14 @@ class Confidence:
         n_windows: int | Int[np.ndarray, "*recording"],
         error_rate: float | None = None,
     ) -> Float64[np.ndarray, "*recording class"]:
-        """Conformal p-value of each class: the share of recordings whose score is at least as high, this one counted.
+        """Conformal p-value of each class: the share of recordings whose score is at least as high,
+        this one counted.
 
-        (1 + #{i : s_i >= -log p_c}) / (m + 1) over the m validation recordings of the class's `class_groups`, each cut
-        to the most `listening_windows` that the recording has. p_c is that of `pooled_probabilities` before the
-        temperature, so that no p-value depends on what was fitted to the validation recordings. For the true class it
-        is at most e in a share e of the recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch.
-        4).
+        (1 + #{i : s_i >= -log p_c}) / (m + 1) over the m validation recordings of the class's
+        `class_groups`, each cut to the most `listening_windows` that the recording has. p_c is that
+        of `pooled_probabilities` before the temperature, so that no p-value depends on what was
+        fitted to the validation recordings. For the true class it is at most e in a share e of the
+        recordings of each group (Mondrian sets: Vovk, Gammerman and Shafer 2005, ch. 4).
         """
         score = nonconformity_scores(probability)
         row = np.searchsorted(self.listening_windows, n_windows, side="right") - 1
@@ -106,10 +126,14 @@ class Confidence:
             p_value[..., group == index] = (1 + at_least) / (among.shape[-1] + 1)
         return p_value
 
-    def class_groups(self, n_classes: int, error_rate: float | None = None) -> Int64[np.ndarray, " class"]:
-        """Group of each class: its index where it has validation recordings enough of its own, else -1.
+    def class_groups(
+        self, n_classes: int, error_rate: float | None = None
+    ) -> Int64[np.ndarray, " class"]:
+        """Group of each class: its index where it has validation recordings enough of its own, else
+        -1.
 
-        Scarce classes are judged together. Where they are too few even so, the next scarcest classes join them.
+        Scarce classes are judged together. Where they are too few even so, the next scarcest
+        classes join them.
         """
         least = least_validation(self.error_rate if error_rate is None else error_rate)
         count = np.bincount(self.target, minlength=n_classes)
@@ -127,7 +151,8 @@ class Confidence:
         n_windows: int | Int[np.ndarray, "*recording"],
         error_rate: float | None = None,
     ) -> Bool[np.ndarray, "*recording class"]:
-        """Which classes cannot be ruled out at the error rate: those more plausible than it, and always the likeliest.
+        """Which classes cannot be ruled out at the error rate: those more plausible than it, and
+        always the likeliest.
 
         An `InputError` where there are too few validation recordings for the rate.
         """
@@ -137,12 +162,17 @@ class Confidence:
         is_likeliest = probability == probability.max(-1, keepdims=True)
         return np.asarray((self.plausibility(probability, n_windows, rate) > rate) | is_likeliest)
 
-    def ood_p_value(self, ood_score: Float[np.ndarray, "*recording"]) -> Float64[np.ndarray, "*recording"]:
-        """Conformal p-value of resembling the training: the share of recordings whose score is at least as high.
+    def ood_p_value(
+        self, ood_score: Float[np.ndarray, "*recording"]
+    ) -> Float64[np.ndarray, "*recording"]:
+        """Conformal p-value of resembling the training: the share of recordings whose score is at
+        least as high.
 
         Where it is at most the error rate, the recording is called unknown.
         """
-        at_least = self.n_recordings - np.searchsorted(self.ood_score, np.asarray(ood_score), side="left")
+        at_least = self.n_recordings - np.searchsorted(
+            self.ood_score, np.asarray(ood_score), side="left"
+        )
         return np.asarray((1 + at_least) / (self.n_recordings + 1), dtype=np.float64)
 
 
@@ -152,13 +182,16 @@ def least_validation(error_rate: float) -> int:
     An `InputError` where it is not between 0 and 1.
     """
     if not (isinstance(error_rate, (int, float, np.number)) and 0 < error_rate < 1):
-        raise InputError(f"error_rate ({error_rate!r}) must lie between 0 and 1; one recording in ten is 0.1.")
+        raise InputError(
+            f"error_rate ({error_rate!r}) must lie between 0 and 1; one recording in ten is 0.1."
+        )
     return math.ceil(1 / error_rate - 1 - 1e-9)
 
 
 def require_enough(n_recordings: int, error_rate: float, fewest: int | None = None) -> None:
-    """Raise an `InputError` where so many validation recordings cannot say anything at this error rate; it advises the
-    rate that the `fewest` which may be left of them allow."""
+    """Raise an `InputError` where so many validation recordings cannot say anything at this error
+    rate; it advises the rate that the `fewest` which may be left of them allow.
+    """
     least = least_validation(error_rate)
     if n_recordings < least:
         raise InputError(
@@ -167,11 +200,14 @@ def require_enough(n_recordings: int, error_rate: float, fewest: int | None = No
         )
 
 
-def validation_share(n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2) -> tuple[float, int]:
+def validation_share(
+    n_recordings: int, error_rate: float = 0.1, fraction: float = 0.2
+) -> tuple[float, int]:
     """(share of the recordings to hold back for validation, about how many these are).
 
-    That is `fraction`, or as much more as the error rate needs, half at most; see `allowed_error_rate` of so many. The
-    recordings are those that are left after the test set was taken away.
+    That is `fraction`, or as much more as the error rate needs, half at most; see
+    `allowed_error_rate` of so many. The recordings are those that are left after the test set was
+    taken away.
     """
     needed = least_validation(error_rate)
     if round(n_recordings * fraction) >= needed:
@@ -181,7 +217,9 @@ def validation_share(n_recordings: int, error_rate: float = 0.1, fraction: float
 
 
 def allowed_error_rate(n_validation: int, error_rate: float) -> float:
-    """`error_rate`, or the least that so many validation recordings allow, rounded up to three digits."""
+    """`error_rate`, or the least that so many validation recordings allow, rounded up to three
+    digits.
+    """
     if n_validation >= least_validation(error_rate):
         return error_rate
     return math.ceil(1000 / (n_validation + 1)) / 1000
@@ -191,18 +229,23 @@ def pooled_temperature(
     temperature: float, dependence: float, n_windows: int | Int[np.ndarray, "*recording"]
 ) -> Float64[np.ndarray, "*recording"]:
     """T / n_eff = T (ρ + (1 - ρ) / n): what divides the mean log-probability of n windows."""
-    return np.asarray(temperature * (dependence + (1 - dependence) / np.asarray(n_windows)), dtype=np.float64)
+    return np.asarray(
+        temperature * (dependence + (1 - dependence) / np.asarray(n_windows)), dtype=np.float64
+    )
 
 
 def temperature_scaled(
-    probability: Float[np.ndarray, "*recording class"], temperature: float | Float[np.ndarray, "..."]
+    probability: Float[np.ndarray, "*recording class"],
+    temperature: float | Float[np.ndarray, "..."],
 ) -> Float64[np.ndarray, "*recording class"]:
     """p_c^(1/T) / Σ p^(1/T) along the last axis."""
     logarithm = -nonconformity_scores(probability) / np.asarray(temperature)[..., None]
     return np.asarray(scipy.special.softmax(logarithm, axis=-1))
 
 
-def nonconformity_scores(probability: Float[np.ndarray, "*recording class"]) -> Float64[np.ndarray, "*recording class"]:
+def nonconformity_scores(
+    probability: Float[np.ndarray, "*recording class"],
+) -> Float64[np.ndarray, "*recording class"]:
     """-log p [nat], p being 1e-300 at least."""
     return np.asarray(-np.log(np.maximum(probability, 1e-300)), dtype=np.float64)
 
@@ -210,17 +253,20 @@ def nonconformity_scores(probability: Float[np.ndarray, "*recording class"]) -> 
 _TEMPERATURES = (0.05, 100.0)
 """Bounds of the temperature."""
 _STARTS = (1.0, 0.1)
-"""Dependences that the search starts from; where no recording has two windows it stays at the first."""
+"""Dependences that the search starts from; where no recording has two windows it stays at the
+first.
+"""
 
 
 def pooled_probabilities(
     probability: Float[np.ndarray, "window class"], confidence: Confidence | None = None
 ) -> Float[np.ndarray, " class"]:
-    """Probability of each class for a whole recording, from the mean log-probability of its windows.
+    """Probability of each class for a whole recording, from the mean log-probability of its
+    windows.
 
-    With a confidence, the mean is scaled to as many independent windows as they are worth and to its temperature;
-    without, the recording counts as a single window. The likeliest class is the same. NaN for each class where a window
-    has no finite answer.
+    With a confidence, the mean is scaled to as many independent windows as they are worth and to
+    its temperature; without, the recording counts as a single window. The likeliest class is the
+    same. NaN for each class where a window has no finite answer.
     """
     pooled = scipy.special.softmax(np.log(np.maximum(probability, 1e-12)).mean(axis=0))
     return pooled if confidence is None else confidence.temperature_scaled(pooled, len(probability))
@@ -232,14 +278,17 @@ def window_counts(n_windows: int) -> tuple[int, ...]:
 
 
 def fit_pooling(
-    probability: Sequence[Float[np.ndarray, "window class"]], target: Int64[np.ndarray, " recording"]
+    probability: Sequence[Float[np.ndarray, "window class"]],
+    target: Int64[np.ndarray, " recording"],
 ) -> tuple[float, float]:
-    """(temperature T, dependence ρ) of the least cross-entropy on recordings listened to for several times.
+    """(temperature T, dependence ρ) of the least cross-entropy on recordings listened to for
+    several times.
 
-    Each recording is cut into consecutive blocks of 1, 2, 4, ... and all windows, and each of these times, then each
-    recording, has the same weight. The targets are (n + 1)/(n + C) for the true class of n recordings and 1/(n + C) for
-    each other. These are Laplace's shares: n recordings that are all told right are no proof of certainty (the
-    multiclass form of Platt's targets, 1999). Without them T would fall to nothing there.
+    Each recording is cut into consecutive blocks of 1, 2, 4, ... and all windows, and each of these
+    times, then each recording, has the same weight. The targets are (n + 1)/(n + C) for the true
+    class of n recordings and 1/(n + C) for each other. These are Laplace's shares: n recordings
+    that are all told right are no proof of certainty (the multiclass form of Platt's targets,
+    1999). Without them T would fall to nothing there.
     """
     n, n_classes = len(probability), probability[0].shape[1]
     goal = np.full((n, n_classes), 1 / (n + n_classes))
@@ -260,7 +309,9 @@ def fit_pooling(
 
     low, high = np.log(_TEMPERATURES)
     fits = [
-        scipy.optimize.minimize(loss, (0.0, start), jac=True, method="L-BFGS-B", bounds=((low, high), (0.0, 1.0)))
+        scipy.optimize.minimize(
+            loss, (0.0, start), jac=True, method="L-BFGS-B", bounds=((low, high), (0.0, 1.0))
+        )
         for start in _STARTS
     ]
     best = min(fits, key=lambda fit: float(fit.fun))
@@ -269,8 +320,12 @@ def fit_pooling(
 
 def _blocks(
     logarithm: Float64[np.ndarray, "window class"],
-) -> tuple[Float64[np.ndarray, "block class"], Int64[np.ndarray, " block"], Float64[np.ndarray, " block"]]:
-    """(mean log-probability, windows, weight) of each block of consecutive windows of one recording."""
+) -> tuple[
+    Float64[np.ndarray, "block class"], Int64[np.ndarray, " block"], Float64[np.ndarray, " block"]
+]:
+    """(mean log-probability, windows, weight) of each block of consecutive windows of one
+    recording.
+    """
     counts = window_counts(len(logarithm))
     starts = [np.arange(0, len(logarithm) - count + 1, count) for count in counts]
     means = [
@@ -282,6 +337,10 @@ def _blocks(
     return np.concatenate(means), np.repeat(counts, sizes).astype(np.int64), weights
 
 
-def likeliest_class(probability: Float[np.ndarray, "*window class"]) -> Int64[np.ndarray, "*window"]:
-    """Index of the likeliest class; -1 where a probability is no finite number, so that there is no verdict."""
+def likeliest_class(
+    probability: Float[np.ndarray, "*window class"],
+) -> Int64[np.ndarray, "*window"]:
+    """Index of the likeliest class; -1 where a probability is no finite number, so that there is no
+    verdict.
+    """
     return np.where(np.isfinite(probability).all(axis=-1), probability.argmax(axis=-1), -1)

@@ -12,15 +12,24 @@ from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.networks.solved_network import SolvedNetwork
 from swashtwin.learning.training.classifier import FittedClassifier, Normalization
-from swashtwin.learning.training.settings import PAPER_TRAINING, Epoch, TrainingSettings, transform_windows
+from swashtwin.learning.training.settings import (
+    PAPER_TRAINING,
+    Epoch,
+    TrainingSettings,
+    transform_windows,
+)
 from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
 Seen = tuple[Float32[np.ndarray, "row value"], Int[np.ndarray, " row"]]
-"""What a network sees of windows as they are and as each epoch changes them, and the window behind each row."""
+"""What a network sees of windows as they are and as each epoch changes them, and the window behind
+each row.
+"""
 _LARGEST = 1e16
-"""Magnitude of a sample from which the power of a window is no finite number in single precision."""
+"""Magnitude of a sample from which the power of a window is no finite number in single
+precision.
+"""
 
 
 def fit(
@@ -38,9 +47,9 @@ def fit(
 ) -> FittedClassifier:
     """Classifier trained on `windows`, as it stands after the last epoch.
 
-    `network` gives the architecture only and stays as it is: a network of the same settings is trained, or solved for
-    on the windows and those that each epoch would change. Same seed, windows, settings and machine: same bits. On the
-    CPU it runs on one thread.
+    `network` gives the architecture only and stays as it is: a network of the same settings is
+    trained, or solved for on the windows and those that each epoch would change. Same seed,
+    windows, settings and machine: same bits. On the CPU it runs on one thread.
 
     Parameters
     ----------
@@ -48,14 +57,16 @@ def fit(
     windows : training windows with labels, measured and synthetic.
     settings : epochs, batch, learning rate, normalization; the paper's by default.
     seed : seed of weights, order and dropout.
-    manifest : further recordings, as a manifest or by their ids, that had a part in the training windows, such as those
-        a twin was calibrated on. They join the training recordings in the classifier's manifest, which no test set may
-        meet.
+    manifest : further recordings, as a manifest or by their ids, that had a part in the training
+        windows, such as those a twin was calibrated on. They join the training recordings in the
+        classifier's manifest, which no test set may meet.
     checkpoint : file that the run is saved to after each epoch, where there are epochs.
-    resume : continue from `checkpoint` if it exists; the result has the same bits as a run without interruption.
+    resume : continue from `checkpoint` if it exists; the result has the same bits as a run without
+        interruption.
     progress : called after each epoch.
     device : ``"cpu"`` or a GPU such as ``"cuda"``; the classifier comes back on the CPU.
-    seen : what a network that is solved for sees of these windows and settings, where it is at hand.
+    seen : what a network that is solved for sees of these windows and settings, where it is at
+        hand.
 
     Raises
     ------
@@ -70,7 +81,9 @@ def fit(
     trained: AnyNetwork
     if isinstance(network, SolvedNetwork):
         if device != "cpu":
-            raise InputError(f"device {device!r}: the network {network.name!r} is solved for on the cpu.")
+            raise InputError(
+                f"device {device!r}: the network {network.name!r} is solved for on the cpu."
+            )
         with one_thread():
             seen = seen or _seen(network, windows, normalization, settings, seed)
             trained, history = _solved(network, windows, seen, seed)
@@ -87,7 +100,16 @@ def fit(
             "manifest": used,
         }
         trained, history = train_epochs(
-            network, windows, normalization, settings, seed, run, checkpoint, resume, progress, device
+            network,
+            windows,
+            normalization,
+            settings,
+            seed,
+            run,
+            checkpoint,
+            resume,
+            progress,
+            device,
         )
     return FittedClassifier(
         network=trained,
@@ -105,10 +127,16 @@ def fit(
 
 
 def _seen(
-    network: SolvedNetwork, windows: WindowSet, normalization: Normalization, settings: TrainingSettings, seed: int
+    network: SolvedNetwork,
+    windows: WindowSet,
+    normalization: Normalization,
+    settings: TrainingSettings,
+    seed: int,
 ) -> Seen:
     values, rows, clean = list[np.ndarray](), list[np.ndarray](), (np.arange(len(windows)), windows)
-    changed = (transform_windows(windows, settings, seed, number + 1) for number in range(settings.epochs))
+    changed = (
+        transform_windows(windows, settings, seed, number + 1) for number in range(settings.epochs)
+    )
     for which, part in chain([clean], changed):
         values += [network.represent_at(*block) for block in normalization.blocks(part)]
         rows.append(which)
@@ -128,8 +156,9 @@ def _solved(
 
 
 def require_trainable(windows: WindowSet) -> None:
-    """Raise a `DataError` where there is no window, one without a label, one class, a class without a window, or a
-    sample that is far too large."""
+    """Raise a `DataError` where there is no window, one without a label, one class, a class without
+    a window, or a sample that is far too large.
+    """
     windows.require_any("to train on")
     windows.require_labels("training")
     windows.require_two_classes()
@@ -157,4 +186,6 @@ def _require_fitting(network: AnyNetwork, windows: WindowSet) -> None:
         )
     length = network.settings.get("length", windows.length)
     if length != windows.length:
-        raise InputError(f"the network is built for windows of {length} samples, these have {windows.length}.")
+        raise InputError(
+            f"the network is built for windows of {length} samples, these have {windows.length}."
+        )

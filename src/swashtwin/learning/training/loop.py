@@ -55,13 +55,17 @@ def train_epochs(
     progress: Callable[[Epoch], None] | None,
     device: str,
 ) -> tuple[Network, tuple[Epoch, ...]]:
-    """(network of the same settings, trained, in evaluation mode on the CPU; loss and accuracy of each epoch).
+    """(network of the same settings, trained, in evaluation mode on the CPU; loss and accuracy of
+    each epoch).
 
-    Parameters are those of `fit`; by `run`, what makes the run this one and no other, its checkpoint is known.
+    Parameters are those of `fit`; by `run`, what makes the run this one and no other, its
+    checkpoint is known.
     """
     kind = device.partition(":")[0]
     if kind not in ("cpu", "cuda") or (kind == "cuda" and not torch.cuda.is_available()):
-        usable = "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
+        usable = (
+            "cpu or cuda" if torch.cuda.is_available() else "cpu (this machine has no usable GPU)"
+        )
         raise InputError(f"device {device!r} cannot be used here; choose {usable}.")
     with _deterministic_kernels(device), one_thread():
         trained = network.fresh(derive_seed(seed, "weights")).to(device)
@@ -88,7 +92,9 @@ def train_epochs(
             random.restart(derive_seed(seed, "dropout", number))
             with random:
                 signal = epoch_signal(number)
-            order = torch.from_numpy(stream(seed, "order", number).permutation(len(windows))).to(device)
+            order = torch.from_numpy(stream(seed, "order", number).permutation(len(windows))).to(
+                device
+            )
             loss, accuracy = steps.epoch(signal, order)
             if not math.isfinite(loss):
                 raise InputError(
@@ -104,12 +110,16 @@ def train_epochs(
 
 def _class_weights(windows: WindowSet, device: str) -> Tensor:
     counts = np.bincount(windows.target, minlength=len(windows.classes))
-    return torch.tensor(len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device)
+    return torch.tensor(
+        len(windows) / (len(windows.classes) * counts), dtype=torch.float32, device=device
+    )
 
 
 @contextmanager
 def _deterministic_kernels(device: str) -> Iterator[None]:
-    """Kernels of a GPU that give the same bits each time, chosen for the whole process; a CPU has no others."""
+    """Kernels of a GPU that give the same bits each time, chosen for the whole process; a CPU has
+    no others.
+    """
     cudnn = torch.backends.cudnn
     before = cudnn.deterministic, cudnn.benchmark
     if device != "cpu":
@@ -121,20 +131,30 @@ def _deterministic_kernels(device: str) -> Iterator[None]:
 
 
 def _start(
-    checkpoint: Path | None, resume: bool, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer
+    checkpoint: Path | None,
+    resume: bool,
+    run: dict[str, Any],
+    network: Network,
+    optimizer: torch.optim.Optimizer,
 ) -> tuple[Epoch, ...]:
     if checkpoint is None:
         if resume:
-            raise InputError("to resume needs a checkpoint, the file to continue from.", field="checkpoint")
+            raise InputError(
+                "to resume needs a checkpoint, the file to continue from.", field="checkpoint"
+            )
         return ()
     if not Path(checkpoint).exists():
         return ()
     if not resume:
-        raise InputError(f"{checkpoint} exists; resume it, or delete it to start again.", field="resume")
+        raise InputError(
+            f"{checkpoint} exists; resume it, or delete it to start again.", field="resume"
+        )
     return load_checkpoint(Path(checkpoint), run, network, optimizer)
 
 
-def _tensors(network: Network, windows: WindowSet, normalization: Normalization, device: str) -> tuple[Tensor, Tensor]:
+def _tensors(
+    network: Network, windows: WindowSet, normalization: Normalization, device: str
+) -> tuple[Tensor, Tensor]:
     """(windows as the network represents them, their classes)."""
     signal = torch.from_numpy(normalization.apply(windows))
     with torch.no_grad():
@@ -157,15 +177,23 @@ def _set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
 
 
 def save_checkpoint(
-    path: Path, run: dict[str, Any], network: Network, optimizer: torch.optim.Optimizer, history: tuple[Epoch, ...]
+    path: Path,
+    run: dict[str, Any],
+    network: Network,
+    optimizer: torch.optim.Optimizer,
+    history: tuple[Epoch, ...],
 ) -> None:
-    """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch before."""
+    """Write the run's state after the last epoch of `history`; a crash leaves the file of the epoch
+    before.
+    """
     moments = {
         f"{index}.{name}": value.cpu().numpy()
         for index, state in optimizer.state_dict()["state"].items()
         for name, value in state.items()
     }
-    save_artifact(path, _KIND, _VERSION, _Checkpoint(run, network.weights, moments, history), may_be_nan=None)
+    save_artifact(
+        path, _KIND, _VERSION, _Checkpoint(run, network.weights, moments, history), may_be_nan=None
+    )
 
 
 def load_checkpoint(
@@ -180,7 +208,9 @@ def load_checkpoint(
     InputError
         The file is of another run: the first thing that differs is named with both values.
     """
-    saved = load_artifact(path, _Checkpoint, _KIND, _VERSION, advice="delete it to start again", may_be_nan=None)
+    saved = load_artifact(
+        path, _Checkpoint, _KIND, _VERSION, advice="delete it to start again", may_be_nan=None
+    )
     if difference := first_difference(saved.run, json.loads(json.dumps(run))):
         raise InputError(
             f"{path} is of another run: {difference}; name another checkpoint, or repeat the settings it was written "
@@ -191,6 +221,8 @@ def load_checkpoint(
         index, word = name.split(".", 1)
         states.setdefault(int(index), {})[word] = torch.as_tensor(moment)
     with refuse_misfits(path, _KIND):
-        network.load_state_dict({name: torch.as_tensor(weight) for name, weight in saved.weights.items()})
+        network.load_state_dict(
+            {name: torch.as_tensor(weight) for name, weight in saved.weights.items()}
+        )
         optimizer.load_state_dict({**optimizer.state_dict(), "state": states})
     return saved.history

@@ -17,22 +17,29 @@ _WARM_UP = 3
 
 
 def is_replayed(network: Network, device: str) -> bool:
-    """Whether a training there captures its step: a GPU spends longer on launching small kernels than on them."""
+    """Whether a training there captures its step: a GPU spends longer on launching small kernels
+    than on them.
+    """
     return network.is_capturable and device.partition(":")[0] == "cuda"
 
 
 def adam(network: Network, rate: float, replayed: bool) -> torch.optim.Adam:
-    """The optimizer; where steps are replayed its learning rate is a tensor, which a graph reads anew each time."""
+    """The optimizer; where steps are replayed its learning rate is a tensor, which a graph reads
+    anew each time.
+    """
     if not replayed:
         return torch.optim.Adam(network.parameters(), lr=rate)
     device = next(network.parameters()).device
-    return torch.optim.Adam(network.parameters(), lr=torch.tensor(rate, device=device), capturable=True, fused=True)
+    return torch.optim.Adam(
+        network.parameters(), lr=torch.tensor(rate, device=device), capturable=True, fused=True
+    )
 
 
 class Steps:
     """All steps of a training, on windows as the network represents them.
 
-    Only the forward pass draws random numbers. The rest runs outside `random`, which costs time in each operation.
+    Only the forward pass draws random numbers. The rest runs outside `random`, which costs time in
+    each operation.
 
     Parameters
     ----------
@@ -62,8 +69,9 @@ class Steps:
             self._replay = self._captured()
 
     def epoch(self, signal: Tensor, order: Int[Tensor, " window"]) -> tuple[float, float]:
-        """(mean loss, accuracy) of one pass over the windows in that order, while the weights move; a batch of another
-        size than the usual is never replayed."""
+        """(mean loss, accuracy) of one pass over the windows in that order, while the weights move;
+        a batch of another size than the usual is never replayed.
+        """
         self.network.train()
         self._sums.zero_()
         if self._replay is None:
@@ -86,7 +94,9 @@ class Steps:
         kind = self._target.device.type
         with self.random, torch.autocast(kind, torch.bfloat16, enabled=short):
             scores = self.network.head(self.network.encode(self._signal[batch]))
-        loss = functional.cross_entropy(scores.float() if short else scores, classes, weight=self.weights)
+        loss = functional.cross_entropy(
+            scores.float() if short else scores, classes, weight=self.weights
+        )
         self.optimizer.zero_grad()
         loss.backward()
         self.optimizer.step()
@@ -101,7 +111,9 @@ class Steps:
             for parameter, state in self.optimizer.state.items()
         }
         self.network.train()
-        replay = capture(lambda: self._step(self._batch), self.random.generator(self._target.device))
+        replay = capture(
+            lambda: self._step(self._batch), self.random.generator(self._target.device)
+        )
         self.network.load_state_dict(weights)
         for parameter, state in self.optimizer.state.items():
             for name, value in state.items():
@@ -111,7 +123,9 @@ class Steps:
 
 
 def capture(step: Callable[[], None], generator: torch.Generator) -> Callable[[], None]:
-    """Replay of `step` as one CUDA graph; it reads and writes the memory that it was captured with."""
+    """Replay of `step` as one CUDA graph; it reads and writes the memory that it was captured
+    with.
+    """
     with torch.cuda.device(generator.device):
         graph, side = torch.cuda.CUDAGraph(), torch.cuda.Stream()
         graph.register_generator_state(generator)

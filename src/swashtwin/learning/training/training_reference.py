@@ -1,4 +1,6 @@
-"""The training recordings by levels and plain facts of their vibration: what a new recording is compared with."""
+"""The training recordings by levels and plain facts of their vibration: what a new recording is
+compared with.
+"""
 
 import math
 from collections.abc import Sequence
@@ -14,8 +16,10 @@ from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
 from swashtwin.learning.windows.window_set import WindowSet
 
 FACTS = ("level", "noise_floor", "line_share", "offset", "likeness")
-"""Variance, level of the quietest tenth of the spectrum, and share of the power in the strongest fiftieth; the square
-of the mean over the variance, and the share that another channel explains, as -log(1 - r^2); in dB."""
+"""Variance, level of the quietest tenth of the spectrum, and share of the power in the strongest
+fiftieth; the square of the mean over the variance, and the share that another channel explains, as
+-log(1 - r^2); in dB.
+"""
 N_BANDS = 16
 """Logarithmic bands by which swapped channels are told, in dB; they follow the `FACTS`."""
 N_FACTS = len(FACTS) + N_BANDS
@@ -30,8 +34,9 @@ _LEAST_EXCESS = 0.5
 """Difference below which a fact is not told: it would be rounded to 0 dB."""
 _LEAST_POWER = 1e-30
 _LEAST_OFFSET, _ALONE = 1e-2, (1e-4, 0.1)
-"""Offset below which it counts as such, and the range of the share that no other channel explains: up to a correlation
-of 0.95 channels are their own."""
+"""Offset below which it counts as such, and the range of the share that no other channel explains:
+up to a correlation of 0.95 channels are their own.
+"""
 _LEAST_RECORDINGS = 5
 """Training recordings from which a range can be told."""
 _FAR = 10.0
@@ -62,24 +67,34 @@ class OutsideFact:
 def signal_facts(
     windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
 ) -> Float64[np.ndarray, "window channel fact"]:
-    """`FACTS` and the levels of `N_BANDS` bands, of each channel of each window [dB re the unit squared].
+    """`FACTS` and the levels of `N_BANDS` bands, of each channel of each window [dB re the unit
+    squared].
 
-    The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean removed. `powers` are
-    `window_powers`, where they are at hand.
+    The noise floor is of the density (per Hz). Both spectra are with a Hann taper and the mean
+    removed. `powers` are `window_powers`, where they are at hand.
     """
     samples = windows.signal.astype(np.float64)
     mean = samples.mean(axis=2)
     samples -= mean[:, :, None]
     products = samples @ samples.swapaxes(1, 2) / windows.length
     variance = np.maximum(np.diagonal(products, axis1=1, axis2=2), _LEAST_POWER)
-    alike = products**2 / (variance[:, :, None] * variance[:, None]) * (1 - np.eye(windows.n_channels))
+    alike = (
+        products**2 / (variance[:, :, None] * variance[:, None]) * (1 - np.eye(windows.n_channels))
+    )
     share_alone = np.clip(1 - alike.max(axis=2), *_ALONE)
     facts = []
     for channel, power in enumerate(window_powers(windows) if powers is None else powers):
         n_lines = power.shape[1]
-        quietest, first_strong = int(_QUIETEST * n_lines), n_lines - max(1, round(_STRONGEST * n_lines))
-        floor = np.partition(power, quietest, axis=1)[:, quietest] * (windows.length / windows.sample_rate)
-        strongest = np.partition(power, first_strong, axis=1)[:, first_strong:].sum(axis=1)  # one by one in a third
+        quietest, first_strong = (
+            int(_QUIETEST * n_lines),
+            n_lines - max(1, round(_STRONGEST * n_lines)),
+        )
+        floor = np.partition(power, quietest, axis=1)[:, quietest] * (
+            windows.length / windows.sample_rate
+        )
+        strongest = np.partition(power, first_strong, axis=1)[:, first_strong:].sum(
+            axis=1
+        )  # one by one in a third
         ratios = (
             variance[:, channel],
             floor,
@@ -97,14 +112,16 @@ def outside_facts(
     machines: Sequence[str],
     facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[OutsideFact, ...]:
-    """Facts of a recording outside the training's range by more than usual between its recordings, most unusual first.
+    """Facts of a recording outside the training's range by more than usual between its recordings,
+    most unusual first.
 
-    A recording's deviation is how far the furthest of its facts is outside the range of others, in standard deviations
-    between the training recordings (1 dB at least). A fact is told where its deviation exceeds that of all but
-    `ERROR_RATE` of the training recordings, each against the others; against those of other `machines` ("" where not
-    stated), where there are several. So at most about this share of recordings that are like the training's get any
-    such remark; with fewer than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that
-    of being unknown. Fewer than five give no such rate: what is 10 dB outside their range is told.
+    A recording's deviation is how far the furthest of its facts is outside the range of others, in
+    standard deviations between the training recordings (1 dB at least). A fact is told where its
+    deviation exceeds that of all but `ERROR_RATE` of the training recordings, each against the
+    others; against those of other `machines` ("" where not stated), where there are several. So at
+    most about this share of recordings that are like the training's get any such remark; with fewer
+    than 19 training recordings, n of them, about one in n + 1. The same conformal rule as that of
+    being unknown. Fewer than five give no such rate: what is 10 dB outside their range is told.
     """
     values, recorded = training[:, :, : len(FACTS)], facts[:, : len(FACTS)]
     spread = np.maximum(values.std(axis=0), _LEAST_SPREAD)
@@ -113,14 +130,22 @@ def outside_facts(
         group = np.unique(machines, return_inverse=True)[1]
         if group.max() == 0:
             group = np.arange(len(values))
-        below, above = _extremes_without_own(values, group) - values, values + _extremes_without_own(-values, group)
+        below, above = (
+            _extremes_without_own(values, group) - values,
+            values + _extremes_without_own(-values, group),
+        )
         deviation = np.sort((np.maximum(above, below) / spread).max(axis=(1, 2)))
-        limit, least = deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))], _LEAST_EXCESS
+        limit, least = (
+            deviation[len(deviation) - max(1, int(ERROR_RATE * (len(deviation) + 1)))],
+            _LEAST_EXCESS,
+        )
     low, high = values.min(axis=0), values.max(axis=0)
     excess = np.maximum(recorded - high, low - recorded)
     beyond = excess / spread
     outside = [
-        OutsideFact(int(c), FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond)))
+        OutsideFact(
+            int(c), FACTS[f], *(float(part[c, f]) for part in (recorded, low, high, beyond))
+        )
         for c, f in np.argwhere((beyond > max(float(limit), 0.0)) & (excess >= least))
     ]
     return tuple(sorted(outside, key=lambda fact: -fact.deviation))
@@ -134,13 +159,16 @@ def _extremes_without_own(values: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def swapped_channels(
-    training: Float64[np.ndarray, "recording channel fact"], facts: Float64[np.ndarray, "channel fact"]
+    training: Float64[np.ndarray, "recording channel fact"],
+    facts: Float64[np.ndarray, "channel fact"],
 ) -> tuple[int, int] | None:
-    """Two channels of a recording that resemble each other's in the training and not their own, or None.
+    """Two channels of a recording that resemble each other's in the training and not their own, or
+    None.
 
-    Channels are compared by the levels of their bands, in standard deviations between the training recordings (3 dB at
-    least). Two are called swapped where exchanging them halves the root mean square of the differences of both, and
-    neither of them was as far from its own in any training recording.
+    Channels are compared by the levels of their bands, in standard deviations between the training
+    recordings (3 dB at least). Two are called swapped where exchanging them halves the root mean
+    square of the differences of both, and neither of them was as far from its own in any training
+    recording.
     """
     profiles, profile = training[:, :, len(FACTS) :], facts[:, len(FACTS) :]
     if len(training) < 2 or len(profile) < 2:
@@ -161,7 +189,9 @@ def swapped_channels(
 
 
 MOST_RECORDINGS = 500
-"""Most recordings in a reference; of more, this many are taken, evenly spaced in the order of their ids."""
+"""Most recordings in a reference; of more, this many are taken, evenly spaced in the order of their
+ids.
+"""
 
 _FURTHEST = 0.1
 """Share of the training recordings, left out, whose distance is above 1."""
@@ -186,25 +216,37 @@ class TrainingReference:
     facts: Float64[np.ndarray, "reference channel fact"]
     """Mean of `signal_facts` over some windows."""
     distance_scales: tuple[float, float] = (1.0, 1.0)
-    """Distances from the rest that nine in ten of the training recordings do not exceed where they are left out: alone,
-    and together with all of their machine."""
+    """Distances from the rest that nine in ten of the training recordings do not exceed where they
+    are left out: alone, and together with all of their machine.
+    """
 
     def __post_init__(self) -> None:
         count = len(self.recording_id)
         arrays = (self.features, self.facts, self.condition)
         if not count or any(len(part) != count for part in (self.label, self.specimen, *arrays)):
-            raise InputError("a training reference needs a recording, and of each a label, a machine and a row.")
-        if self.condition.shape != (count, 2) or not all(0 < scale < math.inf for scale in self.distance_scales):
-            raise InputError("a training reference needs a speed and a pressure of each, and two positive scales.")
+            raise InputError(
+                "a training reference needs a recording, and of each a label, a machine and a row."
+            )
+        if self.condition.shape != (count, 2) or not all(
+            0 < scale < math.inf for scale in self.distance_scales
+        ):
+            raise InputError(
+                "a training reference needs a speed and a pressure of each, and two positive scales."
+            )
 
-    def distances(self, features: Float[np.ndarray, " feature"]) -> Float64[np.ndarray, " reference"]:
-        """Distance of each training recording from one with these mean features, 0 where they are the same.
+    def distances(
+        self, features: Float[np.ndarray, " feature"]
+    ) -> Float64[np.ndarray, " reference"]:
+        """Distance of each training recording from one with these mean features, 0 where they are
+        the same.
 
-        Root mean square over the features, each in units of its standard deviation between the training recordings; a
-        feature that does not differ between them counts in its own unit.
+        Root mean square over the features, each in units of its standard deviation between the
+        training recordings; a feature that does not differ between them counts in its own unit.
         """
         deviation = self.features.std(axis=0)
-        offset = (self.features - features.astype(np.float32)) / np.where(deviation > 0, deviation, 1.0)
+        offset = (self.features - features.astype(np.float32)) / np.where(
+            deviation > 0, deviation, 1.0
+        )
         return np.asarray(np.sqrt(np.mean(offset**2, axis=1)), dtype=np.float64)
 
     def ood_score(
@@ -214,19 +256,23 @@ class TrainingReference:
         specimen: str = "",
         condition: Float[np.ndarray, " quantity"] | None = None,
     ) -> float:
-        """Out-of-distribution score of these mean features: about 1 where one in ten of those like the training is.
+        """Out-of-distribution score of these mean features: about 1 where one in ten of those like
+        the training is.
 
-        A likelihood ratio between the nearest trained class and a new one (`ClassSpace`; in the manner of Ren and
-        others 2021, arXiv:2106.09022), over what nine in ten of the training recordings have that are left out: alone
-        where the machine is one of the training's, else together with all of their machine. It may be negative. The
-        condition is speed [rad/s] and discharge pressure [Pa]; NaN where not stated.
+        A likelihood ratio between the nearest trained class and a new one (`ClassSpace`; in the
+        manner of Ren and others 2021, arXiv:2106.09022), over what nine in ten of the training
+        recordings have that are left out: alone where the machine is one of the training's, else
+        together with all of their machine. It may be negative. The condition is speed [rad/s] and
+        discharge pressure [Pa]; NaN where not stated.
         """
         at = np.full(2, np.nan) if condition is None else condition
         is_trained = bool(specimen) and specimen in self.specimen
         return self._space.score(features, at) / self.distance_scales[0 if is_trained else 1]
 
     def cross_fitted_scores(self) -> Float64[np.ndarray, " reference"]:
-        """`ood_score` of each training recording by references without it; NaN where they have none of its class."""
+        """`ood_score` of each training recording by references without it; NaN where they have none
+        of its class.
+        """
         return self.left_out_distances(_folds(len(self.label))) / self.distance_scales[0]
 
     @cached_property
@@ -235,22 +281,31 @@ class TrainingReference:
 
     def _space_of(self, used: np.ndarray) -> ClassSpace:
         label, specimen = np.array(self.label), np.array(self.specimen)
-        return fit_class_space(self.features[used], label[used], specimen[used], self.condition[used])
+        return fit_class_space(
+            self.features[used], label[used], specimen[used], self.condition[used]
+        )
 
     def left_out_distances(self, group: np.ndarray) -> Float64[np.ndarray, " reference"]:
-        """Distance of each recording by a space without its group; NaN where the space has not its class."""
+        """Distance of each recording by a space without its group; NaN where the space has not its
+        class.
+        """
         label, distance = np.array(self.label), np.full(len(self.label), np.nan)
         for number in np.unique(group):
             used = group != number
             scored = np.flatnonzero(~used & np.isin(label, label[used]))
             if scored.size:
                 space = self._space_of(used)
-                distance[scored] = [space.score(self.features[index], self.condition[index]) for index in scored]
+                distance[scored] = [
+                    space.score(self.features[index], self.condition[index]) for index in scored
+                ]
         return distance
 
 
-def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feature"]) -> TrainingReference | None:
-    """Reference of the measured recordings among training windows, or None where all are synthetic or not finite.
+def build_reference(
+    windows: WindowSet, features: Float[np.ndarray, "window feature"]
+) -> TrainingReference | None:
+    """Reference of the measured recordings among training windows, or None where all are synthetic
+    or not finite.
 
     The features are of each window, numbers of the same kind, such as logarithms of powers.
     """
@@ -280,14 +335,17 @@ def build_reference(windows: WindowSet, features: Float[np.ndarray, "window feat
 
 def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
     """As many of them at most, evenly spaced."""
-    return rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]
+    return rows[
+        np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))
+    ]
 
 
 def scaled_reference(reference: TrainingReference) -> TrainingReference:
     """The same reference with its `distance_scales`.
 
-    Each machine that is left out has its own, and their median is taken: one machine that is unlike the few others of
-    the training would else set the scale for all to come. Where no scale can be told, the other one is taken, or 1.
+    Each machine that is left out has its own, and their median is taken: one machine that is unlike
+    the few others of the training would else set the scale for all to come. Where no scale can be
+    told, the other one is taken, or 1.
     """
     alone = [reference.left_out_distances(_folds(len(reference.label)))]
     machines, group = np.unique(reference.specimen, return_inverse=True)
@@ -295,12 +353,16 @@ def scaled_reference(reference: TrainingReference) -> TrainingReference:
     if len(machines) > 1:
         distance = reference.left_out_distances(group)
         together = [distance[group == number] for number in range(len(machines))]
-    scales = [scale for parts in (alone, together) if (scale := _median_of_furthest(parts)) > 0] or [1.0]
+    scales = [
+        scale for parts in (alone, together) if (scale := _median_of_furthest(parts)) > 0
+    ] or [1.0]
     return replace(reference, distance_scales=(scales[0], scales[-1]))
 
 
 def _median_of_furthest(parts: list[np.ndarray]) -> float:
-    """Median over the parts of the distance that nine in ten do not exceed; 0 where none is scored."""
+    """Median over the parts of the distance that nine in ten do not exceed; 0 where none is
+    scored.
+    """
     scored = [part[~np.isnan(part)] for part in parts]
     furthest = [float(np.quantile(part, 1 - _FURTHEST)) for part in scored if part.size]
     return float(np.median(furthest)) if furthest else 0.0

@@ -1,4 +1,6 @@
-"""A set of windows, each with the facts of the recording it was cut from, and their operating points."""
+"""A set of windows, each with the facts of the recording it was cut from, and their operating
+points.
+"""
 
 import hashlib
 import math
@@ -27,7 +29,9 @@ class WindowLayout:
     """Samples per window and channel."""
 
     def difference(self, other: "WindowLayout") -> str | None:
-        """Words for the first thing in which `other` differs, with both values, or None where nothing does."""
+        """Words for the first thing in which `other` differs, with both values, or None where
+        nothing does.
+        """
         if not math.isclose(self.sample_rate, other.sample_rate, rel_tol=1e-6):
             return f"sample rate {self.sample_rate:g} Hz against {other.sample_rate:g} Hz"
         if len(self.channels) != len(other.channels):
@@ -45,8 +49,8 @@ class WindowLayout:
 class WindowSet:
     """Windows of one layout, and for each its class, its recording, its specimen and its condition.
 
-    Built by `cut_windows`; ``a + b`` joins two sets, `subset` takes a part. The recording's id stays with each window,
-    so that a split and an evaluation can refuse a leak.
+    Built by `cut_windows`; ``a + b`` joins two sets, `subset` takes a part. The recording's id
+    stays with each window, so that a split and an evaluation can refuse a leak.
     """
 
     signal: Float32[np.ndarray, "window channel time"]
@@ -71,11 +75,14 @@ class WindowSet:
     """Name of each channel, in the order of `signal`."""
     unit: str = "m/s^2"
     manifest: Manifest = field(default_factory=dict)
-    """Recordings that had a part in the windows without standing in them (`swashtwin.recordings.Manifest`):
-    those that a twin was calibrated on, and those that lent a synthetic window its noise. Training on the windows is
-    training on these."""
+    """Recordings that had a part in the windows without standing in them
+    (`swashtwin.recordings.Manifest`): those that a twin was calibrated on, and those that lent a
+    synthetic window its noise. Training on the windows is training on these.
+    """
     content: Manifest = field(default_factory=dict)
-    """Hashes of the content of the recordings that the windows were cut from, by id; what is missing goes by name."""
+    """Hashes of the content of the recordings that the windows were cut from, by id; what is
+    missing goes by name.
+    """
 
     def __post_init__(self) -> None:
         if self.signal.ndim != 3 or self.signal.shape[1] != len(self.channels):
@@ -85,7 +92,9 @@ class WindowSet:
             )
         for name in _PER_WINDOW:
             if getattr(self, name).shape[:1] != (len(self),):
-                raise DataError(f"{name} has {getattr(self, name).shape[0]} entries for {len(self)} windows.")
+                raise DataError(
+                    f"{name} has {getattr(self, name).shape[0]} entries for {len(self)} windows."
+                )
         if len(set(self.classes)) != len(self.classes):
             raise InputError(f"classes ({', '.join(self.classes)}) name one class twice.")
         if len(self) and not -1 <= self.target.min() <= self.target.max() < len(self.classes):
@@ -94,7 +103,10 @@ class WindowSet:
     @property
     def recordings(self) -> dict[str, tuple[str, ...]]:
         """The recordings that the windows were cut from, with the hashes of their content."""
-        return {name: tuple(self.content.get(name, ())) for name in np.unique(self.recording_id).tolist()}
+        return {
+            name: tuple(self.content.get(name, ()))
+            for name in np.unique(self.recording_id).tolist()
+        }
 
     @property
     def sources(self) -> dict[str, tuple[str, ...]]:
@@ -111,8 +123,13 @@ class WindowSet:
                 f"({', '.join(other.classes)}); cut the second like the first."
             )
         if difference := self.layout.difference(other.layout):
-            raise InputError(f"windows cannot be joined: {difference}; cut the second like the first.")
-        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_WINDOW}
+            raise InputError(
+                f"windows cannot be joined: {difference}; cut the second like the first."
+            )
+        arrays = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)])
+            for name in _PER_WINDOW
+        }
         joined = {
             "manifest": join_manifests([self.manifest, other.manifest]),
             "content": join_manifests([self.content, other.content]),
@@ -162,25 +179,31 @@ class WindowSet:
         """Speed [rad/s] and discharge pressure [Pa] of one window; NaN where not stated."""
         return np.array([self.speed[window], self.discharge_pressure[window]], dtype=np.float64)
 
-    def subset(self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]) -> "WindowSet":
+    def subset(
+        self, chosen: Bool[np.ndarray, " window"] | Int[np.ndarray, " chosen"]
+    ) -> "WindowSet":
         """The windows that a mask keeps, or that indices name, in that order."""
         return self._with({name: getattr(self, name)[chosen] for name in _PER_WINDOW})
 
     def with_classes(self, classes: Sequence[str]) -> "WindowSet":
-        """The same windows with classes in another order; an `InputError` where one that has windows is missing."""
+        """The same windows with classes in another order; an `InputError` where one that has
+        windows is missing.
+        """
         order = {name: index for index, name in enumerate(classes)}
         present = [self.classes[index] for index in np.unique(self.target) if index >= 0]
         missing = [name for name in present if name not in order]
         if missing:
-            raise InputError(f"{missing[0]!r} has windows and is none of the classes {', '.join(classes)}.")
+            raise InputError(
+                f"{missing[0]!r} has windows and is none of the classes {', '.join(classes)}."
+            )
         lookup = np.array([*(order.get(name, -1) for name in self.classes), -1], dtype=np.int64)
         return self._with({"classes": tuple(classes), "target": lookup[self.target]})
 
     def counts(self) -> dict[tuple[str, float | None], int]:
         """Number of windows in each cell (class, discharge pressure [Pa]), empty cells included.
 
-        Pressures of the same operating point share a cell; None stands where none is stated. An empty cell is a
-        missing condition.
+        Pressures of the same operating point share a cell; None stands where none is stated. An
+        empty cell is a missing condition.
         """
         pressures = [None if np.isnan(value) else value for value in self.cell_pressure.tolist()]
         levels = [*distinct_values(self.cell_pressure), *([None] if None in pressures else [])]
@@ -192,14 +215,18 @@ class WindowSet:
 
     @property
     def cell_pressure(self) -> Float[np.ndarray, " window"]:
-        """Discharge pressure [Pa] of each window's operating point, the key of its cell; NaN where not stated."""
+        """Discharge pressure [Pa] of each window's operating point, the key of its cell; NaN where
+        not stated.
+        """
         return merge_close_values(self.discharge_pressure, PRESSURE_TOLERANCE)
 
     def require_any(self, purpose: str) -> None:
         """Raise a `DataError` where there is no window."""
         if not len(self):
             size = f"{self.length} samples ({self.length / self.sample_rate:.3g} s)"
-            raise DataError(f"no window of {size} {purpose}; give recordings that are longer, or more of them.")
+            raise DataError(
+                f"no window of {size} {purpose}; give recordings that are longer, or more of them."
+            )
 
     def require_labels(self, purpose: str) -> None:
         """Raise a `DataError` that names a recording without a class, if there is one."""
@@ -211,7 +238,9 @@ class WindowSet:
             )
 
     def require_two_classes(self) -> None:
-        """Raise a `DataError` where there is one class only: whatever was learned would always give that answer."""
+        """Raise a `DataError` where there is one class only: whatever was learned would always give
+        that answer.
+        """
         if len(self.classes) < 2:
             raise DataError(
                 f"every window is of the class {', '.join(self.classes) or 'without a name'}; a classifier needs two "
@@ -224,7 +253,9 @@ class WindowSet:
         digest = hashlib.sha256(repr((self.classes, self.layout)).encode())
         for name in _PER_WINDOW:
             array = np.ascontiguousarray(getattr(self, name))
-            digest.update("\x1f".join(array.tolist()).encode() if array.dtype.kind == "U" else array.tobytes())
+            digest.update(
+                "\x1f".join(array.tolist()).encode() if array.dtype.kind == "U" else array.tobytes()
+            )
         return digest.hexdigest()
 
 
@@ -249,7 +280,9 @@ _MAY_BE_NAN = ("discharge_pressure", "speed")
 
 
 def save_windows(windows: WindowSet, path: Path | str) -> Path:
-    """`path`, after the windows and their manifest were written to it whole; an `ArtifactError` for NaN or infinity."""
+    """`path`, after the windows and their manifest were written to it whole; an `ArtifactError` for
+    NaN or infinity.
+    """
     alone = WindowSet(**{item.name: getattr(windows, item.name) for item in fields(WindowSet)})
     return save_artifact(path, _KIND, _VERSION, alone, may_be_nan=_MAY_BE_NAN)
 
@@ -269,11 +302,15 @@ def load_windows(path: Path | str) -> WindowSet:
 
 
 SYNTHETIC_SPEED_TOLERANCE = 0.03
-"""Relative difference of speeds: the slip of a motor, and the spread with which synthetic windows are drawn."""
+"""Relative difference of speeds: the slip of a motor, and the spread with which synthetic windows
+are drawn.
+"""
 
 
 def require_shared_speed(measured: WindowSet, synthetic: WindowSet) -> None:
-    """Refuse synthetic windows that run at no speed that was measured; those without a stated speed pass."""
+    """Refuse synthetic windows that run at no speed that was measured; those without a stated speed
+    pass.
+    """
     refuse_other_values(
         synthetic.speed, measured.speed[~measured.synthetic], quantity="speed", who="the synthetic windows run",
         remedy="make synthetic windows with a twin that is calibrated on these recordings",
@@ -301,22 +338,31 @@ def refuse_other_values(
         "pressure": (PRESSURE_TOLERANCE, 1e-6, "MPa"),
     }[quantity]
     simulated, measured = (np.unique(values[~np.isnan(values)]) for values in (simulated, measured))
-    is_shared = any(np.any(values_match(measured, value, tolerance)) for value in simulated.tolist())
+    is_shared = any(
+        np.any(values_match(measured, value, tolerance)) for value in simulated.tolist()
+    )
     if is_shared or not (simulated.size and measured.size):
         return
     texts = []
     for values in (simulated, measured):
         low, high = (f"{value * factor:.4g}" for value in (values.min(), values.max()))
         texts.append(f"{low} {unit}" if low == high else f"{low} to {high} {unit}")
-    raise InputError(f"{who} at {texts[0]} and the recordings state {texts[1]}: they are not alike; {remedy}.")
+    raise InputError(
+        f"{who} at {texts[0]} and the recordings state {texts[1]}: they are not alike; {remedy}."
+    )
 
 
 def operating_points(
     condition: Float[np.ndarray, "recording quantity"],
 ) -> tuple[Float64[np.ndarray, "point quantity"], Int64[np.ndarray, " recording"]]:
-    """(speed [rad/s] and pressure [Pa] of each operating point, index of each recording's); close ones are one."""
+    """(speed [rad/s] and pressure [Pa] of each operating point, index of each recording's); close
+    ones are one.
+    """
     tolerances = (SPEED_TOLERANCE, PRESSURE_TOLERANCE)
-    merged = [merge_close_values(column, limit) for column, limit in zip(condition.T, tolerances, strict=True)]
+    merged = [
+        merge_close_values(column, limit)
+        for column, limit in zip(condition.T, tolerances, strict=True)
+    ]
     points, point = np.unique(np.stack(merged, axis=1), axis=0, return_inverse=True)
     return points, point.reshape(-1)
 

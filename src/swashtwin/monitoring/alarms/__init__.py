@@ -1,1 +1,3 @@
-"""Alarms with a promise: operating points, healthy baselines, the sequential test, sensors, and where messages go."""
+"""Alarms with a promise: operating points, healthy baselines, the sequential test, sensors, and
+where messages go.
+"""

@@ -1,5 +1,5 @@
-"""Operating points of a machine, and the healthy baseline of each: median and scatter of every level, learned from its
-first recordings.
+"""Operating points of a machine, and the healthy baseline of each: median and scatter of every
+level, learned from its first recordings.
 """
 
 import math
@@ -36,7 +36,9 @@ class OperatingPoint:
     def of(cls, recording: Recording) -> "OperatingPoint":
         """What a recording states."""
         shaft, pressure = stated_speed(recording), stated_pressure(recording)
-        return cls(2 * math.pi * shaft if shaft else None, None if math.isnan(pressure) else pressure)
+        return cls(
+            2 * math.pi * shaft if shaft else None, None if math.isnan(pressure) else pressure
+        )
 
     @property
     def name(self) -> str:
@@ -58,7 +60,8 @@ class OperatingPoint:
         return ", ".join(parts) or "any"
 
     def distance(self, other: "OperatingPoint | Point") -> float:
-        """Relative difference to another point in units of the tolerances, infinite where they are not the same.
+        """Relative difference to another point in units of the tolerances, infinite where they are
+        not the same.
 
         The tolerances are those of `OperatingCondition.matches`.
         """
@@ -76,8 +79,12 @@ class OperatingPoint:
         return distance
 
 
-def choose_point(recording: Recording, points: Iterable["OperatingPoint | Point"]) -> OperatingPoint:
-    """The nearest of a machine's points that a recording belongs to, or a new one at what the recording states."""
+def choose_point(
+    recording: Recording, points: Iterable["OperatingPoint | Point"]
+) -> OperatingPoint:
+    """The nearest of a machine's points that a recording belongs to, or a new one at what the
+    recording states.
+    """
     stated = OperatingPoint.of(recording)
     nearest = min(points, key=stated.distance, default=None)
     if nearest is None or math.isinf(stated.distance(nearest)):
@@ -86,7 +93,9 @@ def choose_point(recording: Recording, points: Iterable["OperatingPoint | Point"
 
 
 def point_layout(recording: Recording) -> LevelLayout:
-    """Levels of the recordings of a point, by its first one; segments are of a length that transforms fast."""
+    """Levels of the recordings of a point, by its first one; segments are of a length that
+    transforms fast.
+    """
     layout, _ = level_layout([recording])
     length = int(scipy.fft.next_fast_len(layout.length, real=True))
     return replace(layout, length=length) if length <= recording.n_samples else layout
@@ -101,8 +110,10 @@ CHANGE = 6.0
 SPREADS = 5.0
 """Mean of the same over their scatter that makes a recording large."""
 UNUSUAL = 12.0
-"""Mean change [dB] of the `COUNTED` levels furthest from the median of the others that keeps a recording from being
-learned from. Of a single level it would not do: one that is faint falls as far by chance."""
+"""Mean change [dB] of the `COUNTED` levels furthest from the median of the others that keeps a
+recording from being learned from. Of a single level it would not do: one that is faint falls as far
+by chance.
+"""
 _LEAST_SPREAD = 1.0
 """Standard deviation [dB] that every level has at least; added as a variance."""
 _LEAST_COMPARED = 5
@@ -125,7 +136,9 @@ class PointBaseline:
     """Whether it has learned."""
     dropped: int = 0
     """Recordings that it did not learn from, since they stood far from the others."""
-    orders: Float64[np.ndarray, "recording order_level"] = field(default_factory=lambda: np.empty((0, 0)), repr=False)
+    orders: Float64[np.ndarray, "recording order_level"] = field(
+        default_factory=lambda: np.empty((0, 0)), repr=False
+    )
     """Levels of the same recordings that a pump prior compares (`measured_orders`)."""
     pistons: int | None = None
     """Pistons of the machine as `orders` were measured; None where they were not."""
@@ -142,12 +155,16 @@ class PointBaseline:
 
     @cached_property
     def spread(self) -> Float64[np.ndarray, " level"]:
-        """Standard deviation of each level [dB], from the median of magnitudes, with 1 dB added as a variance."""
+        """Standard deviation of each level [dB], from the median of magnitudes, with 1 dB added as
+        a variance.
+        """
         return _spread(self.rows, self.median)
 
     @cached_property
     def furthest(self) -> Float64[np.ndarray, " channel"]:
-        """Greatest `channel_distances` of each channel to its own levels, of the recordings that it learned from."""
+        """Greatest `channel_distances` of each channel to its own levels, of the recordings that it
+        learned from.
+        """
         return np.max([np.diag(self.channel_distances(row)) for row in self.rows], axis=0)
 
     def measure(self, recording: Recording) -> Float64[np.ndarray, " level"]:
@@ -156,11 +173,16 @@ class PointBaseline:
         Raises
         ------
         DataError
-            Its sample rate, channels or unit are others than the baseline's, or it is unfit or much shorter.
+            Its sample rate, channels or unit are others than the baseline's, or it is unfit or much
+            shorter.
         """
         length = self.layout.length
         actual = LevelLayout(
-            float(recording.sample_rate), recording.channels, recording.unit, length, self.layout.n_orders
+            float(recording.sample_rate),
+            recording.channels,
+            recording.unit,
+            length,
+            self.layout.n_orders,
         )
         if difference := self.layout.difference(actual):
             raise DataError(
@@ -169,7 +191,9 @@ class PointBaseline:
             )
         levels = self.layout.measure(recording, self.shortest)
         if not np.isfinite(levels).all():
-            raise DataError(f"{recording.recording_id}: a sample is far too large; repair the file.")
+            raise DataError(
+                f"{recording.recording_id}: a sample is far too large; repair the file."
+            )
         return levels
 
     def learned_from(
@@ -181,7 +205,8 @@ class PointBaseline:
     ) -> tuple["PointBaseline", tuple[str, ...]]:
         """(the baseline with one more recording, what was not learned from and why).
 
-        Once there are five, a recording is dropped whose furthest levels are `UNUSUAL` from the median of the others.
+        Once there are five, a recording is dropped whose furthest levels are `UNUSUAL` from the
+        median of the others.
 
         Parameters
         ----------
@@ -192,10 +217,14 @@ class PointBaseline:
         rows, notes = np.vstack([self.rows, levels.round(3)]), []
         new = np.empty(0) if pistons is None else measured_orders(recording, pistons)
         is_alike = pistons == self.pistons and self.orders.shape == (len(self.rows), new.size)
-        orders = np.vstack([self.orders if is_alike else np.full((len(self.rows), new.size), np.nan), new])
+        orders = np.vstack(
+            [self.orders if is_alike else np.full((len(self.rows), new.size), np.nan), new]
+        )
         is_new = np.arange(len(rows)) == len(rows) - 1
         while len(rows) >= _LEAST_COMPARED:
-            change = np.array([row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)])
+            change = np.array(
+                [row - np.median(np.delete(rows, n, axis=0), axis=0) for n, row in enumerate(rows)]
+            )
             far = np.sort(np.abs(change), axis=1)[:, -COUNTED:].mean(axis=1)
             furthest = int(np.argmax(far))
             level = int(np.argmax(np.abs(change[furthest])))
@@ -208,15 +237,19 @@ class PointBaseline:
             )
             rows, orders = np.delete(rows, furthest, axis=0), np.delete(orders, furthest, axis=0)
             is_new = np.delete(is_new, furthest)
-        shortest = min(self.shortest, recording.n_samples) if len(self.rows) else recording.n_samples
+        shortest = (
+            min(self.shortest, recording.n_samples) if len(self.rows) else recording.n_samples
+        )
         dropped, is_complete = self.dropped + len(notes), len(rows) >= learning
-        return PointBaseline(self.layout, shortest, rows, is_complete, dropped, orders, pistons), tuple(notes)
+        return PointBaseline(
+            self.layout, shortest, rows, is_complete, dropped, orders, pistons
+        ), tuple(notes)
 
     def left_out_scores(self) -> list[tuple[float, bool]]:
         """(score, whether it is large) of each recording that it learned from, against the others.
 
-        Those that it dropped count as the largest of all: without them, a machine that is loud now and then would have
-        a baseline that never was.
+        Those that it dropped count as the largest of all: without them, a machine that is loud now
+        and then would have a baseline that never was.
         """
         scores = [(math.inf, True)] * self.dropped
         for number, row in enumerate(self.rows):
@@ -231,15 +264,18 @@ class PointBaseline:
         return _score(levels - self.median, self.spread)
 
     def is_large(self, levels: Float64[np.ndarray, " level"]) -> bool:
-        """Whether levels changed far: those that changed most by `CHANGE` and `SPREADS` in the mean.
+        """Whether levels changed far: those that changed most by `CHANGE` and `SPREADS` in the
+        mean.
 
-        Those that rose most must have risen by `TOLERANCE` in the mean: a fault moves power from some levels to others,
-        but levels that only fall, as when a machine runs in, are no damage.
+        Those that rose most must have risen by `TOLERANCE` in the mean: a fault moves power from
+        some levels to others, but levels that only fall, as when a machine runs in, are no damage.
         """
         return _is_large(levels - self.median, self.spread)
 
     def has_fallen(self, levels: Float64[np.ndarray, " level"]) -> bool:
-        """Whether levels changed as far as those of a large recording, and none rose: a sensor, or a pump at rest."""
+        """Whether levels changed as far as those of a large recording, and none rose: a sensor, or
+        a pump at rest.
+        """
         change = levels - self.median
         return _is_far(change, self.spread) and not _is_large(change, self.spread)
 
@@ -248,7 +284,9 @@ class PointBaseline:
         change = levels - self.median
         return Deviation(self.score(levels), p_value, change, change / self.spread, "", ())
 
-    def channel_distances(self, levels: Float64[np.ndarray, " level"]) -> Float64[np.ndarray, "channel channel"]:
+    def channel_distances(
+        self, levels: Float64[np.ndarray, " level"]
+    ) -> Float64[np.ndarray, "channel channel"]:
         """Distance of the levels of each channel (row) from the baseline of each channel (column).
 
         The root mean square of the differences over the scatter.
@@ -260,7 +298,8 @@ class PointBaseline:
 
 
 def baseline_levels(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
-    """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is learned.
+    """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is
+    learned.
 
     Parameters
     ----------
@@ -289,7 +328,9 @@ def level_names(layout: LevelLayout) -> Sequence[tuple[str, str]]:
 
 
 def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
-    """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they cannot be measured."""
+    """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they
+    cannot be measured.
+    """
     bands = OrderBands(pistons)
     try:
         return order_levels(recording, bands).round(4).ravel()
@@ -312,7 +353,9 @@ def _score(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " 
 def _is_far(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:
     magnitude = np.abs(change)
     furthest = np.argsort(magnitude / spread)[-COUNTED:]
-    return bool(magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS)
+    return bool(
+        magnitude[furthest].mean() >= CHANGE and (magnitude / spread)[furthest].mean() >= SPREADS
+    )
 
 
 def _is_large(change: Float64[np.ndarray, " level"], spread: Float64[np.ndarray, " level"]) -> bool:

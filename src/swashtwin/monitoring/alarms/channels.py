@@ -1,4 +1,6 @@
-"""What is told of an alarm, and where it goes: a log, a webhook, an MQTT broker, e-mail. Each is bounded in time."""
+"""What is told of an alarm, and where it goes: a log, a webhook, an MQTT broker, e-mail. Each is
+bounded in time.
+"""
 
 import contextlib
 import http.client
@@ -18,7 +20,13 @@ from typing import Any
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from swashtwin.foundation import SwashTwinError, escape_controls
-from swashtwin.monitoring.config.settings import Channel, EmailChannel, LogChannel, MqttChannel, WebhookChannel
+from swashtwin.monitoring.config.settings import (
+    Channel,
+    EmailChannel,
+    LogChannel,
+    MqttChannel,
+    WebhookChannel,
+)
 from swashtwin.monitoring.sources.mqtt import broker_client
 
 TIMEOUT = 10.0
@@ -36,7 +44,9 @@ class AlarmMessage:
     kind: str
     """Alarm of the ``pump`` or of a ``sensor``."""
     event: str
-    """What happened to the alarm: ``opened``, ``measured`` (the severity of its suspect), ``cleared``, ``closed``."""
+    """What happened to the alarm: ``opened``, ``measured`` (the severity of its suspect),
+    ``cleared``, ``closed``.
+    """
     time: str
     """When, ISO 8601 in UTC."""
     identity: str
@@ -70,7 +80,9 @@ class _RefusedError(Exception):
     """Why a server did not take a message, in words that hold no secret."""
 
 
-def send(message: AlarmMessage, channel: Channel, *, folder: Path, timeout: float = TIMEOUT) -> None:
+def send(
+    message: AlarmMessage, channel: Channel, *, folder: Path, timeout: float = TIMEOUT
+) -> None:
     """Hand a message to a channel, and return when its server has it.
 
     Parameters
@@ -86,7 +98,9 @@ def send(message: AlarmMessage, channel: Channel, *, folder: Path, timeout: floa
     try:
         match channel:
             case LogChannel():
-                line = " ".join([message.time, f"{message.title}.", *message.reasons, message.link or ""]).rstrip()
+                line = " ".join(
+                    [message.time, f"{message.title}.", *message.reasons, message.link or ""]
+                ).rstrip()
                 with (channel.path or folder / "alarms.log").open("a", encoding="utf-8") as file:
                     file.write(escape_controls(line) + "\n")
             case WebhookChannel():
@@ -95,8 +109,17 @@ def send(message: AlarmMessage, channel: Channel, *, folder: Path, timeout: floa
                 _publish(message, channel, timeout)
             case EmailChannel():
                 _mail(message, channel, timeout)
-    except (OSError, smtplib.SMTPException, http.client.HTTPException, ValueError, IndexError, _RefusedError) as cause:
-        raise ChannelError(f"channel {channel.name!r} ({channel.kind}): {_reason(cause, timeout)}.") from cause
+    except (
+        OSError,
+        smtplib.SMTPException,
+        http.client.HTTPException,
+        ValueError,
+        IndexError,
+        _RefusedError,
+    ) as cause:
+        raise ChannelError(
+            f"channel {channel.name!r} ({channel.kind}): {_reason(cause, timeout)}."
+        ) from cause
 
 
 def _reason(cause: Exception, timeout: float) -> str:
@@ -106,7 +129,11 @@ def _reason(cause: Exception, timeout: float) -> str:
     if isinstance(cause, smtplib.SMTPRecipientsRefused):
         return "the server refused every recipient"
     if isinstance(cause, smtplib.SMTPResponseException):
-        answer = cause.smtp_error.decode(errors="replace") if isinstance(cause.smtp_error, bytes) else cause.smtp_error
+        answer = (
+            cause.smtp_error.decode(errors="replace")
+            if isinstance(cause.smtp_error, bytes)
+            else cause.smtp_error
+        )
         return escape_controls(f"the server answers {cause.smtp_code} {answer}".rstrip(". "))
     if TimeoutError in (type(cause), type(cause.__context__)):
         return f"no answer within {timeout:g} s"
@@ -149,10 +176,17 @@ def _post(message: AlarmMessage, channel: WebhookChannel, timeout: float) -> Non
         raise _RefusedError("its URL is no http:// or https:// address")
     kind = http.client.HTTPSConnection if url.scheme == "https" else http.client.HTTPConnection
     connection = kind(url.hostname, url.port, timeout=timeout)
-    headers = {"Content-Type": "application/json", "User-Agent": "swashtwin", **_login(url, channel)}
+    headers = {
+        "Content-Type": "application/json",
+        "User-Agent": "swashtwin",
+        **_login(url, channel),
+    }
     with contextlib.closing(connection), _deadline(timeout, lambda: connection.sock):
         connection.request(
-            "POST", (url.path or "/") + (f"?{url.query}" if url.query else ""), message.to_json().encode(), headers
+            "POST",
+            (url.path or "/") + (f"?{url.query}" if url.query else ""),
+            message.to_json().encode(),
+            headers,
         )
         status = connection.getresponse().status
     if not 200 <= status < 300:
@@ -204,7 +238,12 @@ def _mail(message: AlarmMessage, channel: EmailChannel, timeout: float) -> None:
     mail["To"] = ", ".join(channel.recipients)
     reference = re.sub(r"[^\w.-]", "-", message.identity, flags=re.ASCII)
     mail["Message-ID"] = f"<{reference}@swashtwin>"
-    lines = [message.title, f"Time: {message.time}", *(f"- {reason}" for reason in message.reasons), message.link or ""]
+    lines = [
+        message.title,
+        f"Time: {message.time}",
+        *(f"- {reason}" for reason in message.reasons),
+        message.link or "",
+    ]
     mail.set_content("\n".join(escape_controls(line) for line in lines if line) + "\n")
     trusted = ssl.create_default_context()
     server = (

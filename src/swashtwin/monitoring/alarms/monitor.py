@@ -1,9 +1,11 @@
-"""When an alarm begins and ends: a sequential test that may be looked at after every recording, and persistence.
+"""When an alarm begins and ends: a sequential test that may be looked at after every recording, and
+persistence.
 
-The test is one of exchangeability, a conformal test martingale. Vovk and others, "Testing randomness online",
-Statistical Science 36(4), 2021, DOI 10.1214/20-STS817. A gambler starts with a capital of 1 and bets against the
-p-value of each recording. As long as recordings are exchangeable, smoothed p-values are independent and uniform, no bet
-gains on average, and the chance that the capital ever reaches 1/a is at most a (Ville's inequality).
+The test is one of exchangeability, a conformal test martingale. Vovk and others, "Testing
+randomness online", Statistical Science 36(4), 2021, DOI 10.1214/20-STS817. A gambler starts with a
+capital of 1 and bets against the p-value of each recording. As long as recordings are exchangeable,
+smoothed p-values are independent and uniform, no bet gains on average, and the chance that the
+capital ever reaches 1/a is at most a (Ville's inequality).
 """
 
 import math
@@ -17,7 +19,12 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError, from_table, plural, stream, to_table
-from swashtwin.monitoring.alarms.baseline import PointBaseline, level_names, point_layout, read_baseline
+from swashtwin.monitoring.alarms.baseline import (
+    PointBaseline,
+    level_names,
+    point_layout,
+    read_baseline,
+)
 from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
 from swashtwin.recordings import Recording, stated_speed
 
@@ -35,11 +42,15 @@ Change = Literal["raised", "cleared"]
 POWERS = (0.1, 0.3, 0.5)
 """Exponents e of the bets e p^(e - 1)."""
 STAKES = (0.5, 0.8, 0.95)
-"""Stakes g of the bets that the next recording is large: of b, the share of large ones so far with the next counted
-among them, they pay g / b where p is at most b, and (1 - g) / (1 - b) elsewhere."""
+"""Stakes g of the bets that the next recording is large: of b, the share of large ones so far with
+the next counted among them, they pay g / b where p is at most b, and (1 - g) / (1 - b)
+elsewhere.
+"""
 SHARING = 0.1
-"""Share of the capital that is dealt out anew, evenly among the bets, before each of them: so a bet that lost all comes
-back, and the best bet may change with time (Herbster and Warmuth, 1998, DOI 10.1023/A:1007424614876)."""
+"""Share of the capital that is dealt out anew, evenly among the bets, before each of them: so a bet
+that lost all comes back, and the best bet may change with time (Herbster and Warmuth, 1998, DOI
+10.1023/A:1007424614876).
+"""
 _GRID = 0.02
 """Relative step of the grid that scores are kept on; scores of one step are ties."""
 _LEAST_SCORE, _MOST_SCORE = 1e-3, 1e6
@@ -61,7 +72,9 @@ class ConformalTest:
 
     @classmethod
     def calibrated(cls, scores: Sequence[tuple[float, bool]]) -> "ConformalTest":
-        """A test that has made no bet, with (score, whether it is large) of each recording of a baseline."""
+        """A test that has made no bet, with (score, whether it is large) of each recording of a
+        baseline.
+        """
         return cls(Counter(rank_step(score, is_large) for score, is_large in scores))
 
     @property
@@ -71,47 +84,57 @@ class ConformalTest:
 
     @property
     def large_share(self) -> float:
-        """Share of large recordings, a next large one counted: the chance of a p-value at most as high."""
+        """Share of large recordings, a next large one counted: the chance of a p-value at most as
+        high.
+        """
         large = sum(count for step, count in self.scores.items() if step >= _LARGE // 2)
         return (large + 1) / (self.n_scores + 1)
 
     @property
     def capital(self) -> float:
-        """Evidence against all recordings being alike: what stands on the bets, and what still sleeps."""
+        """Evidence against all recordings being alike: what stands on the bets, and what still
+        sleeps.
+        """
         return sum(self.bets) + 1 / (self.steps + 1)
 
     def p_value(self, score: float, is_large: bool, tie: float) -> float:
-        """Smoothed conformal p-value of a recording: its rank from above among all, itself included.
+        """Smoothed conformal p-value of a recording: its rank from above among all, itself
+        included.
 
         Parameters
         ----------
         score : nonconformity score, at least 0.
         is_large : whether the recording ranks above those that are not.
-        tie : uniform in [0, 1), drawn for this score; it decides where among equal scores the score ranks.
+        tie : uniform in [0, 1), drawn for this score; it decides where among equal scores the score
+            ranks.
         """
         step = rank_step(score, is_large)
         above = sum(count for other, count in self.scores.items() if other > step)
         return (above + (1 - tie) * (self.scores.get(step, 0) + 1)) / (self.n_scores + 1)
 
     def after(self, score: float, is_large: bool, p_value: float) -> "ConformalTest":
-        """The test after a bet at `p_value`, with the recording among those that later ones are ranked among.
+        """The test after a bet at `p_value`, with the recording among those that later ones are
+        ranked among.
 
-        Start t of the gambler wakes at bet t with a weight of 1 / (t (t + 1)), so that a change after a long healthy
-        time meets bets that did not lose their capital in it.
+        Start t of the gambler wakes at bet t with a weight of 1 / (t (t + 1)), so that a change
+        after a long healthy time meets bets that did not lose their capital in it.
         """
         steps = self.steps + 1
         bets = np.array(self.bets) + 1 / (steps * (steps + 1)) / N_BETS
         bets = (1 - SHARING) * bets + SHARING * bets.mean()
         scores = Counter(self.scores)
         scores[rank_step(score, is_large)] += 1
-        return ConformalTest(scores, tuple((bets * payoffs(p_value, self.large_share)).tolist()), steps)
+        return ConformalTest(
+            scores, tuple((bets * payoffs(p_value, self.large_share)).tolist()), steps
+        )
 
 
 def rank_step(score: float, is_large: bool) -> int:
-    """Rank of a recording: the step of a logarithmic grid, 2 % wide, that its score lies on; large ones are above.
+    """Rank of a recording: the step of a logarithmic grid, 2 % wide, that its score lies on; large
+    ones are above.
 
-    All scores below 0.001 are on one step. Scores on a grid are as exchangeable as the scores themselves, and the
-    memory that they take is bounded.
+    All scores below 0.001 are on one step. Scores on a grid are as exchangeable as the scores
+    themselves, and the memory that they take is bounded.
 
     Examples
     --------
@@ -123,7 +146,8 @@ def rank_step(score: float, is_large: bool) -> int:
 
 
 def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
-    """What one unit on each bet becomes; each is 1 on average over uniform p-values, and never rises with p.
+    """What one unit on each bet becomes; each is 1 on average over uniform p-values, and never
+    rises with p.
 
     Parameters
     ----------
@@ -217,13 +241,17 @@ class PointJudgment:
     state: PointState = field(repr=False)
     """State for the next recording."""
     levels: Mapping[tuple[str, str], float] = field(repr=False, default_factory=dict)
-    """Each level [dB of the squared unit] by its channel and name; empty where a channel is flat."""
+    """Each level [dB of the squared unit] by its channel and name; empty where a channel is
+    flat.
+    """
     score: float | None = None
     """Nonconformity score; None unless watching."""
     p_value: float | None = None
     """Smoothed conformal p-value of the score; None unless watching."""
     capital: float | None = None
-    """Evidence of all recordings so far, which an alarm needs 1 / (false-alarm rate) of; None unless watching."""
+    """Evidence of all recordings so far, which an alarm needs 1 / (false-alarm rate) of; None
+    unless watching.
+    """
     is_large: bool = False
     """Whether levels changed far."""
     is_alarm: bool = False
@@ -231,7 +259,9 @@ class PointJudgment:
     moved: tuple[LevelChange, ...] = ()
     """Levels that moved, furthest first; also without an alarm."""
     reasons: tuple[str, ...] = ()
-    """Channels that moved as a whole, and levels that moved, in words; what is wrong with the sensors."""
+    """Channels that moved as a whole, and levels that moved, in words; what is wrong with the
+    sensors.
+    """
     findings: tuple[SensorFinding, ...] = ()
     """What is wrong with the sensors."""
     pump: Change | None = None
@@ -249,24 +279,36 @@ class PointJudgment:
 
 @dataclass(frozen=True)
 class PointMonitor:
-    """The rule of alarms for one machine; it holds no state. docs/how-to/alarms.md has the method."""
+    """The rule of alarms for one machine; it holds no state. docs/how-to/alarms.md has the
+    method.
+    """
 
     machine: str
     """Name of the machine; with point and count it seeds the draws that decide ties."""
     false_alarm_rate: float = 0.01
-    """Chance that a healthy machine that does not change ever raises an alarm at one operating point, at most."""
+    """Chance that a healthy machine that does not change ever raises an alarm at one operating
+    point, at most.
+    """
     learning: int = 20
     """Recordings that a baseline learns from."""
     pistons: int | None = None
-    """Pistons of the machine, where they are known: what a pump prior compares is then learned too."""
+    """Pistons of the machine, where they are known: what a pump prior compares is then learned
+    too.
+    """
 
     def __post_init__(self) -> None:
         if not 0 < self.false_alarm_rate < 1:
-            raise InputError(f"false_alarm_rate ({self.false_alarm_rate:g}) must lie between 0 and 1, such as 0.01.")
+            raise InputError(
+                f"false_alarm_rate ({self.false_alarm_rate:g}) must lie between 0 and 1, such as 0.01."
+            )
         if self.learning < LEAST_LEARNING:
-            raise InputError(f"learning ({self.learning}) must be {LEAST_LEARNING} recordings at least.")
+            raise InputError(
+                f"learning ({self.learning}) must be {LEAST_LEARNING} recordings at least."
+            )
 
-    def judge(self, recording: Recording, state: PointState | None, *, point: str = "any") -> PointJudgment:
+    def judge(
+        self, recording: Recording, state: PointState | None, *, point: str = "any"
+    ) -> PointJudgment:
         """What a recording says, and the state for the next one.
 
         Parameters
@@ -287,7 +329,9 @@ class PointMonitor:
             )
         if state is None or not len(state.baseline.rows):
             sensor = Condition() if state is None else state.sensor
-            state = PointState(PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor)
+            state = PointState(
+                PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor
+            )
         findings = sensor_findings(recording)
         if any(finding.kind == "flat" for finding in findings):
             return _at_fault(state, findings, {})
@@ -302,14 +346,24 @@ class PointMonitor:
         if state.baseline.is_complete:
             judgment = self._watched(state, levels, recording, point)
         else:
-            baseline, notes = state.baseline.learned_from(levels, recording, self.learning, self.pistons)
-            test = ConformalTest.calibrated(baseline.left_out_scores()) if baseline.is_complete else state.test
+            baseline, notes = state.baseline.learned_from(
+                levels, recording, self.learning, self.pistons
+            )
+            test = (
+                ConformalTest.calibrated(baseline.left_out_scores())
+                if baseline.is_complete
+                else state.test
+            )
             state = replace(state, baseline=baseline, test=test)
             judgment = PointJudgment("learning", len(baseline.rows), state, notes=notes)
         return replace(judgment, levels=named, sensor=sensor_change)
 
     def _watched(
-        self, state: PointState, levels: Float64[np.ndarray, " level"], recording: Recording, point: str
+        self,
+        state: PointState,
+        levels: Float64[np.ndarray, " level"],
+        recording: Recording,
+        point: str,
     ) -> PointJudgment:
         baseline, test = state.baseline, state.test
         score, is_large = baseline.score(levels), baseline.is_large(levels)

@@ -1,8 +1,8 @@
-"""The suspect of an alarm: the fault of a pump prior that a recording resembles, against what the watch learned; and
-the severity of that fault by a calibrated twin.
+"""The suspect of an alarm: the fault of a pump prior that a recording resembles, against what the
+watch learned; and the severity of that fault by a calibrated twin.
 
-Another process adapts the prior and measures the severity, since that takes seconds, and memory that would not be given
-back.
+Another process adapts the prior and measures the severity, since that takes seconds, and memory
+that would not be given back.
 """
 
 import logging
@@ -67,9 +67,16 @@ class Suspect:
         if verdict.unknown:
             return cls("unknown", f"Suspect unknown. {verdict.reasons[0]}", *facts)
         ranked = sorted(verdict.probabilities.items(), key=lambda item: -item[1])
-        first, second = (f"{_class_words(name)} ({100 * share:.0f} %)" for name, share in ranked[:2])
+        first, second = (
+            f"{_class_words(name)} ({100 * share:.0f} %)" for name, share in ranked[:2]
+        )
         if is_healthy(verdict.label):
-            return cls("unsure", f"Suspect, unsure: {second}; the prior sees {first} still.", ranked[1][0], *facts[1:])
+            return cls(
+                "unsure",
+                f"Suspect, unsure: {second}; the prior sees {first} still.",
+                ranked[1][0],
+                *facts[1:],
+            )
         if ranked[0][1] >= SURE:
             return cls("sure", f"Suspect: {first}.", *facts)
         return cls("unsure", f"Suspect, unsure: {first}, or {second}.", *facts)
@@ -102,9 +109,14 @@ class HealthyOrders:
         """
         prior = PriorClassifier.load(self.machine.prior)
         is_own = self.machine.pump is not None and load_pump(self.machine.pump).name == prior.pump
-        prior = prior.narrowed(self.channels, self.unit, None if is_own else self.machine.piston_count)
+        prior = prior.narrowed(
+            self.channels, self.unit, None if is_own else self.machine.piston_count
+        )
         count = len(self.rows)
-        speed, pressure = (math.nan if value is None else value for value in (self.point.speed, self.point.pressure))
+        speed, pressure = (
+            math.nan if value is None else value
+            for value in (self.point.speed, self.point.pressure)
+        )
         return replace(
             prior,
             levels=self.rows.reshape(count, len(self.channels), -1),
@@ -133,7 +145,8 @@ class FaultSize:
         Raises
         ------
         SwashTwinError
-            A package is missing, or the calibration is of another pump or operating point, or has no such fault.
+            A package is missing, or the calibration is of another pump or operating point, or has
+            no such fault.
         """
         from swashtwin.calibration import estimate_severity, load_calibration
 
@@ -143,19 +156,32 @@ class FaultSize:
         own = pump.name if name is None else load_pump(name).name
         if (own, self.machine.piston_count) != (pump.name, pump.rotating_group.piston_count):
             raise DataError(f"the calibration is of another pump, {pump.name}.")
-        kinds = {name: fault for name, fault in FAULT_KINDS.items() if fault is not None and fault.label == self.label}
+        kinds = {
+            name: fault
+            for name, fault in FAULT_KINDS.items()
+            if fault is not None and fault.label == self.label
+        }
         if not kinds:
             raise DataError("the twin has no such fault.")
         if self.recording is None:
             raise DataError("the samples of the recording are not kept any more.")
         worn, *healthy = (
             load_recordings(path)[0].replace(label=label, specimen=self.machine.name)
-            for path, label in [(self.recording, None), *((path, "normal") for path in self.healthy)]
+            for path, label in [
+                (self.recording, None),
+                *((path, "normal") for path in self.healthy),
+            ]
         )
         points = [fit.condition for fit in calibration.fits]
-        if worn.condition is not None and not any(worn.condition.matches(point) for point in points):
-            at = " and ".join(OperatingPoint(point.speed, point.discharge_pressure).name for point in points)
-            raise DataError(f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}.")
+        if worn.condition is not None and not any(
+            worn.condition.matches(point) for point in points
+        ):
+            at = " and ".join(
+                OperatingPoint(point.speed, point.discharge_pressure).name for point in points
+            )
+            raise DataError(
+                f"the calibration is at {at}, the recording at {OperatingPoint.of(worn).name}."
+            )
         trends = [
             (_class_words(name), estimate_severity(calibration, [worn], fault, healthy=healthy))
             for name, fault in kinds.items()
@@ -168,7 +194,10 @@ class FaultSize:
             f"{name} fits worse ({other.misfit:.2g} instead of {estimate.misfit:.2g}): {other.severity.words}."
             for name, (other,) in ((name, item.estimates) for name, item in trends[1:])
         ]
-        unit, least = severity.dimension.per_unit, "none" if limit is None else severity.dimension.words(limit)
+        unit, least = (
+            severity.dimension.per_unit,
+            "none" if limit is None else severity.dimension.words(limit),
+        )
         return {
             "sentence": f"Severity, if {kind}: {_class_words(severity.dimension.name)} {severity.words}, "
             f"{severity.verdict}; detection limit {least}.",
@@ -198,7 +227,9 @@ class Suspects:
         self._adapted: OrderedDict[str, tuple[PriorClassifier | str, float]] = OrderedDict()
         """Priors, or why there is none, and when [s] adapting failed; infinite where it did not."""
 
-    def name(self, machine: Machine, point: OperatingPoint, baseline: PointBaseline, recording: Recording) -> Suspect:
+    def name(
+        self, machine: Machine, point: OperatingPoint, baseline: PointBaseline, recording: Recording
+    ) -> Suspect:
         """The suspect of a recording that moved far from a complete baseline.
 
         Raises
@@ -238,17 +269,30 @@ class Suspects:
 
 
 def measured_severity(question: FaultSize) -> dict[str, Any]:
-    """`FaultSize.answer` of another process, with its class; only a ``sentence`` that says why where there is none."""
+    """`FaultSize.answer` of another process, with its class; only a ``sentence`` that says why
+    where there is none.
+    """
     answer, _ = _answered(question, "an error", 10 * _PATIENCE)
-    severity = answer if isinstance(answer, dict) else {"sentence": f"Severity is not measured: {answer}", "notes": []}
+    severity = (
+        answer
+        if isinstance(answer, dict)
+        else {"sentence": f"Severity is not measured: {answer}", "notes": []}
+    )
     return {"label": question.label, **severity}
 
 
-def _answered(question: HealthyOrders | FaultSize, failure: str, patience: float) -> tuple[Any, bool]:
+def _answered(
+    question: HealthyOrders | FaultSize, failure: str, patience: float
+) -> tuple[Any, bool]:
     """(a question's answer by another process or why there is none, whether the process failed)."""
     try:
         process = subprocess.run(
-            [sys.executable, "-P", "-c", _COMMAND],  # -P: nothing is imported from the current folder
+            [
+                sys.executable,
+                "-P",
+                "-c",
+                _COMMAND,
+            ],  # -P: nothing is imported from the current folder
             input=pickle.dumps(question),
             capture_output=True,
             timeout=patience,
@@ -263,7 +307,13 @@ def _answered(question: HealthyOrders | FaultSize, failure: str, patience: float
         return pickle.loads(process.stdout), False
     except Exception as cause:  # neither suspect nor severity is a reason to lose a judgment
         said = getattr(cause, "stderr", None) or b""
-        _log.warning("%s: %s: %s %s", question.machine.name, failure, cause, said[-2000:].decode(errors="replace"))
+        _log.warning(
+            "%s: %s: %s %s",
+            question.machine.name,
+            failure,
+            cause,
+            said[-2000:].decode(errors="replace"),
+        )
         return f"{failure} ({type(cause).__name__}); the watch's log says more.", True
 
 

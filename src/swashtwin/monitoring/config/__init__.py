@@ -1,1 +1,3 @@
-"""Configuration of a watch: a TOML file with machines, sources of recordings, alarms, channels and the page."""
+"""Configuration of a watch: a TOML file with machines, sources of recordings, alarms, channels and
+the page.
+"""

@@ -50,12 +50,14 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
     Raises
     ------
     MissingFileError, DataError, InputError
-        The file or one that it names is not there, an entry is unknown, missing, or cannot be. One line names the
-        file and the entry, and no secret.
+        The file or one that it names is not there, an entry is unknown, missing, or cannot be. One
+        line names the file and the entry, and no secret.
     """
     path = Path(path)
     if not path.is_file():
-        raise MissingFileError(f"{path} does not exist; write one with: swashtwin watch init {path}")
+        raise MissingFileError(
+            f"{path} does not exist; write one with: swashtwin watch init {path}"
+        )
     try:
         table = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as cause:
@@ -72,7 +74,9 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         _check(config)
     except InputError as cause:
         text = _ITEM.sub(lambda match: f"[[{match[1]}]] number {int(match[2]) + 1}: ", str(cause))
-        hint = "; the kinds are folder, mqtt, http, and of channels log, webhook, mqtt, email" * ("kind: " in text)
+        hint = "; the kinds are folder, mqtt, http, and of channels log, webhook, mqtt, email" * (
+            "kind: " in text
+        )
         raise InputError(f"{path}: {text.rstrip('.')}{hint}.") from cause
     except SwashTwinError as cause:
         raise type(cause)(f"{path}: {cause}") from cause
@@ -90,7 +94,9 @@ def write_example(path: Path) -> Path:
     path = Path(path)
     if path.exists():
         raise InputError(f"{path} exists already; name another file, or remove it.")
-    return write_text(path, (resources.files(__package__) / "example.toml").read_text(encoding="utf-8"))
+    return write_text(
+        path, (resources.files(__package__) / "example.toml").read_text(encoding="utf-8")
+    )
 
 
 def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) -> Any:
@@ -98,7 +104,11 @@ def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) 
     if issubclass(kind, Path):
         return folder / Path(value).expanduser()
     if issubclass(kind, NameOrFile):
-        return kind(folder / Path(value).expanduser() if value.endswith((".toml", ".safetensors")) else value)
+        return kind(
+            folder / Path(value).expanduser()
+            if value.endswith((".toml", ".safetensors"))
+            else value
+        )
     if issubclass(kind, Quantity):
         try:
             number = parse(value, kind.unit, name="it")
@@ -118,7 +128,9 @@ def _secret(kind: type, value: str, environment: Mapping[str, str]) -> Secret:
         with suppress(ValueError):
             password = urlsplit(value).password
         if password and not _VARIABLE.fullmatch(password):
-            raise ValueError("a password is written out; write scheme://user:${NAME}@host and set NAME")
+            raise ValueError(
+                "a password is written out; write scheme://user:${NAME}@host and set NAME"
+            )
     elif not _VARIABLE.fullmatch(value):
         raise ValueError('it is written out; write "${NAME}" and set the environment variable NAME')
 
@@ -134,11 +146,19 @@ def _check(config: WatchConfig) -> None:
     if not config.machines:
         raise DataError("the file has no [[machine]]; add one with its name.")
     if not config.sources:
-        raise DataError('the file has no [[source]]; add one, such as kind = "folder" with its path.')
-    for title, named in (("machine", config.machines), ("source", config.sources), ("channel", config.channels)):
+        raise DataError(
+            'the file has no [[source]]; add one, such as kind = "folder" with its path.'
+        )
+    for title, named in (
+        ("machine", config.machines),
+        ("source", config.sources),
+        ("channel", config.channels),
+    ):
         for name, count in Counter(item.name for item in named).items():
             if count > 1:
-                raise DataError(f"{count} of [[{title}]] have the name {name!r}; give each a name of its own.")
+                raise DataError(
+                    f"{count} of [[{title}]] have the name {name!r}; give each a name of its own."
+                )
     for machine in config.machines:
         try:
             _check_machine(machine)

@@ -1,4 +1,6 @@
-"""What a watch is told: machines, sources of recordings, alarms, channels, retention and the page."""
+"""What a watch is told: machines, sources of recordings, alarms, channels, retention and the
+page.
+"""
 
 from ipaddress import ip_address
 from pathlib import Path
@@ -15,7 +17,8 @@ _MAIL_PORTS = {"starttls": 587, "tls": 465, "none": 25}
 
 
 class Secret:
-    """A password or token, which the file names as ``${NAME}`` and the environment holds; nothing shows it.
+    """A password or token, which the file names as ``${NAME}`` and the environment holds; nothing
+    shows it.
 
     Examples
     --------
@@ -44,7 +47,9 @@ class Secret:
 
 
 class SecretUrl(Secret):
-    """A URL, shown nowhere because it may hold a secret; one with a password takes it from the environment."""
+    """A URL, shown nowhere because it may hold a secret; one with a password takes it from the
+    environment.
+    """
 
 
 class NameOrFile(str):
@@ -110,7 +115,9 @@ class Machine(Entries, frozen=True, kw_only=True):
     calibration: Path | None = None
     """Calibration on its healthy recordings, which measures the severity of the suspect."""
     channels: tuple[Text, ...] = ()
-    """Channels that each recording must have, in this order; empty: those of the first recording."""
+    """Channels that each recording must have, in this order; empty: those of the first
+    recording.
+    """
     speed: Speed | None = None
     """Angular speed of the shaft where it is constant [rad/s]."""
     discharge_pressure: Pressure | None = None
@@ -137,12 +144,16 @@ class Machine(Entries, frozen=True, kw_only=True):
         if self.pistons is not None and self.pump is not None:
             raise ValueError("pistons are those of the pump; state one of the two")
         if self.calibration is not None and self.pistons is None and self.pump is None:
-            raise ValueError("calibration measures the severity of a suspect, which needs pump or pistons too")
+            raise ValueError(
+                "calibration measures the severity of a suspect, which needs pump or pistons too"
+            )
 
     @property
     def piston_count(self) -> int | None:
         """Pistons, where they are known."""
-        return self.pistons if self.pump is None else load_pump(self.pump).rotating_group.piston_count
+        return (
+            self.pistons if self.pump is None else load_pump(self.pump).rotating_group.piston_count
+        )
 
 
 class Broker(Entries, frozen=True, kw_only=True):
@@ -269,7 +280,9 @@ class PageSettings(Entries, frozen=True, kw_only=True):
     """Address to listen at; beyond this computer only with `users`."""
     port: Port = 8642
     users: Path | None = None
-    """File of people's hashed passwords and programs' hashed tokens, as ``swashtwin watch user`` writes it."""
+    """File of people's hashed passwords and programs' hashed tokens, as ``swashtwin watch user``
+    writes it.
+    """
     hosts: tuple[Text, ...] = ()
     """Further names under which browsers reach the page, such as that of a proxy."""
     secure: bool = False
@@ -287,7 +300,9 @@ class PageSettings(Entries, frozen=True, kw_only=True):
             try:
                 ip_address(self.proxy)
             except ValueError:
-                raise ValueError(f'proxy = {self.proxy!r} must be an IP address, such as "127.0.0.1"') from None
+                raise ValueError(
+                    f'proxy = {self.proxy!r} must be an IP address, such as "127.0.0.1"'
+                ) from None
 
     @property
     def is_local(self) -> bool:

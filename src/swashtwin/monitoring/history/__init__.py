@@ -1,1 +1,3 @@
-"""History of watched machines: a database of verdicts, indicators and alarms, and waveforms beside it."""
+"""History of watched machines: a database of verdicts, indicators and alarms, and waveforms beside
+it.
+"""

@@ -1,4 +1,6 @@
-"""Where the history is kept: its database, with one error for all that may befall it, and the waveforms beside it."""
+"""Where the history is kept: its database, with one error for all that may befall it, and the
+waveforms beside it.
+"""
 
 import errno
 import os
@@ -16,7 +18,14 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, exc, inspe
 from sqlalchemy.engine import make_url
 from sqlalchemy.orm import Session
 
-from swashtwin.foundation import DataError, InputError, MissingFileError, SwashTwinError, file_name, require_modules
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    MissingFileError,
+    SwashTwinError,
+    file_name,
+    require_modules,
+)
 from swashtwin.monitoring.history.tables import Judgment, Machine, Row, Version
 from swashtwin.recordings import Recording, load_recordings, write_store
 
@@ -33,14 +42,20 @@ _MISTAKES = (exc.DataError, exc.IntegrityError, exc.ProgrammingError, exc.NotSup
 
 
 class HistoryError(SwashTwinError):
-    """The database of the history cannot be reached, is full, locked or damaged; what was begun was not done."""
+    """The database of the history cannot be reached, is full, locked or damaged; what was begun was
+    not done.
+    """
 
 
 class Database:
-    """The tables in SQLite or PostgreSQL, used from any thread; what befalls them is a `HistoryError`."""
+    """The tables in SQLite or PostgreSQL, used from any thread; what befalls them is a
+    `HistoryError`.
+    """
 
     def __init__(self, url: str, folder: Path, *, is_new: bool = True) -> None:
-        """Open the database at `url`, or the SQLite file in `folder` where it is empty, and raise as `History.open`."""
+        """Open the database at `url`, or the SQLite file in `folder` where it is empty, and raise
+        as `History.open`.
+        """
         self._engine = _open_engine(url, folder, is_new=is_new)
         self._writer = self._engine.execution_options(is_write=True)
         try:
@@ -62,7 +77,11 @@ class Database:
     @contextmanager
     def writing(self) -> Iterator[Session]:
         """Session whose transaction is committed at the end of the block, or undone by an error."""
-        with _one_error(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with (
+            _one_error(),
+            Session(self._writer, expire_on_commit=False) as session,
+            session.begin(),
+        ):
             yield session
 
     def _prepare(self, is_new: bool) -> None:
@@ -136,7 +155,9 @@ def _sqlite_engine(address: URL, is_new: bool) -> Engine:
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _: object) -> None:
-        connection.isolation_level = None  # transactions begin where `begin` below says, not where the driver guesses
+        connection.isolation_level = (
+            None  # transactions begin where `begin` below says, not where the driver guesses
+        )
         for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
 
@@ -185,10 +206,11 @@ class Waveforms:
         self._database = database
 
     def write(self, machine: str, moment: datetime, content: str, recording: Recording) -> str:
-        """Path below the folder, after the samples are on the disk for good; a file of the same content is replaced.
+        """Path below the folder, after the samples are on the disk for good; a file of the same
+        content is replaced.
 
-        The file has no meaning before `MachineTransaction.add_recording` takes its path; `sweep` removes it if that
-        never happens.
+        The file has no meaning before `MachineTransaction.add_recording` takes its path; `sweep`
+        removes it if that never happens.
 
         Raises
         ------
@@ -204,7 +226,9 @@ class Waveforms:
                 write_store([recording], path)
             except InputError as cause:  # too little space, which a later attempt may have
                 raise OSError(errno.ENOSPC, str(cause)) from cause
-            with suppress(FileNotFoundError):  # another watch had filed the same recording, and has just removed it
+            with suppress(
+                FileNotFoundError
+            ):  # another watch had filed the same recording, and has just removed it
                 _flush(path)
                 break
         _flush(path.parent)
@@ -222,7 +246,9 @@ class Waveforms:
                 (self.folder / relative).unlink(missing_ok=True)
 
     def sweep(self) -> int:
-        """How many files were removed because no recording has them; those of the last hour stay."""
+        """How many files were removed because no recording has them; those of the last hour
+        stay.
+        """
         limit = time.time() - _AGE
         files = (path for path in self.folder.rglob("*.h5") if path.stat().st_mtime < limit)
         count = 0

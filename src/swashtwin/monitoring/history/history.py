@@ -16,15 +16,28 @@ from swashtwin.foundation import TEXT, InputError, file_name, replacing, spreads
 from swashtwin.monitoring.config.settings import Retention, WatchConfig
 from swashtwin.monitoring.history.database import Database, Waveforms, json_text, lock_machine
 from swashtwin.monitoring.history.reading import Names, Reads
-from swashtwin.monitoring.history.tables import Alarm, Event, Indicators, Judgment, Layout, Message, Rejection, Silence
+from swashtwin.monitoring.history.tables import (
+    Alarm,
+    Event,
+    Indicators,
+    Judgment,
+    Layout,
+    Message,
+    Rejection,
+    Silence,
+)
 from swashtwin.monitoring.history.transaction import MachineTransaction
 
 _REJECTIONS = 10_000
 """Rejections that are kept."""
 _LEASE = timedelta(seconds=60)
-"""Time that sending some messages may take; a sender that says nothing within it is taken for dead."""
+"""Time that sending some messages may take; a sender that says nothing within it is taken for
+dead.
+"""
 _LONGEST = timedelta(hours=1)
-"""More than any wait of a message: a due time further ahead was set before the clock was set back."""
+"""More than any wait of a message: a due time further ahead was set before the clock was set
+back.
+"""
 _SENT = 10_000
 """Numbers of messages for which sent ones are kept."""
 
@@ -39,14 +52,18 @@ class Outbox:
         self._database = database
 
     def claim(self, channels: Sequence[str], limit: int = 20) -> Sequence[Message]:
-        """The oldest messages for some channels that are due, none of which another sender has had for a minute."""
+        """The oldest messages for some channels that are due, none of which another sender has had
+        for a minute.
+        """
         if not self.waiting(channels):
             return ()  # without the lock that a write takes
         now = datetime.now(UTC)
         is_due = or_(Message.due <= now, Message.due > now + _LONGEST)
         query = select(Message).where(Message.sent.is_(None), Message.channel.in_(channels), is_due)
         with self._database.writing() as session:
-            messages = session.scalars(query.order_by(Message.id).limit(limit).with_for_update(skip_locked=True)).all()
+            messages = session.scalars(
+                query.order_by(Message.id).limit(limit).with_for_update(skip_locked=True)
+            ).all()
             for message in messages:
                 message.due = now + _LEASE
                 message.attempts += 1
@@ -55,14 +72,22 @@ class Outbox:
     def sent(self, message: int) -> None:
         """Note that a message was sent."""
         with self._database.writing() as session:
-            session.execute(update(Message).where(Message.id == message).values(sent=datetime.now(UTC), error=None))
-            session.execute(delete(Message).where(Message.sent.is_not(None), Message.id <= message - _SENT))
+            session.execute(
+                update(Message)
+                .where(Message.id == message)
+                .values(sent=datetime.now(UTC), error=None)
+            )
+            session.execute(
+                delete(Message).where(Message.sent.is_not(None), Message.id <= message - _SENT)
+            )
 
     def failed(self, message: int, error: str, again_in: float) -> None:
         """Note why a message was not sent, and in how many seconds it is tried again."""
         due = datetime.now(UTC) + timedelta(seconds=again_in)
         with self._database.writing() as session:
-            session.execute(update(Message).where(Message.id == message).values(due=due, error=error))
+            session.execute(
+                update(Message).where(Message.id == message).values(due=due, error=error)
+            )
 
     def waiting(self, channels: Sequence[str]) -> int:
         """How many messages for some channels are not sent."""
@@ -72,7 +97,8 @@ class Outbox:
 
 
 class History:
-    """Database of verdicts, indicators and alarms, with waveforms beside it; used from any thread and process.
+    """Database of verdicts, indicators and alarms, with waveforms beside it; used from any thread
+    and process.
 
     Every method raises `HistoryError` where the database cannot be used.
     """
@@ -85,7 +111,9 @@ class History:
         self.outbox = Outbox(database)
 
     @classmethod
-    def open(cls, url: str, folder: Path, retention: Retention | None = None, *, is_new: bool = True) -> "History":
+    def open(
+        cls, url: str, folder: Path, retention: Retention | None = None, *, is_new: bool = True
+    ) -> "History":
         """History of a database and a folder, whose tables are made where they are not there.
 
         Parameters
@@ -100,10 +128,12 @@ class History:
         HistoryError
             The database cannot be used now.
         InputError, DataError, MissingExtraError
-            The URL is none, the database is another program's, of another version or not there though it must be, or
-            a driver is missing.
+            The URL is none, the database is another program's, of another version or not there
+            though it must be, or a driver is missing.
         """
-        return cls(Database(url, Path(folder), is_new=is_new), Path(folder), retention or Retention())
+        return cls(
+            Database(url, Path(folder), is_new=is_new), Path(folder), retention or Retention()
+        )
 
     def close(self) -> None:
         """Close all connections."""
@@ -120,8 +150,11 @@ class History:
             yield transaction
         self.waveforms.remove(transaction.dropped)
 
-    def export(self, folder: Path, progress: Callable[[str], None] = lambda _: None) -> dict[str, int]:
-        """Rows of each file that was written to `folder`: one by table, and ``indicators/MACHINE`` by machine.
+    def export(
+        self, folder: Path, progress: Callable[[str], None] = lambda _: None
+    ) -> dict[str, int]:
+        """Rows of each file that was written to `folder`: one by table, and ``indicators/MACHINE``
+        by machine.
 
         Times are UTC. A file is whole or not there. No text is a formula for a spreadsheet.
 
@@ -134,7 +167,10 @@ class History:
         def save(name: str, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
             progress(name)
             counts[name] = -1  # the header is no row
-            with replacing(folder / f"{name}.csv") as temporary, temporary.open("w", **TEXT) as file:
+            with (
+                replacing(folder / f"{name}.csv") as temporary,
+                temporary.open("w", **TEXT) as file,
+            ):
                 writer = csv.writer(file, lineterminator="\n")
                 for line in chain([header], lines):
                     writer.writerow([_cell(value) for value in line])
@@ -142,18 +178,34 @@ class History:
 
         with self._database.reading() as session:
             for kind in _TABLES:
-                columns = [column for column in kind.__table__.columns if column.name not in _INTERNAL]
-                rows = session.execute(select(*columns).order_by(kind.id).execution_options(yield_per=1000))
+                columns = [
+                    column for column in kind.__table__.columns if column.name not in _INTERNAL
+                ]
+                rows = session.execute(
+                    select(*columns).order_by(kind.id).execution_options(yield_per=1000)
+                )
                 save(kind.__tablename__, [column.name for column in columns], rows)
             for machine in self.read.machines():
                 names = self.read.indicator_names(machine.name)
-                header = ["recording", "time", "point", *(f"{channel} {name}" for channel, name in names)]
-                save(f"indicators/{file_name(machine.name)}", header, _indicators(session, machine.name, names))
+                header = [
+                    "recording",
+                    "time",
+                    "point",
+                    *(f"{channel} {name}" for channel, name in names),
+                ]
+                save(
+                    f"indicators/{file_name(machine.name)}",
+                    header,
+                    _indicators(session, machine.name, names),
+                )
         return counts
 
     def reject(self, rejection: Rejection) -> None:
         """File a delivery that became no recording; the same one again is counted."""
-        key = [getattr(Rejection, name) == getattr(rejection, name) for name in ("content", "machine", "reason")]
+        key = [
+            getattr(Rejection, name) == getattr(rejection, name)
+            for name in ("content", "machine", "reason")
+        ]
         with self._database.writing() as session:
             lock_machine(session, "")  # so that the page's number grows
             stored = session.scalars(select(Rejection).where(*key)).first()
@@ -161,7 +213,9 @@ class History:
                 rejection.id, rejection.times = stored.id, stored.times + 1
             session.merge(rejection)
             session.flush()
-            surplus = select(Rejection.id).order_by(Rejection.id.desc()).offset(_REJECTIONS).limit(1)
+            surplus = (
+                select(Rejection.id).order_by(Rejection.id.desc()).offset(_REJECTIONS).limit(1)
+            )
             session.execute(delete(Rejection).where(Rejection.id <= surplus.scalar_subquery()))
 
 
@@ -186,7 +240,9 @@ def _indicators(session: Session, machine: str, names: Names) -> Iterator[Sequen
     )
     for number, time, point, layout, packed in session.execute(query):
         values: list[float | None] = [None] * len(names)
-        for position, value in zip(layouts[layout], np.frombuffer(packed, "<f4").tolist(), strict=True):
+        for position, value in zip(
+            layouts[layout], np.frombuffer(packed, "<f4").tolist(), strict=True
+        ):
             values[position] = value
         yield (number, time, point, *values)
 
@@ -199,9 +255,17 @@ def _cell(value: Any) -> Any:
 
 
 def record_event(
-    config: WatchConfig, history: History, machine: str, *, who: str, note: str, found: str = "", maintenance: bool
+    config: WatchConfig,
+    history: History,
+    machine: str,
+    *,
+    who: str,
+    note: str,
+    found: str = "",
+    maintenance: bool,
 ) -> int:
-    """Number of the event. After maintenance all baselines of the machine are learned anew, and its alarms are closed.
+    """Number of the event. After maintenance all baselines of the machine are learned anew, and its
+    alarms are closed.
 
     Parameters
     ----------
@@ -213,7 +277,9 @@ def record_event(
         The configuration has no such machine, or something was found where there was no alarm.
     """
     if config.machine(machine) is None:
-        raise InputError(f"{config.path} has no machine {machine!r}; there are {config.machine_names}.")
+        raise InputError(
+            f"{config.path} has no machine {machine!r}; there are {config.machine_names}."
+        )
     with history.machine(machine) as transaction:
         if found:
             transaction.note_found(found, who)

@@ -90,7 +90,9 @@ class Reads:
         tallies = select(Tally.machine, func.sum(Tally.recordings)).group_by(Tally.machine)
         open_alarms = select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)
         now = datetime.now(UTC)
-        silences = select(Silence.machine, func.max(Silence.until)).where(Silence.since <= now, Silence.until > now)
+        silences = select(Silence.machine, func.max(Silence.until)).where(
+            Silence.since <= now, Silence.until > now
+        )
         events = select(Event.machine, func.max(Event.time)).where(Event.kind == "maintenance")
         with self._database.reading() as session:
             counts = dict(session.execute(tallies).all())
@@ -102,7 +104,12 @@ class Reads:
             rows = session.execute(latest.where(Machine.name != "").order_by(Machine.name)).all()
         return [
             MachineOverview(
-                name, int(counts.get(name, 0)), last, tuple(alarms[name]), silenced.get(name), maintained.get(name)
+                name,
+                int(counts.get(name, 0)),
+                last,
+                tuple(alarms[name]),
+                silenced.get(name),
+                maintained.get(name),
             )
             for name, last in rows
         ]
@@ -131,7 +138,9 @@ class Reads:
             query = query.where(Judgment.state == state)
         if before is not None:
             time = select(Judgment.time).where(Judgment.id == before).scalar_subquery()
-            query = query.where((Judgment.time < time) | ((Judgment.time == time) & (Judgment.id < before)))
+            query = query.where(
+                (Judgment.time < time) | ((Judgment.time == time) & (Judgment.id < before))
+            )
         return self._all(query.order_by(Judgment.time.desc(), Judgment.id.desc()).limit(limit))
 
     def recording(self, number: int) -> Judgment | None:
@@ -140,11 +149,19 @@ class Reads:
             return session.get(Judgment, number)
 
     def healthy_files(self, judgment: Judgment, limit: int) -> dict[int, str]:
-        """Healthy recordings at the operating point of another, those of the baseline first, with their waveforms."""
+        """Healthy recordings at the operating point of another, those of the baseline first, with
+        their waveforms.
+        """
         files: dict[int, str] = {}
         for state in ("learning", "normal"):
-            others = self.recordings(judgment.machine, point=judgment.point, state=state, limit=_SEARCH)
-            files |= {other.id: other.waveform for other in others if other.waveform and other.id != judgment.id}
+            others = self.recordings(
+                judgment.machine, point=judgment.point, state=state, limit=_SEARCH
+            )
+            files |= {
+                other.id: other.waveform
+                for other in others
+                if other.waveform and other.id != judgment.id
+            }
         return dict(list(files.items())[:limit])
 
     def later_recording(self, number: int) -> int | None:
@@ -153,7 +170,10 @@ class Reads:
         query = (
             select(Judgment.id)
             .join(this, Judgment.machine == this.c.machine)
-            .where((Judgment.time > this.c.time) | ((Judgment.time == this.c.time) & (Judgment.id > number)))
+            .where(
+                (Judgment.time > this.c.time)
+                | ((Judgment.time == this.c.time) & (Judgment.id > number))
+            )
             .order_by(Judgment.time, Judgment.id)
             .limit(1)
         )
@@ -162,11 +182,17 @@ class Reads:
     def waveform(self, number: int) -> Recording | None:
         """Samples of a recording, or None where they are not kept."""
         stored = self.recording(number)
-        return None if stored is None or stored.waveform is None else self._waveforms.read(stored.waveform)
+        return (
+            None
+            if stored is None or stored.waveform is None
+            else self._waveforms.read(stored.waveform)
+        )
 
     def indicator_names(self, machine: str) -> Names:
         """Channel and name of each indicator that recordings of the machine have."""
-        layouts = self._all(select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc()))
+        layouts = self._all(
+            select(Layout.names).where(Layout.machine == machine).order_by(Layout.id.desc())
+        )
         return tuple({(channel, name): None for names in layouts for channel, name in names})
 
     def trend(
@@ -184,8 +210,8 @@ class Reads:
 
         Parameters
         ----------
-        channel : empty for facts of the whole recording: ``alarm_p``, ``capital``, ``probability``, ``confidence``,
-            ``ood_p``, ``speed`` [rad/s], ``pressure`` [Pa].
+        channel : empty for facts of the whole recording: ``alarm_p``, ``capital``, ``probability``,
+            ``confidence``, ``ood_p``, ``speed`` [rad/s], ``pressure`` [Pa].
         """
         queries: list[Select[Any]] = []
         if channel == "":
@@ -195,8 +221,12 @@ class Reads:
         else:
             for layout in self._all(select(Layout).where(Layout.machine == machine)):
                 if [channel, name] in layout.names:
-                    value = func.substr(Indicators.values, 4 * layout.names.index([channel, name]) + 1, 4)
-                    query = select(Judgment.id, Judgment.time, value).where(Indicators.layout == layout.id)
+                    value = func.substr(
+                        Indicators.values, 4 * layout.names.index([channel, name]) + 1, 4
+                    )
+                    query = select(Judgment.id, Judgment.time, value).where(
+                        Indicators.layout == layout.id
+                    )
                     queries.append(query.join(Indicators, Indicators.recording == Judgment.id))
         results: list[Any] = []
         with self._database.reading() as session:
@@ -209,7 +239,11 @@ class Reads:
             np.array([number for number, _, _ in results], np.int64),
             np.array([time.replace(tzinfo=None) for _, time, _ in results], "datetime64[us]"),
             np.array(
-                [np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value for *_, value in results], float
+                [
+                    np.frombuffer(value, "<f4")[0] if isinstance(value, bytes) else value
+                    for *_, value in results
+                ],
+                float,
             ),
         )
 
@@ -219,10 +253,14 @@ class Reads:
 
     def baseline(self, machine: str, point: str) -> dict[str, Any] | None:
         """What the alarm learned at an operating point, or None."""
-        query = select(Baseline.baseline).where(Baseline.machine == machine, Baseline.point == point)
+        query = select(Baseline.baseline).where(
+            Baseline.machine == machine, Baseline.point == point
+        )
         return next(iter(self._all(query)), None)
 
-    def alarms(self, machine: str | None = None, *, state: str | None = None, limit: int = 100) -> Sequence[Alarm]:
+    def alarms(
+        self, machine: str | None = None, *, state: str | None = None, limit: int = 100
+    ) -> Sequence[Alarm]:
         """Alarms of a machine or of all, latest first."""
         query = select(Alarm).order_by(Alarm.id.desc()).limit(limit)
         query = query if machine is None else query.where(Alarm.machine == machine)
@@ -240,11 +278,17 @@ class Reads:
 
     def rejections(self, limit: int = 100) -> Sequence[Rejection]:
         """Deliveries that became no recording, latest first."""
-        return self._all(select(Rejection).order_by(Rejection.received.desc(), Rejection.id.desc()).limit(limit))
+        return self._all(
+            select(Rejection).order_by(Rejection.received.desc(), Rejection.id.desc()).limit(limit)
+        )
 
     def recordings_by_state(self) -> dict[tuple[str, str], int]:
-        """How many recordings there are by machine and state; it costs the same however long the history is."""
-        return {(tally.machine, tally.state): tally.recordings for tally in self._all(select(Tally))}
+        """How many recordings there are by machine and state; it costs the same however long the
+        history is.
+        """
+        return {
+            (tally.machine, tally.state): tally.recordings for tally in self._all(select(Tally))
+        }
 
     def rejections_by_reason(self) -> dict[str, int]:
         """Deliveries among the newest rejections by reason."""

@@ -1,4 +1,6 @@
-"""Tables of the history, alike in SQLite and PostgreSQL; a row is a dataclass. All times are aware and in UTC."""
+"""Tables of the history, alike in SQLite and PostgreSQL; a row is a dataclass. All times are aware
+and in UTC.
+"""
 
 import math
 import sys
@@ -145,7 +147,10 @@ class Judgment(Row, kw_only=True):
     retention: Mapped[str | None] = mapped_column(default=None)
     """Why they are kept: ``alarm``, ``day``, ``last``."""
 
-    __table_args__ = (UniqueConstraint("machine", "content"), Index("recordings_by_time", "machine", "time"))
+    __table_args__ = (
+        UniqueConstraint("machine", "content"),
+        Index("recordings_by_time", "machine", "time"),
+    )
 
 
 _KEPT = Judgment.__table__.c.waveform.is_not(None)

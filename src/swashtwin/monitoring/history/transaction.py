@@ -51,11 +51,15 @@ class MachineTransaction:
 
     def newest(self) -> datetime | None:
         """Time of the newest recording, or None."""
-        return self._session.scalars(select(func.max(Judgment.time)).where(Judgment.machine == self.name)).one()
+        return self._session.scalars(
+            select(func.max(Judgment.time)).where(Judgment.machine == self.name)
+        ).one()
 
     def points(self) -> Sequence[Point]:
         """Operating points of the machine, without what was learned there, which is large."""
-        return self._session.scalars(select(Point).where(Point.machine == self.name).order_by(Point.name)).all()
+        return self._session.scalars(
+            select(Point).where(Point.machine == self.name).order_by(Point.name)
+        ).all()
 
     def point(self, name: str) -> Point | None:
         """Operating point of that name, or None."""
@@ -95,7 +99,10 @@ class MachineTransaction:
             self._session.execute(delete(kind).where(kind.machine == self.name))
 
     def add_recording(
-        self, judgment: Judgment, values: Mapping[tuple[str, str], float] | None = None, waveform: str | None = None
+        self,
+        judgment: Judgment,
+        values: Mapping[tuple[str, str], float] | None = None,
+        waveform: str | None = None,
     ) -> int:
         """Number of a new recording.
 
@@ -139,24 +146,41 @@ class MachineTransaction:
         if judgment.state == "alarm":
             return "alarm"
         day = judgment.time.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
-        of_day = (Judgment.retention == "day", Judgment.time >= day, Judgment.time < day + timedelta(days=1))
-        count = self._session.scalars(select(func.count()).where(*self._with_waveform(*of_day))).one()
+        of_day = (
+            Judgment.retention == "day",
+            Judgment.time >= day,
+            Judgment.time < day + timedelta(days=1),
+        )
+        count = self._session.scalars(
+            select(func.count()).where(*self._with_waveform(*of_day))
+        ).one()
         return "day" if count < self._retention.per_day else "last"
 
     def _apply_retention(self) -> None:
         for retention, count in (("last", self._retention.last), ("alarm", self._retention.alarms)):
             if count == "all":
                 continue
-            query = select(Judgment.id, Judgment.waveform).where(*self._with_waveform(Judgment.retention == retention))
+            query = select(Judgment.id, Judgment.waveform).where(
+                *self._with_waveform(Judgment.retention == retention)
+            )
             newest_first = query.order_by(Judgment.time.desc(), Judgment.id.desc())
-            surplus = {number: path for number, path in self._session.execute(newest_first.offset(count)) if path}
+            surplus = {
+                number: path
+                for number, path in self._session.execute(newest_first.offset(count))
+                if path
+            }
             self.dropped += surplus.values()
             if surplus:
                 drop = update(Judgment).where(Judgment.id.in_(surplus)).values(waveform=None)
                 self._session.execute(drop, execution_options=_AS_IT_IS)
 
     def open_alarm(
-        self, kind: str, point: str | None, time: datetime, evidence: Mapping[str, Any], recording: int | None
+        self,
+        kind: str,
+        point: str | None,
+        time: datetime,
+        evidence: Mapping[str, Any],
+        recording: int | None,
     ) -> Alarm:
         """A new alarm; the waveforms of the recordings before it are kept with it.
 
@@ -166,16 +190,27 @@ class MachineTransaction:
         evidence : why, as JSON can hold it.
         recording : recording that raised it.
         """
-        run_up = select(Judgment.id).where(*self._with_waveform()).order_by(Judgment.time.desc()).limit(_RUN_UP)
+        run_up = (
+            select(Judgment.id)
+            .where(*self._with_waveform())
+            .order_by(Judgment.time.desc())
+            .limit(_RUN_UP)
+        )
         keep = update(Judgment).where(Judgment.id.in_(run_up)).values(retention="alarm")
         self._session.execute(keep, execution_options=_AS_IT_IS)
-        alarm = Alarm(kind=kind, point=point, opened=time, evidence=dict(evidence), recording=recording)
+        alarm = Alarm(
+            kind=kind, point=point, opened=time, evidence=dict(evidence), recording=recording
+        )
         self._add(alarm)
         return alarm
 
     def alarms(self) -> Sequence[Alarm]:
         """Alarms that are not closed, oldest first."""
-        query = select(Alarm).where(Alarm.machine == self.name, Alarm.closed.is_(None)).order_by(Alarm.id)
+        query = (
+            select(Alarm)
+            .where(Alarm.machine == self.name, Alarm.closed.is_(None))
+            .order_by(Alarm.id)
+        )
         return self._session.scalars(query).all()
 
     def untold_alarms(self) -> Sequence[Alarm]:
@@ -186,7 +221,9 @@ class MachineTransaction:
         return [alarm for alarm in alarms if alarm.id not in told]
 
     def clear_alarm(self, alarm: int, time: datetime) -> None:
-        """Note that the cause of an alarm is gone; an acknowledged one is closed, an open one waits for a person."""
+        """Note that the cause of an alarm is gone; an acknowledged one is closed, an open one waits
+        for a person.
+        """
         stored = self._alarm(alarm)
         stored.cleared = time
         if stored.state == "acknowledged":
@@ -216,14 +253,26 @@ class MachineTransaction:
         InputError
             It never had one.
         """
-        query = select(Alarm).where(Alarm.machine == self.name, Alarm.kind == "pump").order_by(Alarm.id.desc()).limit(1)
+        query = (
+            select(Alarm)
+            .where(Alarm.machine == self.name, Alarm.kind == "pump")
+            .order_by(Alarm.id.desc())
+            .limit(1)
+        )
         alarm = self._session.scalars(query).first()
         if alarm is None:
-            raise InputError(f"{self.name} had no alarm that {found!r} could stand beside; write it as a note.")
-        alarm.evidence = {**alarm.evidence, "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()}}
+            raise InputError(
+                f"{self.name} had no alarm that {found!r} could stand beside; write it as a note."
+            )
+        alarm.evidence = {
+            **alarm.evidence,
+            "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()},
+        }
 
     def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
-        """An alarm, in whose evidence the severity of its suspect is kept now; None where one or the same reason is."""
+        """An alarm, in whose evidence the severity of its suspect is kept now; None where one or
+        the same reason is.
+        """
         stored = self._alarm(alarm)
         before = stored.evidence.get("severity", {})
         same = all(before.get(name) == severity.get(name) for name in ("label", "certainty"))
@@ -245,7 +294,11 @@ class MachineTransaction:
     def end_silence(self) -> None:
         """End every silence of the machine."""
         time = datetime.now(UTC)
-        end = update(Silence).where(Silence.machine == self.name, Silence.until > time).values(until=time)
+        end = (
+            update(Silence)
+            .where(Silence.machine == self.name, Silence.until > time)
+            .values(until=time)
+        )
         self._session.execute(end, execution_options=_AS_IT_IS)
 
     def silenced(self, time: datetime) -> bool:
@@ -258,9 +311,13 @@ class MachineTransaction:
         return self._add(Event(kind=kind, who=who, note=note, time=datetime.now(UTC)))
 
     def post(self, channel: str, message: Mapping[str, Any], alarm: int | None = None) -> int:
-        """Number of a message that `Outbox` hands to a sender once this transaction is committed."""
+        """Number of a message that `Outbox` hands to a sender once this transaction is
+        committed.
+        """
         now = datetime.now(UTC)
-        return self._add(Message(channel=channel, body=dict(message), alarm=alarm, created=now, due=now))
+        return self._add(
+            Message(channel=channel, body=dict(message), alarm=alarm, created=now, due=now)
+        )
 
     def _add(self, row: Row) -> int:
         row.machine = self.name  # type: ignore[attr-defined]

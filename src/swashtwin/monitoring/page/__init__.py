@@ -1,1 +1,3 @@
-"""The page of the watch: machines, trends, recordings and alarms in a browser, and the same for programs."""
+"""The page of the watch: machines, trends, recordings and alarms in a browser, and the same for
+programs.
+"""

@@ -1,8 +1,10 @@
-"""Who is asking: a person with a session, a program with a token, or anyone on this computer where nobody is named.
+"""Who is asking: a person with a session, a program with a token, or anyone on this computer where
+nobody is named.
 
-People and programs are in one JSON file that only its owner can read: where root writes it, the owner of the file
-before or of its folder. A password is kept as an argon2id hash, a token as its SHA-256: a token has 256 random bits, so
-that no slow hash is needed and each request can be checked at once.
+People and programs are in one JSON file that only its owner can read: where root writes it, the
+owner of the file before or of its folder. A password is kept as an argon2id hash, a token as its
+SHA-256: a token has 256 random bits, so that no slow hash is needed and each request can be checked
+at once.
 """
 
 import hashlib
@@ -41,7 +43,9 @@ _CHECKING = threading.Lock()
 """One password at a time: a check takes 64 MiB."""
 
 Kind = Literal["person", "token", "control"]
-"""People see and acknowledge; tokens read and upload; tokens for control acknowledge, silence and note events too."""
+"""People see and acknowledge; tokens read and upload; tokens for control acknowledge, silence and
+note events too.
+"""
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,24 +58,30 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def add_user(path: Path, name: str, password: str) -> None:
-    """Write a person into the file at `path`, which is created where absent; one of the same name is replaced.
+    """Write a person into the file at `path`, which is created where absent; one of the same name
+    is replaced.
 
     Raises
     ------
     InputError
-        A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space, or a short password.
+        A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space, or a short
+        password.
     """
     if not LEAST_PASSWORD <= len(password) <= 1000:
-        raise InputError(f"The password needs {LEAST_PASSWORD} to 1000 characters; this one has {len(password)}.")
+        raise InputError(
+            f"The password needs {LEAST_PASSWORD} to 1000 characters; this one has {len(password)}."
+        )
     _replace(path, Entry(name, "person", _HASHER.hash(password)))
 
 
 def add_token(path: Path, name: str, *, control: bool = False) -> str:
-    """A fresh token for the program `name`; the file at `path` keeps its hash only, so it can not be shown again.
+    """A fresh token for the program `name`; the file at `path` keeps its hash only, so it can not
+    be shown again.
 
     Parameters
     ----------
-    control : whether the program may acknowledge, silence and note events too, and not only read and upload.
+    control : whether the program may acknowledge, silence and note events too, and not only read
+        and upload.
 
     Raises
     ------
@@ -108,11 +118,15 @@ class UserFile:
     _entries: list[Entry] = field(default_factory=list, init=False)
 
     def mark(self, name: str) -> str | None:
-        """Text that changes with the password of the person `name` and does not tell it; None where nobody's name."""
+        """Text that changes with the password of the person `name` and does not tell it; None where
+        nobody's name.
+        """
         return None if (known := self._hash(name)) is None else _digest(known)
 
     def checked_mark(self, name: str, password: str) -> str | None:
-        """Mark of the person `name` where the password is right; takes as long for a name that nobody has."""
+        """Mark of the person `name` where the password is right; takes as long for a name that
+        nobody has.
+        """
         known = self._hash(name)
         with _CHECKING:
             try:
@@ -128,7 +142,10 @@ class UserFile:
         return next((item for item in programs if secrets.compare_digest(item.hash, digest)), None)
 
     def _hash(self, name: str) -> str | None:
-        return next((item.hash for item in self.entries() if (item.kind, item.name) == ("person", name)), None)
+        return next(
+            (item.hash for item in self.entries() if (item.kind, item.name) == ("person", name)),
+            None,
+        )
 
     def entries(self) -> list[Entry]:
         """People and programs.
@@ -152,7 +169,9 @@ class UserFile:
 
 @cache
 def _nobody() -> str:
-    """Hash that is checked for a name that nobody has, so that the answer takes as long; made when first needed."""
+    """Hash that is checked for a name that nobody has, so that the answer takes as long; made when
+    first needed.
+    """
     return _HASHER.hash(secrets.token_hex(16))
 
 
@@ -168,12 +187,16 @@ def _replace(path: Path, new: Entry) -> None:
         )
     with _changing(path) as entries:
         same = ("person",) if new.kind == "person" else ("token", "control")
-        entries[:] = [entry for entry in entries if entry.name != new.name or entry.kind not in same] + [new]
+        entries[:] = [
+            entry for entry in entries if entry.name != new.name or entry.kind not in same
+        ] + [new]
 
 
 @contextmanager
 def _changing(path: Path) -> Iterator[list[Entry]]:
-    """Entries of the file, to be changed in the block; two commands at once change it one after the other."""
+    """Entries of the file, to be changed in the block; two commands at once change it one after the
+    other.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     lock = path.with_name(f".{path.name}.lock")
     with lock_file(lock):
@@ -187,11 +210,15 @@ def _read(path: Path) -> list[Entry]:
     try:
         return from_table(json.loads(path.read_text(encoding="utf-8")), list[Entry])
     except ValueError as cause:
-        raise DataError(f"{path} is no file of users; write one with swashtwin watch user.") from cause
+        raise DataError(
+            f"{path} is no file of users; write one with swashtwin watch user."
+        ) from cause
 
 
 def _give(made: Path, path: Path) -> None:
-    """Let what root made belong to the owner of the file at `path`, or of its folder: a service's user needs it."""
+    """Let what root made belong to the owner of the file at `path`, or of its folder: a service's
+    user needs it.
+    """
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         owner = (path if path.exists() else path.parent).stat()
         os.chown(made, owner.st_uid, owner.st_gid, follow_symlinks=False)
@@ -200,7 +227,9 @@ def _give(made: Path, path: Path) -> None:
 def _write(path: Path, entries: list[Entry]) -> None:
     temporary = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
     try:
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)  # never readable by others
+        descriptor = os.open(
+            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600
+        )  # never readable by others
         with open(descriptor, "w", encoding="utf-8", newline="\n") as file:
             json.dump(to_table(entries), file, indent=1)
             file.flush()
@@ -248,7 +277,9 @@ class _Session(NamedTuple):
 
 
 class Throttle:
-    """Fewer and fewer attempts to log in after wrong passwords, by key, such as an address or a user's name."""
+    """Fewer and fewer attempts to log in after wrong passwords, by key, such as an address or a
+    user's name.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -256,7 +287,8 @@ class Throttle:
         self._lock = threading.Lock()
 
     def attempt(self, *keys: str) -> int:
-        """Whole seconds until the next attempt; 0 where one is made now, which counts as wrong until `succeed`.
+        """Whole seconds until the next attempt; 0 where one is made now, which counts as wrong
+        until `succeed`.
 
         So guesses that come at the same time do not all pass before the first is counted.
         """
@@ -271,7 +303,9 @@ class Throttle:
             return wait
 
     def wait(self, *keys: str) -> int:
-        """Whole seconds until the next attempt under all of these keys; 0 where it may be made now."""
+        """Whole seconds until the next attempt under all of these keys; 0 where it may be made
+        now.
+        """
         now = self._clock()
         with self._lock:
             return max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
@@ -300,10 +334,14 @@ class Access:
         self._key = secrets.token_bytes(32)
         self._sessions: OrderedDict[str, _Session] = OrderedDict()
         self._familiar: OrderedDict[tuple[str, str], None] = OrderedDict()
-        """Addresses from which a person logged in; there only the address is slowed down after wrong passwords."""
+        """Addresses from which a person logged in; there only the address is slowed down after
+        wrong passwords.
+        """
         self._lock = threading.Lock()
         if self.users is not None and not self.users.entries():
-            raise InputError(f"{settings.users} names no user and no token; add one with swashtwin watch user.")
+            raise InputError(
+                f"{settings.users} names no user and no token; add one with swashtwin watch user."
+            )
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:
         """Who sent this request; None where nobody who may use the page."""
@@ -317,12 +355,21 @@ class Access:
         return None if person is None else Visitor(person, "person")
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
-        """A session's id for the cookie; or, where the login failed, the seconds to wait before the next attempt."""
+        """A session's id for the cookie; or, where the login failed, the seconds to wait before the
+        next attempt.
+        """
         address, person = request.client.host if request.client else "unknown", _digest(name)
-        if address == self.settings.proxy and (stated := ",".join(request.headers.getlist("x-forwarded-for"))):
-            address = stated.rpartition(",")[2].strip()  # the proxy states last where a request came from
+        if address == self.settings.proxy and (
+            stated := ",".join(request.headers.getlist("x-forwarded-for"))
+        ):
+            address = stated.rpartition(",")[
+                2
+            ].strip()  # the proxy states last where a request came from
         keys = [f"address {address}"]
-        if (address, person) not in self._familiar:  # else strangers who guess could lock a person out
+        if (
+            address,
+            person,
+        ) not in self._familiar:  # else strangers who guess could lock a person out
             keys.append(f"name {person}")
         if self.users is None:
             return 0
@@ -354,25 +401,37 @@ class Access:
     def is_form_token(self, request: HTTPConnection, token: str) -> bool:
         """Whether a form came from a page that we gave to the same visit."""
         visit = request.cookies.get(COOKIE, "")
-        return bool(visit) and hmac.compare_digest(self.form_token(visit).encode(), token.encode("utf-8", "replace"))
+        return bool(visit) and hmac.compare_digest(
+            self.form_token(visit).encode(), token.encode("utf-8", "replace")
+        )
 
     def set_cookie(self, response: Response, visit: str) -> None:
         """Give the visit's cookie to the browser.
 
-        Scripts can not read it, and no form of another site sends it. A link in a message does (``Lax``), so that an
-        alarm's mail leads to the alarm and not to the login.
+        Scripts can not read it, and no form of another site sends it. A link in a message does
+        (``Lax``), so that an alarm's mail leads to the alarm and not to the login.
         """
-        response.set_cookie(COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.secure, path="/")
+        response.set_cookie(
+            COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.secure, path="/"
+        )
 
     def _session(self, users: UserFile, visit: str) -> str | None:
-        """Name of the person whose session has that id; None where it ended or the password is another one now."""
+        """Name of the person whose session has that id; None where it ended or the password is
+        another one now.
+        """
         now = time.monotonic()
         with self._lock:
             key = _digest(visit)
             session = self._sessions.pop(key, None)
-            if session is None or min(session.end, session.last_end) < now or users.mark(session.name) != session.mark:
+            if (
+                session is None
+                or min(session.end, session.last_end) < now
+                or users.mark(session.name) != session.mark
+            ):
                 return None
-            self._sessions[key] = session._replace(end=now + SESSION_SECONDS)  # at the end: the oldest goes first
+            self._sessions[key] = session._replace(
+                end=now + SESSION_SECONDS
+            )  # at the end: the oldest goes first
             return session.name
 
 

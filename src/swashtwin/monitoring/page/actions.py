@@ -1,5 +1,5 @@
-"""What visitors do: log in and out, acknowledge, silence, add an event, by forms of the page or by programs; and
-recordings that are sent.
+"""What visitors do: log in and out, acknowledge, silence, add an event, by forms of the page or by
+programs; and recordings that are sent.
 """
 
 import asyncio
@@ -27,7 +27,10 @@ from swashtwin.monitoring.sources.delivery import FACTS, safe_name
 MOST_HOURS = 24 * 366
 """Longest silence [h]."""
 Text = Annotated[str, Form(max_length=500)]
-Name = Annotated[str, Form(max_length=64, description="who acts; where there are logins, the one who is logged in")]
+Name = Annotated[
+    str,
+    Form(max_length=64, description="who acts; where there are logins, the one who is logged in"),
+]
 Address = Annotated[str, Form(alias="next", max_length=2000, include_in_schema=False)]
 
 
@@ -36,12 +39,17 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
 
     Parameters
     ----------
-    is_page : for the page's forms, which carry the token of their visit and lead back; else for programs, below /api.
+    is_page : for the page's forms, which carry the token of their visit and lead back; else for
+        programs, below /api.
     """
     require = (
-        [Depends(_require_form_token(site)), Depends(_require_control)] if is_page else [Depends(_require_program)]
+        [Depends(_require_form_token(site)), Depends(_require_control)]
+        if is_page
+        else [Depends(_require_program)]
     )
-    routes = APIRouter(prefix="" if is_page else "/api", include_in_schema=not is_page, dependencies=require)
+    routes = APIRouter(
+        prefix="" if is_page else "/api", include_in_schema=not is_page, dependencies=require
+    )
 
     def done(target: str) -> Response:
         return RedirectResponse(local_path(target), 303) if is_page else Response(status_code=204)
@@ -70,7 +78,9 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         """Send no messages for some hours; alarms are raised and kept all the same."""
         site.machine(name)
         with site.history.machine(name) as machine:
-            machine.silence(datetime.now(UTC) + timedelta(hours=hours), visitor_name(request, who), note)
+            machine.silence(
+                datetime.now(UTC) + timedelta(hours=hours), visitor_name(request, who), note
+            )
         return done(target)
 
     @routes.post("/machines/{name}/silence/end", tags=["machines"], status_code=204)
@@ -87,16 +97,28 @@ def change_routes(site: Site, *, is_page: bool) -> APIRouter:
         name: str,
         kind: Annotated[str, Form(pattern="^(note|maintenance)$")] = "note",
         note: Text = "",
-        found: Annotated[str, Form(max_length=500, description="what was wrong, for the newest alarm")] = "",
+        found: Annotated[
+            str, Form(max_length=500, description="what was wrong, for the newest alarm")
+        ] = "",
         who: Name = "",
         target: Address = "/",
     ) -> Response:
-        """Add an event; after `maintenance` the healthy baseline is learned anew, and alarms are closed."""
+        """Add an event; after `maintenance` the healthy baseline is learned anew, and alarms are
+        closed.
+        """
         site.machine(name)
         by = visitor_name(request, who)
         try:
             is_repair = kind == "maintenance"
-            record_event(site.config, site.history, name, who=by, note=note, found=found, maintenance=is_repair)
+            record_event(
+                site.config,
+                site.history,
+                name,
+                who=by,
+                note=note,
+                found=found,
+                maintenance=is_repair,
+            )
         except InputError as error:
             raise HTTPException(422, str(error)) from None
         return done(target)
@@ -110,21 +132,32 @@ def visit_routes(site: Site) -> APIRouter:
     checked = [Depends(_require_form_token(site))]
 
     @routes.get("/login")
-    def login_page(request: Request, target: Annotated[str, Query(alias="next")] = "/") -> HTMLResponse:
+    def login_page(
+        request: Request, target: Annotated[str, Query(alias="next")] = "/"
+    ) -> HTMLResponse:
         return site.render(request, "login.html.jinja", target=local_path(target), message="")
 
     @routes.post("/login", dependencies=checked)
     def login(
-        request: Request, name: Name, password: Annotated[str, Form(max_length=1000)], target: Address = "/"
+        request: Request,
+        name: Name,
+        password: Annotated[str, Form(max_length=1000)],
+        target: Address = "/",
     ) -> Response:
         session = site.access.login(request, name, password)
         if isinstance(session, str):
             answer = RedirectResponse(local_path(target), 303)
             site.access.set_cookie(answer, session)
             return answer
-        message = f"Too many attempts. Wait {session} s." if session else "The name or the password is wrong."
+        message = (
+            f"Too many attempts. Wait {session} s."
+            if session
+            else "The name or the password is wrong."
+        )
         code = 429 if session else 403
-        refusal = site.render(request, "login.html.jinja", code, target=local_path(target), message=message)
+        refusal = site.render(
+            request, "login.html.jinja", code, target=local_path(target), message=message
+        )
         if session:
             refusal.headers["retry-after"] = str(session)
         return refusal
@@ -149,14 +182,20 @@ def _require_form_token(site: Site) -> Callable[[Request, str], None]:
 
 def _require_control(request: Request) -> None:
     if request.state.visitor.kind == "token":
-        raise HTTPException(403, "This token may read and upload only; make another with --control.")
+        raise HTTPException(
+            403, "This token may read and upload only; make another with --control."
+        )
 
 
 def _require_program(request: Request) -> None:
-    """Changes need a token where there are logins: a browser's cookie alone could be sent by somebody's form."""
+    """Changes need a token where there are logins: a browser's cookie alone could be sent by
+    somebody's form.
+    """
     _require_control(request)
     if request.state.visitor.kind == "person":
-        raise HTTPException(403, "Send a token: Authorization: Bearer TOKEN. The pages' forms need none.")
+        raise HTTPException(
+            403, "Send a token: Authorization: Bearer TOKEN. The pages' forms need none."
+        )
 
 
 AT_ONCE = 4
@@ -181,12 +220,17 @@ def upload_routes(site: Site) -> APIRouter:
     async def upload_recording(request: Request) -> dict[str, str]:
         """Take a recording: a form with `file`, and what is known of it.
 
-        It is answered once the recording cannot be lost any more; the verdict follows in the history.
+        It is answered once the recording cannot be lost any more; the verdict follows in the
+        history.
         """
         if site.upload is None:
-            raise HTTPException(404, 'This watch takes no recordings by HTTP; add a [[source]] of kind "http".')
+            raise HTTPException(
+                404, 'This watch takes no recordings by HTTP; add a [[source]] of kind "http".'
+            )
         if slots.locked():
-            raise HTTPException(429, "Too many uploads at once; try again soon.", headers={"retry-after": "2"})
+            raise HTTPException(
+                429, "Too many uploads at once; try again soon.", headers={"retry-after": "2"}
+            )
         async with slots:
             return {"id": await _take(site, request), "state": "accepted"}
 
@@ -223,7 +267,9 @@ def _folder(site: Site) -> Path:
 
 async def _write_form(request: Request, path: Path) -> tuple[str, list[tuple[str, str]]]:
     try:
-        async with request.form(max_files=1, max_fields=len(FACTS) + 2, max_part_size=10_000) as form:
+        async with request.form(
+            max_files=1, max_fields=len(FACTS) + 2, max_part_size=10_000
+        ) as form:
             upload = form.get("file")
             if not isinstance(upload, UploadFile):
                 raise HTTPException(422, 'The form has no file in its field "file".')

@@ -1,5 +1,6 @@
-"""What other programs ask: ``/api`` has what the pages show as JSON, with the columns of the history's tables;
-``/metrics`` is for Prometheus, ``/health`` for whatever restarts or watches the watch.
+"""What other programs ask: ``/api`` has what the pages show as JSON, with the columns of the
+history's tables; ``/metrics`` is for Prometheus, ``/health`` for whatever restarts or watches the
+watch.
 """
 
 import math
@@ -63,8 +64,8 @@ def machine_answers(site: Site) -> APIRouter:
 
     @routes.get("/machines", tags=["machines"])
     def machines() -> Rows:
-        """All machines with their newest recording, their alarms, and their state: `alarm`, `sensor`, `acknowledged`,
-        `unusual`, `normal`, `learning` or `empty`.
+        """All machines with their newest recording, their alarms, and their state: `alarm`,
+        `sensor`, `acknowledged`, `unusual`, `normal`, `learning` or `empty`.
         """
         return [_machine(machine) for machine in site.machines()]
 
@@ -77,7 +78,9 @@ def machine_answers(site: Site) -> APIRouter:
     def levels(name: str) -> list[dict[str, str]]:
         """Channels and names of the indicators that a machine has."""
         site.machine(name)
-        return [{"channel": channel, "name": level} for channel, level in read.indicator_names(name)]
+        return [
+            {"channel": channel, "name": level} for channel, level in read.indicator_names(name)
+        ]
 
     @routes.get("/machines/{name}/trend", tags=["machines"])
     def trend(
@@ -89,12 +92,20 @@ def machine_answers(site: Site) -> APIRouter:
         until: Since = None,
         limit: Limit = 1000,
     ) -> dict[str, list[Any]]:
-        """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`, `probability`."""
+        """One indicator over time, oldest first; with an empty channel one of `capital`, `alarm_p`,
+        `probability`.
+        """
         site.machine(name)
         if not channel and level not in FACTS:
             raise HTTPException(422, f"Without a channel the level is one of {', '.join(FACTS)}.")
         values = read.trend(
-            name, channel, level, point=point or None, since=_utc(since), until=_utc(until), limit=limit
+            name,
+            channel,
+            level,
+            point=point or None,
+            since=_utc(since),
+            until=_utc(until),
+            limit=limit,
         )
         return {
             "recordings": values.ids.tolist(),
@@ -120,13 +131,17 @@ def record_answers(site: Site) -> APIRouter:
     def recordings(
         machine: Annotated[str | None, Query(max_length=200)] = None,
         state: Annotated[str | None, Query(max_length=20)] = None,
-        before: Annotated[int | None, Query(description="id; for the next page", ge=1, lt=2**31)] = None,
+        before: Annotated[
+            int | None, Query(description="id; for the next page", ge=1, lt=2**31)
+        ] = None,
         since: Since = None,
         until: Since = None,
         limit: Limit = 100,
     ) -> Rows:
         """Recordings, newest first."""
-        found = read.recordings(machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit)
+        found = read.recordings(
+            machine, state=state, before=before, since=_utc(since), until=_utc(until), limit=limit
+        )
         return [_recording(row) for row in found]
 
     @routes.get("/recordings/{identity}", tags=["recordings"])
@@ -159,9 +174,17 @@ def record_answers(site: Site) -> APIRouter:
 def _utc(time: datetime | None) -> datetime | None:
     """A time in UTC; 422 at the ends of time, where another zone's year is none."""
     try:
-        return None if time is None else time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+        return (
+            None
+            if time is None
+            else time.replace(tzinfo=UTC)
+            if time.tzinfo is None
+            else time.astimezone(UTC)
+        )
     except OverflowError:
-        raise HTTPException(422, "since and until must lie between the years 1 and 9999 in UTC.") from None
+        raise HTTPException(
+            422, "since and until must lie between the years 1 and 9999 in UTC."
+        ) from None
 
 
 Values = Iterable[tuple[tuple[str, ...], float]]
@@ -191,22 +214,61 @@ class WatchCollector(Collector):
         machines, read = self._site.machines(), self._site.history.read
         newest = [(machine.name, machine.last) for machine in machines if machine.last is not None]
         for name, text, value in (
-            ("alarm_capital", "Evidence against luck of the newest recording.", lambda last: last.capital),
-            ("verdict_probability", "Probability of the newest recording's verdict.", lambda last: last.probability),
-            ("verdict_confidence", "Confidence of the newest recording's verdict.", lambda last: last.confidence),
-            ("last_recording_timestamp_seconds", "Time of the newest recording.", lambda last: last.time.timestamp()),
+            (
+                "alarm_capital",
+                "Evidence against luck of the newest recording.",
+                lambda last: last.capital,
+            ),
+            (
+                "verdict_probability",
+                "Probability of the newest recording's verdict.",
+                lambda last: last.probability,
+            ),
+            (
+                "verdict_confidence",
+                "Confidence of the newest recording's verdict.",
+                lambda last: last.confidence,
+            ),
+            (
+                "last_recording_timestamp_seconds",
+                "Time of the newest recording.",
+                lambda last: last.time.timestamp(),
+            ),
         ):
-            known = [((machine,), value(last)) for machine, last in newest if value(last) is not None]
+            known = [
+                ((machine,), value(last)) for machine, last in newest if value(last) is not None
+            ]
             yield _gauge(name, text, ("machine",), known)
-        states = [((machine.name, state.code), state_of(machine) == state) for machine in machines for state in STATES]
-        yield _gauge("machine_state", "1 for the state that a machine is in.", ("machine", "state"), states)
-        alarms = Counter((alarm.machine, alarm.kind, alarm.state) for machine in machines for alarm in machine.alarms)
-        yield _gauge("alarms", "Alarms that are not closed.", ("machine", "kind", "state"), alarms.items())
-        yield _gauge("alarm_threshold", "Evidence at which an alarm is raised.", (), [((), self._site.alarm_capital)])
+        states = [
+            ((machine.name, state.code), state_of(machine) == state)
+            for machine in machines
+            for state in STATES
+        ]
+        yield _gauge(
+            "machine_state", "1 for the state that a machine is in.", ("machine", "state"), states
+        )
+        alarms = Counter(
+            (alarm.machine, alarm.kind, alarm.state)
+            for machine in machines
+            for alarm in machine.alarms
+        )
+        yield _gauge(
+            "alarms", "Alarms that are not closed.", ("machine", "kind", "state"), alarms.items()
+        )
+        yield _gauge(
+            "alarm_threshold",
+            "Evidence at which an alarm is raised.",
+            (),
+            [((), self._site.alarm_capital)],
+        )
         recordings = read.recordings_by_state().items()
-        yield _counter("recordings", "Recordings judged, by state.", ("machine", "state"), recordings)
+        yield _counter(
+            "recordings", "Recordings judged, by state.", ("machine", "state"), recordings
+        )
         rejections = [((reason,), count) for reason, count in read.rejections_by_reason().items()]
-        yield _counter("rejections", "Recordings that were not judged, by reason.", ("reason",), rejections)
+        yield _counter(
+            "rejections", "Recordings that were not judged, by reason.", ("reason",), rejections
+        )
 
 
 def _status_metrics(status: "WatchStatus") -> Iterator[Metric]:
@@ -218,13 +280,18 @@ def _status_metrics(status: "WatchStatus") -> Iterator[Metric]:
         ("problems", "Problems of the watch.", len(status.problems)),
     ):
         yield _gauge(name, text, (), [((), value)])
-    labels, named = ("source", "kind"), [((source.name, source.kind), source) for source in status.sources]
+    labels, named = (
+        ("source", "kind"),
+        [((source.name, source.kind), source) for source in status.sources],
+    )
     connected = [(names, source.problem is None) for names, source in named]
     yield _gauge("source_connected", "1 while a source is connected.", labels, connected)
     received = [(names, source.received) for names, source in named]
     yield _counter("source_received", "Recordings received by a source.", labels, received)
     for name, value in status.counters.items():
-        yield _counter(f"watch_{name}", f"Counted by the watch: {name.replace('_', ' ')}.", (), [((), value)])
+        yield _counter(
+            f"watch_{name}", f"Counted by the watch: {name.replace('_', ' ')}.", (), [((), value)]
+        )
 
 
 def metric_routes(site: Site) -> APIRouter:
@@ -241,7 +308,9 @@ def metric_routes(site: Site) -> APIRouter:
 
     @routes.get("/health")
     def health(request: Request) -> JSONResponse:
-        """200 while the watch works, else 503; what is wrong is told to those who may use the page."""
+        """200 while the watch works, else 503; what is wrong is told to those who may use the
+        page.
+        """
         problems = list(site.status().problems) if site.status is not None else []
         try:
             site.history.read.sequence()

@@ -36,7 +36,8 @@ def build_app(
 
     Parameters
     ----------
-    upload : takes recordings that are sent to ``POST /api/recordings``; without it they are refused.
+    upload : takes recordings that are sent to ``POST /api/recordings``; without it they are
+        refused.
     status : how the watch is doing, for ``/health``, ``/metrics`` and the log page.
 
     Raises
@@ -83,11 +84,16 @@ def _answer_errors(application: FastAPI, site: Site) -> None:
 
     @application.exception_handler(HTTPException)
     async def refuse(request: Request, error: HTTPException) -> Response:
-        return await asyncio.to_thread(answer, request, error.status_code, "This did not work", str(error.detail))
+        return await asyncio.to_thread(
+            answer, request, error.status_code, "This did not work", str(error.detail)
+        )
 
     @application.exception_handler(RequestValidationError)
     async def refuse_values(request: Request, error: RequestValidationError) -> Response:
-        values = ", ".join(".".join(map(str, problem["loc"][1:])) + f": {problem['msg']}" for problem in error.errors())
+        values = ", ".join(
+            ".".join(map(str, problem["loc"][1:])) + f": {problem['msg']}"
+            for problem in error.errors()
+        )
         return await asyncio.to_thread(answer, request, 422, "This did not work", values)
 
     @application.exception_handler(HistoryError)

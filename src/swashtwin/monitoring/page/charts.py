@@ -1,7 +1,8 @@
-"""Figures of the page as SVG, colored by its style sheet; its script adds zoom and the value at the pointer.
+"""Figures of the page as SVG, colored by its style sheet; its script adds zoom and the value at the
+pointer.
 
-The field of a figure is stretched to the width of the page. So horizontal places are shares of the width, vertical ones
-pixels, and texts stand outside the field.
+The field of a figure is stretched to the width of the page. So horizontal places are shares of the
+width, vertical ones pixels, and texts stand outside the field.
 """
 
 import math
@@ -68,8 +69,8 @@ class Axis(NamedTuple):
         return cls(low - margin, high + margin, kind)
 
     def share(self, values: Float[np.ndarray, "*point"] | float) -> Float[np.ndarray, "*point"]:
-        """How far from the low to the high end values lie, of a number one without a dimension; NaN where a logarithm
-        has none.
+        """How far from the low to the high end values lie, of a number one without a dimension; NaN
+        where a logarithm has none.
         """
         numbers = np.asarray(values, np.float64)
         if self.kind == "log":
@@ -87,14 +88,25 @@ class Axis(NamedTuple):
             step = max(1, math.ceil(span / _MOST_TICKS))
         else:
             power = 10.0 ** math.floor(math.log10(span / _MOST_TICKS))
-            step = next(power * factor for factor in (1, 2, 5, 10, 20) if span / (power * factor) <= _MOST_TICKS)
+            step = next(
+                power * factor
+                for factor in (1, 2, 5, 10, 20)
+                if span / (power * factor) <= _MOST_TICKS
+            )
         numbers = np.arange(math.ceil(self.low / step), math.floor(self.high / step) + 1) * step
-        shares = np.clip((numbers - self.low) / span, 0, 1)  # a value at an end may round to one past it
-        return [(float(share), self._text(float(number), step)) for share, number in zip(shares, numbers, strict=True)]
+        shares = np.clip(
+            (numbers - self.low) / span, 0, 1
+        )  # a value at an end may round to one past it
+        return [
+            (float(share), self._text(float(number), step))
+            for share, number in zip(shares, numbers, strict=True)
+        ]
 
     def _text(self, number: float, step: float) -> str:
         if self.kind == "time":
-            return datetime.fromtimestamp(number, UTC).strftime("%H:%M" if step < _DAY else "%Y-%m-%d")
+            return datetime.fromtimestamp(number, UTC).strftime(
+                "%H:%M" if step < _DAY else "%Y-%m-%d"
+            )
         if self.kind == "log":
             plain = {-1: "0.1", 0: "1", 1: "10", 2: "100"}
             return plain.get(round(number), f"10{str(round(number)).translate(_SUPERSCRIPTS)}")
@@ -102,7 +114,13 @@ class Axis(NamedTuple):
 
 
 def draw(
-    x: Axis, y: Axis, parts: Iterable[str], *, title: str, names: Sequence[tuple[float, str]] = (), **data: str
+    x: Axis,
+    y: Axis,
+    parts: Iterable[str],
+    *,
+    title: str,
+    names: Sequence[tuple[float, str]] = (),
+    **data: str,
 ) -> Markup:
     """An SVG element.
 
@@ -123,14 +141,22 @@ def draw(
             texts.append(f'<text class="value" x="4" y="{height - 3:.1f}">{escape(text)}</text>')
     for share, text in x.ticks():
         if 0.02 < share < 0.98:
-            texts.append(f'<text class="tick" x="{100 * share:.2f}%" y="{bottom + 16:.0f}">{escape(text)}</text>')
+            texts.append(
+                f'<text class="tick" x="{100 * share:.2f}%" y="{bottom + 16:.0f}">{escape(text)}</text>'
+            )
     shown: list[float] = []
     for share, text in names:
         if all(abs(share - other) >= _CLOSEST for other in shown):
             place = f'data-at="{share:.4f}" x="{100 * share:.2f}%" y="{top - 4:.0f}"'
             texts.append(f'<text class="name" {place}>{escape(text)}</text>')
             shown.append(share)
-    facts = {"x": f"{x.low!r} {x.high!r}", "x-kind": x.kind, "y": f"{y.low!r} {y.high!r}", "y-kind": y.kind, **data}
+    facts = {
+        "x": f"{x.low!r} {x.high!r}",
+        "x-kind": x.kind,
+        "y": f"{y.low!r} {y.high!r}",
+        "y-kind": y.kind,
+        **data,
+    }
     attributes = " ".join(f'data-{name}="{escape(value)}"' for name, value in facts.items())
     return Markup(
         f'<svg class="drawing" role="img" aria-label="{escape(title)}" height="{bottom + _BOTTOM:.0f}" {attributes}>'
@@ -139,21 +165,34 @@ def draw(
     )
 
 
-def curve(x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"], *, has_dots: bool = False) -> str:
+def curve(
+    x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"], *, has_dots: bool = False
+) -> str:
     """A line through points, both as shares; it is broken where there is none."""
-    points = [None if math.isnan(b) else f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(x, y, strict=True)]
+    points = [
+        None if math.isnan(b) else f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}"
+        for a, b in zip(x, y, strict=True)
+    ]
     pairs = zip([None, *points], points, strict=False)
     line = "".join(f"{'M' if last is None else 'L'}{point}" for last, point in pairs if point)
     dots = "".join(f"M{point}h0" for point in points if point) if has_dots else ""
     return f'<path class="main" d="{line}"/>' + (f'<path class="dots" d="{dots}"/>' if dots else "")
 
 
-def band(x: Float[np.ndarray, " point"], low: Float[np.ndarray, " point"], high: Float[np.ndarray, " point"]) -> str:
+def band(
+    x: Float[np.ndarray, " point"],
+    low: Float[np.ndarray, " point"],
+    high: Float[np.ndarray, " point"],
+) -> str:
     """The area between two lines, all as shares; nothing where one has no value."""
     is_there = np.isfinite(low) & np.isfinite(high)
     there = [np.asarray(values)[is_there] for values in (x, low, high)]
-    edge = [f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[1], strict=True)]
-    back = [f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[2], strict=True)]
+    edge = [
+        f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[1], strict=True)
+    ]
+    back = [
+        f"{_WIDTH * a:.1f} {(1 - b) * HEIGHT:.1f}" for a, b in zip(there[0], there[2], strict=True)
+    ]
     return f'<path class="band" d="M{"L".join(edge + back[::-1])}Z"/>' if edge else ""
 
 
@@ -191,7 +230,9 @@ def draw_trend(
         edges = [baseline[0] + sign * BAND_SPREADS * baseline[1] for sign in (-1, 1)]
     times = trend.times.astype("datetime64[ms]").astype(np.float64) / 1000
     x = Axis.around(times, kind="time")
-    y = Axis.around(trend.values, edges, [] if limit is None else [limit], kind="" if limit is None else "log")
+    y = Axis.around(
+        trend.values, edges, [] if limit is None else [limit], kind="" if limit is None else "log"
+    )
     parts = []
     if baseline is not None:
         ends = np.array([0.0, 1.0])
@@ -212,7 +253,9 @@ def draw_trend(
 
 
 def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> Sequence[Markup]:
-    """A figure of each channel; none where the samples are not kept any more or have no spectrum."""
+    """A figure of each channel; none where the samples are not kept any more or have no
+    spectrum.
+    """
     try:
         recording = site.history.read.waveform(stored.id)
         if recording is None:
@@ -233,24 +276,40 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
     marks = []
     if shaft is not None:
         orders = [*(pistons * k for k in range(1, _MARKS + 1) if pistons), 1]
-        marks = [(float(x.share(order * shaft)), f"{order}×") for order in orders if order * shaft < x.high]
+        marks = [
+            (float(x.share(order * shaft)), f"{order}×")
+            for order in orders
+            if order * shaft < x.high
+        ]
     figures = []
     for row, channel in enumerate(recording.channels):
         y = Axis.around(amplitude[row], *(spectrum[row] for spectrum in healthy), kind="log")
         parts = [mark(share, "mark") for share, _ in marks]
         if healthy:
             rows = np.array([spectrum[row] for spectrum in healthy])
-            parts.append(band(x.share(frequency), y.share(rows.min(axis=0)), y.share(rows.max(axis=0))))
+            parts.append(
+                band(x.share(frequency), y.share(rows.min(axis=0)), y.share(rows.max(axis=0)))
+            )
         parts.append(curve(x.share(frequency), y.share(amplitude[row])))
         title = f"{channel} [{recording.unit}]" if recording.unit else channel
         known = {} if shaft is None else {"shaft": repr(shaft)}
         figures.append(
-            draw(x, y, parts, title=f"{title} over frequency [Hz]", names=marks, unit=recording.unit, **known)
+            draw(
+                x,
+                y,
+                parts,
+                title=f"{title} over frequency [Hz]",
+                names=marks,
+                unit=recording.unit,
+                **known,
+            )
         )
     return figures
 
 
-def _lines(recording: Recording) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, "channel line"]]:
+def _lines(
+    recording: Recording,
+) -> tuple[Float[np.ndarray, " line"], Float[np.ndarray, "channel line"]]:
     """Frequencies [Hz] and peak amplitudes, at most `LINES`."""
     resolution = max(RESOLUTION, recording.sample_rate / recording.signal.shape[-1])
     from swashtwin.signals import spectrum_of  # scipy's signal package takes a second to import

@@ -60,7 +60,9 @@ class Pages:
     ) -> HTMLResponse:
         """All machines, the most urgent first."""
         site = self._site
-        machines = sorted(site.machines(), key=lambda machine: (STATES.index(state_of(machine)), machine.name))
+        machines = sorted(
+            site.machines(), key=lambda machine: (STATES.index(state_of(machine)), machine.name)
+        )
         counts = Counter(state_of(machine) for machine in machines)
         fitting = [
             machine
@@ -76,7 +78,8 @@ class Pages:
                 {
                     "machine": machine,
                     "state": state_of(machine),
-                    "is_quiet": machine.last is not None and datetime.now(UTC) - machine.last.time > QUIET,
+                    "is_quiet": machine.last is not None
+                    and datetime.now(UTC) - machine.last.time > QUIET,
                 }
                 for machine in shown
             ],
@@ -123,7 +126,9 @@ class Pages:
     def _chosen_level(
         self, machine: MachineOverview, channel: str | None, level: str | None, point: str | None
     ) -> dict[str, Any]:
-        """What was asked for, where the machine has it; else what moved most in its alarm, else its first order."""
+        """What was asked for, where the machine has it; else what moved most in its alarm, else its
+        first order.
+        """
         by_channel: dict[str, list[str]] = {}
         for its_channel, name in self._read.indicator_names(machine.name):
             by_channel.setdefault(its_channel, []).append(name)
@@ -133,7 +138,9 @@ class Pages:
             point = (machine.last.point if machine.last is not None else None) or ""
         point = point if point in points else ""
         if channel is None:
-            moved = [change for alarm in machine.alarms for change in alarm.evidence.get("moved") or []]
+            moved = [
+                change for alarm in machine.alarms for change in alarm.evidence.get("moved") or []
+            ]
             furthest = max(moved, key=lambda change: abs(change["change"]), default=None)
             if furthest is not None:
                 channel, level = furthest["channel"], stored_name(furthest["level"])
@@ -158,14 +165,23 @@ class Pages:
         }
 
     def _trend(
-        self, machine: str, channel: str, level: str, point: str, baseline: tuple[float, float] | None = None
+        self,
+        machine: str,
+        channel: str,
+        level: str,
+        point: str,
+        baseline: tuple[float, float] | None = None,
     ) -> Markup:
         title, unit = VERDICT_NAMES.get(level, (level, "dB"))
         return draw_trend(
             self._read.trend(machine, channel, level, point=point or None, limit=MOST_POINTS),
             title,
             unit,
-            [alarm for alarm in self._read.alarms(machine, limit=_PAST_ALARMS) if point in ("", alarm.point)],
+            [
+                alarm
+                for alarm in self._read.alarms(machine, limit=_PAST_ALARMS)
+                if point in ("", alarm.point)
+            ],
             baseline=baseline,
             limit=self._site.alarm_capital if level == "capital" else None,
         )
@@ -178,7 +194,8 @@ class Pages:
         alarms = [
             alarm
             for alarm in (*self._site.machine(judgment.machine).alarms, *past_alarms)
-            if alarm.recording == judgment.id or (alarm.state != "closed" and alarm.opened <= judgment.time)
+            if alarm.recording == judgment.id
+            or (alarm.state != "closed" and alarm.opened <= judgment.time)
         ]
         healthy = tuple(self._read.healthy_files(judgment, MOST_HEALTHY))
         return self._site.render(
@@ -191,7 +208,9 @@ class Pages:
             limit=self._site.alarm_capital,
             facts=_facts(judgment),
             spectra=self._spectra(judgment.id, judgment.waveform is not None, healthy),
-            healthy=f"Range of {len(healthy)} healthy recordings at the same operating point" if healthy else "",
+            healthy=f"Range of {len(healthy)} healthy recordings at the same operating point"
+            if healthy
+            else "",
             earlier=before[0].id if before else None,
             later=self._read.later_recording(identity),
         )
@@ -203,7 +222,10 @@ class Pages:
             shown = list(self._read.alarms(state=chosen, limit=_PAST_ALARMS))
         else:
             waiting = (alarm for machine in self._read.machines() for alarm in machine.alarms)
-            shown = sorted((alarm for alarm in waiting if chosen in ("", alarm.state)), key=lambda alarm: -alarm.id)
+            shown = sorted(
+                (alarm for alarm in waiting if chosen in ("", alarm.state)),
+                key=lambda alarm: -alarm.id,
+            )
         return self._site.render(request, "alarms.html.jinja", alarms=shown, chosen=chosen)
 
     def alarm(self, request: Request, identity: int) -> HTMLResponse:

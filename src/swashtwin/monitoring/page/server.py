@@ -1,5 +1,6 @@
-"""The server, and what is refused before any page is asked: foreign hosts and origins, strangers, large and slow
-bodies, clients that send or take nothing. And the headers by which a browser refuses the rest.
+"""The server, and what is refused before any page is asked: foreign hosts and origins, strangers,
+large and slow bodies, clients that send or take nothing. And the headers by which a browser refuses
+the rest.
 """
 
 import asyncio
@@ -57,14 +58,19 @@ class Guard:
 
     Parameters
     ----------
-    hosts : names by which the page may be called; any other ``Host`` is refused, so that a foreign site that points its
-        own name to this computer (DNS rebinding) reads nothing. ``*`` takes any.
+    hosts : names by which the page may be called; any other ``Host`` is refused, so that a foreign
+        site that points its own name to this computer (DNS rebinding) reads nothing. ``*`` takes
+        any.
     access : who may use the page; `Visitor` is handed on as ``request.state.visitor``.
     uploads : addresses whose bodies may be as large as a recording.
     """
 
     def __init__(
-        self, app: ASGIApp, hosts: Sequence[str], access: Access, uploads: Container[str] = (UPLOAD_PATH,)
+        self,
+        app: ASGIApp,
+        hosts: Sequence[str],
+        access: Access,
+        uploads: Container[str] = (UPLOAD_PATH,),
     ) -> None:
         self.app = app
         self.access = access
@@ -87,7 +93,9 @@ class Guard:
                 sent = MutableHeaders(scope=message)
                 for name, value in _HEADERS.items():
                     sent[name] = value
-                sent["cache-control"] = "public, max-age=3600" if path.startswith("/static/") else "no-store"
+                sent["cache-control"] = (
+                    "public, max-age=3600" if path.startswith("/static/") else "no-store"
+                )
             await send(message)
 
         limit = MOST_UPLOAD_BYTES if path in self.uploads else MOST_FORM_BYTES
@@ -129,8 +137,14 @@ class Guard:
             return None
         if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics")):
             query = scope["query_string"].decode("latin-1")
-            return RedirectResponse(f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303)
-        return _refused(401, "Log in, or send a token: Authorization: Bearer TOKEN.", {"www-authenticate": "Bearer"})
+            return RedirectResponse(
+                f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303
+            )
+        return _refused(
+            401,
+            "Log in, or send a token: Authorization: Bearer TOKEN.",
+            {"www-authenticate": "Bearer"},
+        )
 
 
 def _refused(code: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
@@ -169,7 +183,9 @@ ANSWER_SECONDS = 120.0
 _END = 10.0
 """Time [s] that the server has to end."""
 MOST_CONNECTIONS = 300
-"""Connections at the same time. Beyond it the one that has been idle longest makes room for a new one."""
+"""Connections at the same time. Beyond it the one that has been idle longest makes room for a new
+one.
+"""
 
 
 class ImpatientProtocol(H11Protocol):
@@ -180,9 +196,15 @@ class ImpatientProtocol(H11Protocol):
     """When the clock was started last [s]."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Start the clock with the connection, and hang up on the one that has been idle longest where it is full."""
+        """Start the clock with the connection, and hang up on the one that has been idle longest
+        where it is full.
+        """
         if len(self.connections) >= MOST_CONNECTIONS:
-            idle = (other for other in self.connections if isinstance(other, ImpatientProtocol) and other.is_idle)
+            idle = (
+                other
+                for other in self.connections
+                if isinstance(other, ImpatientProtocol) and other.is_idle
+            )
             if (longest := min(idle, key=lambda other: other._since, default=None)) is not None:
                 longest.transport.abort()
                 self.connections.discard(longest)  # at once: the next one must not choose it again
@@ -217,7 +239,9 @@ class ImpatientProtocol(H11Protocol):
         self._start(HEADER_SECONDS)
 
     def send_400_response(self, msg: str) -> None:
-        """Refuse what is no HTTP; the application's own answer to the same request is then dropped."""
+        """Refuse what is no HTTP; the application's own answer to the same request is then
+        dropped.
+        """
         if self.cycle is not None:
             self.cycle.disconnected = True
         self._start(HEADER_SECONDS)
@@ -239,7 +263,8 @@ class ImpatientProtocol(H11Protocol):
 
 @contextmanager
 def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
-    """Serve the page in a thread of its own until the block ends. No addresses and no headers are logged.
+    """Serve the page in a thread of its own until the block ends. No addresses and no headers are
+    logged.
 
     Raises
     ------
@@ -247,10 +272,14 @@ def serving_page(application: FastAPI, host: str, port: int) -> Iterator[None]:
         The port is taken, or the host is not this computer.
     """
     try:
-        listener = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
+        listener = socket.create_server(
+            (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+        )
     except OSError as cause:
         reason = str(cause.strerror).partition(" (")[0]
-        raise InputError(f"no page at {host}:{port}: {reason}; take another port or host.") from cause
+        raise InputError(
+            f"no page at {host}:{port}: {reason}; take another port or host."
+        ) from cause
     configuration = uvicorn.Config(
         application,
         http=ImpatientProtocol,

@@ -1,5 +1,5 @@
-"""What all addresses of the page share: configuration, history, who may ask, how a template becomes an answer, and how
-states, numbers and times are written.
+"""What all addresses of the page share: configuration, history, who may ask, how a template becomes
+an answer, and how states, numbers and times are written.
 """
 
 import math
@@ -28,7 +28,13 @@ from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
 from swashtwin.monitoring.service.running import WatchStatus
 
 RECORDING_STATES: Mapping[str, str] = MappingProxyType(
-    {"learning": "Learning", "normal": "Normal", "unusual": "Unusual", "alarm": "Alarm", "sensor": "Sensor alarm"}
+    {
+        "learning": "Learning",
+        "normal": "Normal",
+        "unusual": "Unusual",
+        "alarm": "Alarm",
+        "sensor": "Sensor alarm",
+    }
 )
 """What each state of a recording is called."""
 
@@ -59,7 +65,13 @@ VERDICT_NAMES: Mapping[str, tuple[str, str]] = MappingProxyType(
 """Name and unit of what is stored of each recording beside its levels."""
 
 _FREQUENCY = re.compile(r" \([^()]* Hz\)$")
-_GROUPS = ("Orders", "Orders of the envelope", "Bands", "Bands of the envelope", "Verdict and conditions")
+_GROUPS = (
+    "Orders",
+    "Orders of the envelope",
+    "Bands",
+    "Bands of the envelope",
+    "Verdict and conditions",
+)
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -178,12 +190,18 @@ def alarm_state(alarm: Alarm) -> MachineState:
     """The state of one alarm."""
     if alarm.state == "acknowledged":
         return MachineState("acknowledged", "acknowledged", "△")
-    return MachineState("open", "open", "▲") if alarm.state == "open" else MachineState("closed", "closed", "✓")
+    return (
+        MachineState("open", "open", "▲")
+        if alarm.state == "open"
+        else MachineState("closed", "closed", "✓")
+    )
 
 
 Found = TypeVar("Found")
 Upload: TypeAlias = Callable[[Path, str, str | None, Mapping[str, str]], str]
-"""Takes a file, its name, its machine and its facts; returns its id once it cannot be lost (`Watch.upload`)."""
+"""Takes a file, its name, its machine and its facts; returns its id once it cannot be lost
+(`Watch.upload`).
+"""
 
 
 @dataclass
@@ -201,7 +219,9 @@ class Site:
     status: Callable[[], WatchStatus] | None = None
     """How the watch is doing; None where the page runs without one."""
 
-    def render(self, request: Request, template: str, code: int = 200, **values: Any) -> HTMLResponse:
+    def render(
+        self, request: Request, template: str, code: int = 200, **values: Any
+    ) -> HTMLResponse:
         """The page that `template` makes of `values`; its forms carry the visit's token."""
         visit = request.cookies.get(COOKIE) or secrets.token_urlsafe(32)
         visitor: Visitor | None = request.state.visitor
@@ -224,7 +244,9 @@ class Site:
     def machines(self) -> Sequence[MachineOverview]:
         """Machines of the history, and those of the configuration that sent nothing yet."""
         stored = self.history.read.machines()
-        new = {machine.name for machine in self.config.machines} - {machine.name for machine in stored}
+        new = {machine.name for machine in self.config.machines} - {
+            machine.name for machine in stored
+        }
         return [*stored, *(MachineOverview(name) for name in sorted(new))]
 
     def machine(self, name: str) -> MachineOverview:
@@ -239,7 +261,9 @@ class Site:
 
     def alarm(self, number: int) -> Alarm:
         """An alarm by its number; 404 where there is none."""
-        return _found(self.history.read.alarm(number) if 0 < number < 2**31 else None, f"alarm {number}")
+        return _found(
+            self.history.read.alarm(number) if 0 < number < 2**31 else None, f"alarm {number}"
+        )
 
     @property
     def alarm_capital(self) -> float:
@@ -275,12 +299,18 @@ def _templates() -> Environment:
 
 
 def visitor_name(request: Request, stated: str = "") -> str:
-    """Who acts: the person or program that is logged in; where there are no logins, the name stated in the form."""
+    """Who acts: the person or program that is logged in; where there are no logins, the name stated
+    in the form.
+    """
     visitor: Visitor = request.state.visitor
     return visitor.name if visitor.kind != "local" else stated.strip()[:64] or "local"
 
 
 def local_path(address: str) -> str:
-    """`address` if it is a path of this page, else the start page: no form sends a visitor elsewhere."""
-    is_local = address.startswith("/") and not address.startswith(("//", "/\\")) and address.isprintable()
+    """`address` if it is a path of this page, else the start page: no form sends a visitor
+    elsewhere.
+    """
+    is_local = (
+        address.startswith("/") and not address.startswith(("//", "/\\")) and address.isprintable()
+    )
     return address if is_local and len(address) < 2000 else "/"

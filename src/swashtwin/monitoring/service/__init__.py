@@ -1,1 +1,3 @@
-"""The watch itself: from a delivered recording to its verdict, its alarm and the message about it."""
+"""The watch itself: from a delivered recording to its verdict, its alarm and the message about
+it.
+"""

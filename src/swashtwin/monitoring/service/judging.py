@@ -14,7 +14,12 @@ from swashtwin.foundation import DataError, SwashTwinError, sha256_of, to_table
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, choose_point
 from swashtwin.monitoring.alarms.channels import AlarmMessage
 from swashtwin.monitoring.alarms.monitor import Change, PointJudgment, PointMonitor, PointState
-from swashtwin.monitoring.alarms.suspect import FaultSize, Suspects, UnadaptedError, measured_severity
+from swashtwin.monitoring.alarms.suspect import (
+    FaultSize,
+    Suspects,
+    UnadaptedError,
+    measured_severity,
+)
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
@@ -68,7 +73,11 @@ class Pipeline:
         """Alarms whose severity this process tried to measure."""
         self._pistons = {machine.name: machine.piston_count for machine in config.machines}
         self._rejected = RejectedFiles(config.folder / "rejected")
-        self._tags = {machine.name: Tags(machine.tags) for machine in config.machines if machine.tags is not None}
+        self._tags = {
+            machine.name: Tags(machine.tags)
+            for machine in config.machines
+            if machine.tags is not None
+        }
 
     def load_models(self) -> list[str]:
         """Load the models of all machines; what is wrong with them, one line each."""
@@ -93,7 +102,9 @@ class Pipeline:
             delivery = file.delivery
             if (stored.source, stored.received) == (delivery.source, delivery.received):
                 # a kill came between the verdict and the removal from the spool
-                return Outcome(machine.name, delivery.file, stored.state, "was judged before the restart")
+                return Outcome(
+                    machine.name, delivery.file, stored.state, "was judged before the restart"
+                )
             raise UnfitError("double", f"it holds what recording {stored.id} holds.")
         except UnfitError as cause:
             return self._reject(file, cause.reason, str(cause))
@@ -105,11 +116,12 @@ class Pipeline:
             return self._reject(file, "error", reason)
 
     def measure_severities(self, stop: threading.Event) -> None:
-        """Measure the severity of each alarm's suspect, which takes minutes; where that failed, again after a restart.
-        That of an unsure suspect is measured once, of a sure one once a class.
+        """Measure the severity of each alarm's suspect, which takes minutes; where that failed,
+        again after a restart. That of an unsure suspect is measured once, of a sure one once a
+        class.
 
-        Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or `stop` interrupts
-        is measured after the next start.
+        Another thread than that of `judge` may do so, so that no alarm waits for it; what a kill or
+        `stop` interrupts is measured after the next start.
 
         Raises
         ------
@@ -119,11 +131,18 @@ class Pipeline:
         for alarm in self._history.read.alarms(limit=_LOOKED_AT):
             suspect, before = alarm.evidence.get("suspect"), alarm.evidence.get("severity", {})
             machine = self._config.machine(alarm.machine)
-            if machine is None or machine.calibration is None or alarm.closed is not None or suspect is None:
+            if (
+                machine is None
+                or machine.calibration is None
+                or alarm.closed is not None
+                or suspect is None
+            ):
                 continue
             certainty, was_sure = suspect["certainty"], before.get("certainty") != "unsure"
             is_known = "verdict" in before or alarm.id in self._tried
-            is_new = certainty == "sure" and not (was_sure and before.get("label") == suspect["label"])
+            is_new = certainty == "sure" and not (
+                was_sure and before.get("label") == suspect["label"]
+            )
             if certainty not in ("sure", "unsure") or (is_known and not is_new):
                 continue
             judgment = self._history.read.recording(suspect["recording"])
@@ -141,9 +160,17 @@ class Pipeline:
                     alarm.id, {**severity, "certainty": certainty, "recording": judgment.id}
                 )
                 self._tried.add(alarm.id)
-                is_told = stored and stored.closed is None and stored not in transaction.untold_alarms()
+                is_told = (
+                    stored and stored.closed is None and stored not in transaction.untold_alarms()
+                )
                 if stored and is_told and not transaction.silenced(datetime.now(UTC)):
-                    self._post(transaction, "measured", stored, judgment, stored.evidence["severity"]["notes"])
+                    self._post(
+                        transaction,
+                        "measured",
+                        stored,
+                        judgment,
+                        stored.evidence["severity"]["notes"],
+                    )
 
     def _machine(self, file: SpoolFile) -> Machine:
         name = file.delivery.machine
@@ -156,7 +183,9 @@ class Pipeline:
         return machine
 
     def _diagnosed(self, machine: Machine, recording: Recording) -> dict[str, Any]:
-        """What the machine's model says: fields of a `Judgment`, the ``answer``, and why there is ``no_verdict``."""
+        """What the machine's model says: fields of a `Judgment`, the ``answer``, and why there is
+        ``no_verdict``.
+        """
         model = self._model(machine.model)
         if model is None or isinstance(model, str):
             return {"no_verdict": model}
@@ -172,7 +201,13 @@ class Pipeline:
         named = {} if verdict.unknown else {"probability": verdict.probabilities.get(verdict.label)}
         if verdict.n_windows and not verdict.unknown:
             named["confidence"] = verdict.agreement
-        return {"model": fingerprint, "answer": answer, "label": verdict.verdict, **named, "ood_p": verdict.p_value}
+        return {
+            "model": fingerprint,
+            "answer": answer,
+            "label": verdict.verdict,
+            **named,
+            "ood_p": verdict.p_value,
+        }
 
     def _filed(
         self, machine: Machine, file: SpoolFile, contents: Contents, verdict: dict[str, Any]
@@ -181,8 +216,14 @@ class Pipeline:
             try:
                 with self._history.machine(machine.name) as transaction:
                     stored = transaction.recording_of(contents.digest)
-                    return self._file(transaction, machine, file, contents, dict(verdict)) if stored is None else stored
-            except UnadaptedError as needed:  # which takes seconds, in which nobody else could write
+                    return (
+                        self._file(transaction, machine, file, contents, dict(verdict))
+                        if stored is None
+                        else stored
+                    )
+            except (
+                UnadaptedError
+            ) as needed:  # which takes seconds, in which nobody else could write
                 self._suspects.adapt(needed.healthy)
 
     def _file(
@@ -210,7 +251,11 @@ class Pipeline:
                 "points.",
             )
         stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
-        state = PointState.read(baseline, stored.test) if stored and stored.test and baseline is not None else None
+        state = (
+            PointState.read(baseline, stored.test)
+            if stored and stored.test and baseline is not None
+            else None
+        )
         settings = self._config.alarms
         pistons = self._pistons[machine.name]
         monitor = PointMonitor(machine.name, settings.false_alarm_rate, settings.learning, pistons)
@@ -220,7 +265,9 @@ class Pipeline:
             raise UnfitError("unfit", str(cause)) from cause
         stated = OperatingPoint.of(recording)
         if found.stage == "sensor":  # whatever the model says of it, it says nothing of the pump
-            verdict = {"no_verdict": "A sensor is at fault, or the pump does not run: no verdict on the pump."}
+            verdict = {
+                "no_verdict": "A sensor is at fault, or the pump does not run: no verdict on the pump."
+            }
         suspect = None
         if found.is_large or found.pump == "raised":
             suspect = to_table(self._suspects.name(machine, point, found.state.baseline, recording))
@@ -254,7 +301,9 @@ class Pipeline:
             },
             **verdict,
         )
-        path = self._history.waveforms.write(transaction.name, contents.time, contents.digest, recording)
+        path = self._history.waveforms.write(
+            transaction.name, contents.time, contents.digest, recording
+        )
         transaction.add_recording(judgment, found.levels, path)
         is_unchanged = state is not None and found.state.baseline is state.baseline
         transaction.save_point(
@@ -271,18 +320,36 @@ class Pipeline:
         untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
         if untold and not transaction.silenced(judgment.received):
             for alarm in untold:
-                self._post(transaction, "opened", alarm, judgment, alarm.evidence.get("reasons", ()))
-        return Outcome(transaction.name, delivery.file, judgment.state, _sentence(found, judgment, self._config))
+                self._post(
+                    transaction, "opened", alarm, judgment, alarm.evidence.get("reasons", ())
+                )
+        return Outcome(
+            transaction.name,
+            delivery.file,
+            judgment.state,
+            _sentence(found, judgment, self._config),
+        )
 
     def _change_alarm(
-        self, transaction: MachineTransaction, kind: str, change: Change, judgment: Judgment, found: PointJudgment
+        self,
+        transaction: MachineTransaction,
+        kind: str,
+        change: Change,
+        judgment: Judgment,
+        found: PointJudgment,
     ) -> None:
-        alarms = [alarm for alarm in transaction.alarms() if (alarm.kind, alarm.point) == (kind, judgment.point)]
+        alarms = [
+            alarm
+            for alarm in transaction.alarms()
+            if (alarm.kind, alarm.point) == (kind, judgment.point)
+        ]
         alarm = alarms[-1] if alarms else None
         if change == "raised":
             event = "opened"
             if alarm is None:
-                alarm = transaction.open_alarm(kind, judgment.point, judgment.time, found.to_dict(), judgment.id)
+                alarm = transaction.open_alarm(
+                    kind, judgment.point, judgment.time, found.to_dict(), judgment.id
+                )
                 _follow_suspect(transaction, judgment)
             else:
                 alarm.cleared = None  # its cause is back before somebody acknowledged it
@@ -295,11 +362,20 @@ class Pipeline:
             self._post(transaction, event, alarm, judgment, found.reasons)
 
     def _post(
-        self, transaction: MachineTransaction, event: str, alarm: Alarm, judgment: Judgment, reasons: Sequence[str]
+        self,
+        transaction: MachineTransaction,
+        event: str,
+        alarm: Alarm,
+        judgment: Judgment,
+        reasons: Sequence[str],
     ) -> None:
         known, severity = list[str](), alarm.evidence.get("severity", {}).get("sentence", "")
         if event in ("opened", "measured"):
-            known = [alarm.evidence[name]["sentence"] for name in ("suspect", "severity") if alarm.evidence.get(name)]
+            known = [
+                alarm.evidence[name]["sentence"]
+                for name in ("suspect", "severity")
+                if alarm.evidence.get(name)
+            ]
         message = AlarmMessage(
             machine=transaction.name,
             point=alarm.point or "any",
@@ -327,7 +403,9 @@ class Pipeline:
         )
         self._history.reject(rejection)
         sentence = f"filed as {reason}: {detail}"
-        return Outcome(delivery.machine or "", delivery.file, "rejected", sentence, reason == "error")
+        return Outcome(
+            delivery.machine or "", delivery.file, "rejected", sentence, reason == "error"
+        )
 
 
 def _load(path: Path | None) -> "tuple[Model, str] | str | None":
@@ -341,11 +419,16 @@ def _load(path: Path | None) -> "tuple[Model, str] | str | None":
 
 
 def _follow_suspect(transaction: MachineTransaction, judgment: Judgment) -> None:
-    """Let the pump's alarm at the same point have the suspect of its newest recording whose levels moved far."""
+    """Let the pump's alarm at the same point have the suspect of its newest recording whose levels
+    moved far.
+    """
     if suspect := judgment.reasons["suspect"]:
         for alarm in transaction.alarms():
             if (alarm.kind, alarm.point) == ("pump", judgment.point):
-                alarm.evidence = {**alarm.evidence, "suspect": {**suspect, "recording": judgment.id}}
+                alarm.evidence = {
+                    **alarm.evidence,
+                    "suspect": {**suspect, "recording": judgment.id},
+                }
 
 
 def _state(found: PointJudgment) -> str:

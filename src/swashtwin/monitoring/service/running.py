@@ -1,4 +1,6 @@
-"""The process: sources, one thread that judges, one that sends messages, and the page, until it is told to stop."""
+"""The process: sources, one thread that judges, one that sends messages, and the page, until it is
+told to stop.
+"""
 
 import hashlib
 import logging
@@ -31,11 +33,15 @@ if TYPE_CHECKING:
 _PATIENCE = 0.5
 """Seconds between looks at whether to stop."""
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.2, 15.0
-"""Seconds before a recording is tried again that the history did not take; each is twice the one before."""
+"""Seconds before a recording is tried again that the history did not take; each is twice the one
+before.
+"""
 _END = 20.0
 """Seconds that threads have to come to their end."""
 _SWEEP = 600.0
-"""Seconds between two looks for waveforms that retention gave up, and between giving back memory."""
+"""Seconds between two looks for waveforms that retention gave up, and between giving back
+memory.
+"""
 _FIRST_DELAY, _LONGEST_DELAY = 2.0, 600.0
 """Seconds before another attempt at a message; each is twice the one before."""
 _log = logging.getLogger("swashtwin.watch")
@@ -56,8 +62,9 @@ class WatchStatus:
     free_bytes: int
     """Free space on the disk of the watch's folder."""
     counters: Mapping[str, float]
-    """What was counted since the start: ``judged``, ``rejected``, ``failures`` (recordings that our own error stopped),
-    and ``seconds_judging``."""
+    """What was counted since the start: ``judged``, ``rejected``, ``failures`` (recordings that our
+    own error stopped), and ``seconds_judging``.
+    """
     problems: tuple[str, ...] = ()
     """What keeps the watch from its work, one line each; empty while all is well."""
 
@@ -65,7 +72,9 @@ class WatchStatus:
 class Watch:
     """A watch that runs in this process."""
 
-    def __init__(self, config: WatchConfig, history: History, progress: "Callable[[Outcome], None]") -> None:
+    def __init__(
+        self, config: WatchConfig, history: History, progress: "Callable[[Outcome], None]"
+    ) -> None:
         self.config = config
         self.history = history
         self._progress = progress
@@ -73,7 +82,9 @@ class Watch:
         self._stop = threading.Event()
         self._spool = Spool(config.folder / "spool")
         self._sender = Sender(config, history)
-        name = hashlib.sha256(f"{socket.gethostname()} {config.folder.resolve()}".encode()).hexdigest()[:16]
+        name = hashlib.sha256(
+            f"{socket.gethostname()} {config.folder.resolve()}".encode()
+        ).hexdigest()[:16]
         self._sources: list[FolderWatch | MqttWatch] = []
         self._uploads: Standing | None = None
         for source in config.sources:
@@ -98,10 +109,17 @@ class Watch:
         application = build_app(self.config, self.history, self.upload, self.status)
         with serving_page(application, page.host, page.port):
             tasks: dict[str, Callable[[], None]] = {
-                f"source {source.standing.name}": partial(source.run, self._stop) for source in self._sources
+                f"source {source.standing.name}": partial(source.run, self._stop)
+                for source in self._sources
             }
-            tasks |= {"judge": self._judge_all, "outbox": partial(self._sender.run, self._stop, self._sweep)}
-            threads = [threading.Thread(target=task, name=name, daemon=True) for name, task in tasks.items()]
+            tasks |= {
+                "judge": self._judge_all,
+                "outbox": partial(self._sender.run, self._stop, self._sweep),
+            }
+            threads = [
+                threading.Thread(target=task, name=name, daemon=True)
+                for name, task in tasks.items()
+            ]
             for thread in threads:
                 thread.start()
             started(page.address)
@@ -115,7 +133,9 @@ class Watch:
                     thread.join(_END)
 
     def run_once(self, stop: threading.Event) -> None:
-        """Take and judge what the folders hold now and what waits in the spool, and send its messages."""
+        """Take and judge what the folders hold now and what waits in the spool, and send its
+        messages.
+        """
         pipeline = self._open_pipeline()
         folders = [source for source in self._sources if isinstance(source, FolderWatch)]
         threads = [threading.Thread(target=source.drain, args=(stop,)) for source in folders]
@@ -147,7 +167,10 @@ class Watch:
             raise InputError('this watch takes no uploads; add [[source]] with kind = "http".')
         try:
             digest = self._spool.add(
-                Delivery(self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)), path
+                Delivery(
+                    self._uploads.name, name, datetime.now(UTC), machine or None, check_facts(facts)
+                ),
+                path,
             )
         except OSError as cause:
             self._uploads.fail(cause.strerror or str(cause))
@@ -157,8 +180,12 @@ class Watch:
 
     def status(self) -> WatchStatus:
         """How the watch is doing; without any look at the disk but for its free space."""
-        standings = [source.standing for source in self._sources] + ([self._uploads] if self._uploads else [])
-        problems = [f"source {item.name}: {item.problem}" for item in standings if item.problem is not None]
+        standings = [source.standing for source in self._sources] + (
+            [self._uploads] if self._uploads else []
+        )
+        problems = [
+            f"source {item.name}: {item.problem}" for item in standings if item.problem is not None
+        ]
         problems += filter(None, (self._history_problem, self._sender.problem))
         return WatchStatus(
             started=self._started,
@@ -173,7 +200,9 @@ class Watch:
     def _judge_all(self) -> None:
         pipeline = self._open_pipeline()
         if any(machine.calibration is not None for machine in self.config.machines):
-            threading.Thread(target=self._measure_all, args=(pipeline,), name="severity", daemon=True).start()
+            threading.Thread(
+                target=self._measure_all, args=(pipeline,), name="severity", daemon=True
+            ).start()
         while not self._stop.is_set():
             self._judge_next(pipeline, self._stop)
 
@@ -199,7 +228,9 @@ class Watch:
         return True
 
     def _open_pipeline(self) -> "Pipeline":
-        """What judges, with its models; importing it takes a second, in which the page answers already."""
+        """What judges, with its models; importing it takes a second, in which the page answers
+        already.
+        """
         from swashtwin.monitoring.service.judging import Pipeline
 
         pipeline = Pipeline(self.config, self.history)
@@ -218,7 +249,9 @@ class Watch:
             except (HistoryError, OSError) as cause:
                 self._history_problem = f"waiting for the history: {cause}"
                 _log.warning("%s", self._history_problem)
-                if not file.path.is_file():  # somebody removed it, and no attempt will bring it back
+                if (
+                    not file.path.is_file()
+                ):  # somebody removed it, and no attempt will bring it back
                     self._spool.remove(file)
                     return
                 stop.wait(pause)
@@ -240,7 +273,9 @@ class Watch:
 
 
 class Sender:
-    """Sends what is in the outbox for the channels of one configuration; others' messages are left to others."""
+    """Sends what is in the outbox for the channels of one configuration; others' messages are left
+    to others.
+    """
 
     def __init__(self, config: WatchConfig, history: History) -> None:
         self._history = history

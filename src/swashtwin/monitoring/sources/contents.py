@@ -1,4 +1,5 @@
-"""The recording in a spool file, with what the file, its message, the tags and the configuration say of it.
+"""The recording in a spool file, with what the file, its message, the tags and the configuration
+say of it.
 
 Tags are operating points that another system wrote down: a CSV of times with speeds and pressures.
 """
@@ -19,7 +20,14 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError, parse, read_text
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.monitoring.sources.delivery import QUANTITIES, Delivery, UnfitError, entry_facts, read_time, safe_name
+from swashtwin.monitoring.sources.delivery import (
+    QUANTITIES,
+    Delivery,
+    UnfitError,
+    entry_facts,
+    read_time,
+    safe_name,
+)
 from swashtwin.monitoring.sources.mqtt import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
 from swashtwin.pump import OperatingCondition
@@ -33,15 +41,17 @@ _PASSING = (ENOSPC, EDQUOT, EMFILE, ENFILE)
 _OLDEST = timedelta(hours=1)
 """Age of a tag up to which it still holds."""
 _SETTLED = 10.0
-"""Time [s] since its last change after which a file's last line is whole, with a line break or without."""
+"""Time [s] since its last change after which a file's last line is whole, with a line break or
+without.
+"""
 _USUAL_UNITS = {"speed": "rpm", "pressure": "MPa", "temperature": "degC"}
 
 
 class Tags:
     """Operating points of a machine by time; the file is read again when it changed.
 
-    Its first line names the columns ``time`` and at least one of ``speed``, ``pressure`` and ``temperature``. A number
-    without a unit is in rpm, MPa or degC.
+    Its first line names the columns ``time`` and at least one of ``speed``, ``pressure`` and
+    ``temperature``. A number without a unit is in rpm, MPa or degC.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,12 +71,18 @@ class Tags:
         try:
             stat = self._path.stat()
         except OSError as cause:
-            raise DataError(f"{self._path} (tags) cannot be read: {cause.strerror or cause}.") from cause
+            raise DataError(
+                f"{self._path} (tags) cannot be read: {cause.strerror or cause}."
+            ) from cause
         is_still = clock.time() - stat.st_mtime > _SETTLED
         stamp = (stat.st_size, stat.st_mtime_ns, is_still)
         if self._stamp != stamp:
             rows = _read_tags(self._path, is_still)
-            self._times, self._facts, self._stamp = [row[0] for row in rows], [row[1] for row in rows], stamp
+            self._times, self._facts, self._stamp = (
+                [row[0] for row in rows],
+                [row[1] for row in rows],
+                stamp,
+            )
         index = bisect_right(self._times, time) - 1
         return self._facts[index] if index >= 0 and time - self._times[index] <= _OLDEST else {}
 
@@ -74,7 +90,9 @@ class Tags:
 def _read_tags(path: Path, is_still: bool) -> list[tuple[datetime, dict[str, str]]]:
     rows = []
     text = read_text(path)
-    whole = text if is_still else text[: text.rfind("\n") + 1]  # a line without its end may be half written
+    whole = (
+        text if is_still else text[: text.rfind("\n") + 1]
+    )  # a line without its end may be half written
     reader = csv.DictReader(whole.splitlines())
     names = [name.strip() for name in reader.fieldnames or ()]
     if "time" not in names or not _USUAL_UNITS.keys() & set(names):
@@ -105,12 +123,15 @@ class Contents:
     """A recording that can be judged."""
 
     recording: Recording
-    """Its samples in memory; its condition, or its attribute ``speed``, as far as anything states them."""
+    """Its samples in memory; its condition, or its attribute ``speed``, as far as anything states
+    them.
+    """
     time: datetime
     """When it was recorded (UTC)."""
     digest: str
-    """Hash of what was recorded, whatever the file is called. A recording without any signal counts as another one at
-    another time."""
+    """Hash of what was recorded, whatever the file is called. A recording without any signal counts
+    as another one at another time.
+    """
     notes: tuple[str, ...]
     """What a reader should know of its time and its tags."""
 
@@ -138,7 +159,9 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     except OSError as cause:
         if cause.errno in _PASSING:
             raise
-        raise UnfitError("broken", f"{delivery.file} cannot be read: {cause.strerror or cause}") from cause
+        raise UnfitError(
+            "broken", f"{delivery.file} cannot be read: {cause.strerror or cause}"
+        ) from cause
     except (SwashTwinError, MemoryError) as cause:
         text = str(cause) or "it takes more memory than there is."
         raise UnfitError("broken", text.replace(str(file.path), delivery.file)) from cause
@@ -152,25 +175,38 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     delivery, stated = file.delivery, entry_facts(file.delivery.facts)
     name = stem_of(Path(safe_name(delivery.file))) or "recording"
     if file.path.name.endswith(SAMPLES):
-        recording = samples_recording(file.path, delivery.facts, name, Options(sensitivity=machine.sensitivity))
-        if missing := [channel for channel in machine.channels if channel not in recording.channels]:
+        recording = samples_recording(
+            file.path, delivery.facts, name, Options(sensitivity=machine.sensitivity)
+        )
+        if missing := [
+            channel for channel in machine.channels if channel not in recording.channels
+        ]:
             others = ", ".join(recording.channels)
             raise UnfitError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
         recording = recording.picked(machine.channels or recording.channels)
     else:
         if "type" in delivery.facts:
-            raise UnfitError("broken", "a type is of samples behind a line of JSON; a file says that of its own.")
+            raise UnfitError(
+                "broken", "a type is of samples behind a line of JSON; a file says that of its own."
+            )
         usual = {
-            key: value for key in _READING if (value := getattr(machine, key)) not in (None, ()) and key not in stated
+            key: value
+            for key in _READING
+            if (value := getattr(machine, key)) not in (None, ()) and key not in stated
         }
         if "speed" not in stated:  # a pressure alone is joined with a speed afterwards
             stated.pop("discharge_pressure", None)
         recording = load_recording(file.path, id=name, **stated, **usual)
         if (count := delivery.facts.get("count")) and recording.n_samples != int(count):
-            raise UnfitError("broken", f"it has {recording.n_samples} samples of each channel, not {count}.")
+            raise UnfitError(
+                "broken", f"it has {recording.n_samples} samples of each channel, not {count}."
+            )
     rate = machine.sample_rate
     if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
-        raise UnfitError("broken", f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.")
+        raise UnfitError(
+            "broken",
+            f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.",
+        )
     return recording
 
 
@@ -187,7 +223,9 @@ def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
         return delivery.received, ()
     try:
         time = read_time(stated)
-    except InputError as cause:  # the date of a file; what a message or an upload states was checked
+    except (
+        InputError
+    ) as cause:  # the date of a file; what a message or an upload states was checked
         return delivery.received, (f"{cause} The time of its arrival counts.",)
     if time - delivery.received > _AHEAD:
         note = f"It says it was recorded at {time:%Y-%m-%d %H:%M:%S}, which lies ahead: the time of its arrival counts."
@@ -198,13 +236,17 @@ def _time(delivery: Delivery) -> tuple[datetime, tuple[str, ...]]:
 def _with_condition(
     recording: Recording, delivery: Delivery, machine: Machine, tags: Tags | None, time: datetime
 ) -> tuple[Recording, tuple[str, ...]]:
-    """The recording at its operating point: of the file, else of the message, the tags, or the configuration."""
+    """The recording at its operating point: of the file, else of the message, the tags, or the
+    configuration.
+    """
     if recording.condition is not None:
         return recording, ()
     stated = {"speed": machine.speed, "discharge_pressure": machine.discharge_pressure}
     values: dict[str, float] = {name: value for name, value in stated.items() if value is not None}
     notes: tuple[str, ...] = ()
-    texts = {name: text for name, text in delivery.facts.items() if name in QUANTITIES and name != "rate"}
+    texts = {
+        name: text for name, text in delivery.facts.items() if name in QUANTITIES and name != "rate"
+    }
     if tags is not None:
         try:
             texts = {**tags.at(time), **texts}

@@ -58,17 +58,23 @@ class Delivery:
 
     def __post_init__(self) -> None:
         for name in ("file", "machine"):
-            if (text := getattr(self, name)) is not None:  # a database takes neither a NUL nor half a character
+            if (
+                text := getattr(self, name)
+            ) is not None:  # a database takes neither a NUL nor half a character
                 object.__setattr__(self, name, escape_controls(text)[:_LONGEST_STATED])
 
 
 Accept = Callable[[Delivery, bytes | Path], str]
-"""Takes a delivery and its content, bytes or a file that may be moved; returns the content's SHA-256 once it is safe on
-the disk. Raises OSError where it is not, and the source offers it again later."""
+"""Takes a delivery and its content, bytes or a file that may be moved; returns the content's
+SHA-256 once it is safe on the disk. Raises OSError where it is not, and the source offers it again
+later.
+"""
 
 
 class Standing:
-    """Whether a source is reached, and what it delivered; its own thread writes, any thread reads."""
+    """Whether a source is reached, and what it delivered; its own thread writes, any thread
+    reads.
+    """
 
     def __init__(self, name: str, kind: str) -> None:
         self.name = name
@@ -103,19 +109,27 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
     """
     for name, text in facts.items():
         if name not in FACTS:
-            raise InputError(f"{_short(name)} is no fact of a recording; there are {', '.join(FACTS)}.")
+            raise InputError(
+                f"{_short(name)} is no fact of a recording; there are {', '.join(FACTS)}."
+            )
         if not isinstance(text, str) or not text.strip() or len(text) > _LONGEST:
-            raise InputError(f"{name} = {_short(text)} must be text of at most {_LONGEST} characters.")
+            raise InputError(
+                f"{name} = {_short(text)} must be text of at most {_LONGEST} characters."
+            )
         if name in QUANTITIES:
             value = parse(text, QUANTITIES[name][1], name=name)
             if not math.isfinite(value) or value <= 0:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
             if name == "rate" and not RATES[0] <= value <= RATES[1]:
-                raise InputError(f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz.")
+                raise InputError(
+                    f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz."
+                )
         if read := {"time": read_time, "unit": require_sample_unit}.get(name):
             read(text)
         elif name == "count" and not (text.isdecimal() and int(text) > 0):
-            raise InputError(f"count = {_short(text)} must be the number of samples of each channel, such as 8192.")
+            raise InputError(
+                f"count = {_short(text)} must be the number of samples of each channel, such as 8192."
+            )
         elif name == "type" and text not in TYPES:
             raise InputError(f"type = {_short(text)} is none of {', '.join(TYPES)}.")
     return {name: plain_text(text) for name, text in facts.items()}
@@ -138,7 +152,9 @@ def read_time(text: str) -> datetime:
         time = datetime.fromisoformat(text)
         time = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
     except (ValueError, OverflowError):
-        raise InputError(f'time = {_short(text)} must be ISO 8601, such as "2026-11-23T14:00:00Z".') from None
+        raise InputError(
+            f'time = {_short(text)} must be ISO 8601, such as "2026-11-23T14:00:00Z".'
+        ) from None
     if time < _EARLIEST:
         raise InputError(f"time = {_short(text)} lies before 1990; is the sensor's clock set?")
     return time
@@ -152,7 +168,9 @@ def entry_facts(facts: Mapping[str, str]) -> dict[str, Any]:
     >>> entry_facts({"rate": "25.6 kHz", "channels": "x, y", "time": "2026-11-23T14:00:00Z"})
     {'sample_rate': '25.6 kHz', 'names': ['x', 'y']}
     """
-    entry: dict[str, Any] = {QUANTITIES[name][0]: text for name, text in facts.items() if name in QUANTITIES}
+    entry: dict[str, Any] = {
+        QUANTITIES[name][0]: text for name, text in facts.items() if name in QUANTITIES
+    }
     if "unit" in facts:
         entry["unit"] = facts["unit"]
     if "sensitivity" in facts:
@@ -168,7 +186,8 @@ def channel_names(text: str) -> list[str]:
 
 
 def safe_name(text: str) -> str:
-    """The last part of a stated file name, its suffix in place, that no system takes for more than a file.
+    """The last part of a stated file name, its suffix in place, that no system takes for more than
+    a file.
 
     Examples
     --------

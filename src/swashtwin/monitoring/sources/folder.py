@@ -1,8 +1,9 @@
 """A folder, on this disk or on a network share, in which others put files of recordings.
 
-A file is taken once its size and its time of change have stood still for a while: shares tell nobody when a file is
-closed. What was taken is remembered by path, size, time of change and content, so that a restart takes nothing twice,
-and a file that grew or was replaced after all is taken again. No clock but the monotonic one decides.
+A file is taken once its size and its time of change have stood still for a while: shares tell
+nobody when a file is closed. What was taken is remembered by path, size, time of change and
+content, so that a restart takes nothing twice, and a file that grew or was replaced after all is
+taken again. No clock but the monotonic one decides.
 """
 
 import hashlib
@@ -36,8 +37,9 @@ _DEEPEST = 8
 
 
 class Stamp(NamedTuple):
-    """What shows that a file has changed: its bytes, its date [ns], and when it or what is known of it changed [ns],
-    which no copying program sets."""
+    """What shows that a file has changed: its bytes, its date [ns], and when it or what is known of
+    it changed [ns], which no copying program sets.
+    """
 
     size: int
     changed: int
@@ -62,7 +64,9 @@ class FolderWatch:
         self._left_out: list[str] = []
         """Sub-folders that the last look left out, and why."""
         self._may_put_back = source.remove
-        """Whether files that lie aside are what a kill left, and not those that a source removes now."""
+        """Whether files that lie aside are what a kill left, and not those that a source removes
+        now.
+        """
 
     def run(self, stop: threading.Event) -> None:
         """Look into the folder until `stop` is set."""
@@ -70,7 +74,9 @@ class FolderWatch:
         while not stop.is_set():
             began = time.monotonic()
             self.poll()
-            stop.wait(max(pause, time.monotonic() - began))  # a slow share is looked at half of the time
+            stop.wait(
+                max(pause, time.monotonic() - began)
+            )  # a slow share is looked at half of the time
 
     def drain(self, stop: threading.Event) -> None:
         """Take every file that is there now, and return when none is left that may still change."""
@@ -90,14 +96,21 @@ class FolderWatch:
             return 0
         now = time.monotonic()
         still = {
-            path: self._waiting.get(path, (None, now)) for path in stamps if not self._taken.has(path, stamps[path])
+            path: self._waiting.get(path, (None, now))
+            for path in stamps
+            if not self._taken.has(path, stamps[path])
         }
         self._waiting = {
-            path: (stamps[path], since if stamp == stamps[path] else now) for path, (stamp, since) in still.items()
+            path: (stamps[path], since if stamp == stamps[path] else now)
+            for path, (stamp, since) in still.items()
         }
-        ready = [path for path, (_, since) in self._waiting.items() if now - since >= self._source.settle]
+        ready = [
+            path for path, (_, since) in self._waiting.items() if now - since >= self._source.settle
+        ]
         self._is_settling = len(ready) < len(self._waiting)
-        self._problems = {path: problem for path, problem in self._problems.items() if path in stamps}
+        self._problems = {
+            path: problem for path, problem in self._problems.items() if path in stamps
+        }
         count, problem = 0, None
         try:
             if not self._left_out:
@@ -115,7 +128,9 @@ class FolderWatch:
         return count
 
     def _take(self, path: Path, stamp: Stamp) -> bool:
-        """Whether the file was taken; one that changed meanwhile is not. What is too large is taken as a problem."""
+        """Whether the file was taken; one that changed meanwhile is not. What is too large is taken
+        as a problem.
+        """
         problem = None
         try:
             if stamp.size > LARGEST:
@@ -134,12 +149,16 @@ class FolderWatch:
         except OSError as cause:  # removed again, or locked by the program that writes it
             self._problems[str(path)] = f"{path} cannot be read: {cause.strerror or cause}"
             return False
-        time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=min(max(stamp.changed / 1e9, 0), _LATEST))
+        time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(
+            seconds=min(max(stamp.changed / 1e9, 0), _LATEST)
+        )
         facts = {"time": time.isoformat()}
         machine, parts = self._source.machine, path.relative_to(self._source.path).parts
         if machine is None and len(parts) > 1:
             machine = parts[0]
-        delivery = Delivery(self._source.name, path.name, datetime.now(UTC), machine, facts, problem)
+        delivery = Delivery(
+            self._source.name, path.name, datetime.now(UTC), machine, facts, problem
+        )
         self._accept(delivery, content)
         self._waiting.pop(str(path), None)
         self._problems.pop(str(path), None)
@@ -148,7 +167,9 @@ class FolderWatch:
         return True
 
     def _is_removed(self, path: Path, content: bytes) -> bool:
-        """Whether the file that was taken is gone; one that came in its place or grew meanwhile stays, to be taken."""
+        """Whether the file that was taken is gone; one that came in its place or grew meanwhile
+        stays, to be taken.
+        """
         aside = path.with_name(f".{path.name}{_ASIDE}")
         try:
             path.rename(aside)  # at once, so that what is looked at is what is removed
@@ -157,7 +178,9 @@ class FolderWatch:
                 return True
             _put_back(aside)
         except OSError as cause:
-            self._problems[str(path)] = f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
+            self._problems[str(path)] = (
+                f"{path} was taken, but cannot be removed: {cause.strerror or cause}"
+            )
             _put_back(aside)
         return False
 
@@ -170,7 +193,11 @@ class FolderWatch:
             self._left_out.append(f"{folder} cannot be read: {cause.strerror or cause}")
             return
         for entry in entries:
-            if self._may_put_back and entry.name.endswith(_ASIDE) and self._matches(_name_before(entry.name)):
+            if (
+                self._may_put_back
+                and entry.name.endswith(_ASIDE)
+                and self._matches(_name_before(entry.name))
+            ):
                 _put_back(Path(entry.path))
             if entry.name.startswith((".", "~")) or entry.is_symlink():
                 continue
@@ -178,7 +205,9 @@ class FolderWatch:
                 if depth < _DEEPEST:
                     yield from self._walk(Path(entry.path), depth + 1)
                 else:
-                    self._left_out.append(f"{entry.path} lies deeper than {_DEEPEST} folders and is not looked into")
+                    self._left_out.append(
+                        f"{entry.path} lies deeper than {_DEEPEST} folders and is not looked into"
+                    )
             elif entry.is_file(follow_symlinks=False) and self._matches(entry.name):
                 yield entry.path, _stamp(entry.stat(follow_symlinks=False))
 
@@ -208,7 +237,9 @@ class TakenFiles:
         return path in self._files and self._files[path][0] == stamp
 
     def is_same(self, path: str, stamp: Stamp, content: bytes) -> bool:
-        """Whether the file was taken with this size, date and content, whatever has touched it since."""
+        """Whether the file was taken with this size, date and content, whatever has touched it
+        since.
+        """
         before, digest = self._files.get(path, (None, ""))
         return before is not None and before[:2] == stamp[:2] and digest == _digest(content)
 
@@ -220,7 +251,9 @@ class TakenFiles:
             file.write(self._line(path))
 
     def keep(self, paths: Set[str]) -> None:
-        """Forget files that are gone, once they are most of what is remembered; none where all are: a share is away."""
+        """Forget files that are gone, once they are most of what is remembered; none where all are:
+        a share is away.
+        """
         if not paths or self._lines < 2 * len(self._files.keys() & paths) + 1000:
             return
         self._files = {path: known for path, known in self._files.items() if path in paths}

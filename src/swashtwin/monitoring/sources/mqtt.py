@@ -1,13 +1,14 @@
-"""Recordings from an MQTT broker: each message is acknowledged once it is on the disk, and not before.
+"""Recordings from an MQTT broker: each message is acknowledged once it is on the disk, and not
+before.
 
-The session is persistent and the quality of service 1: the broker keeps what comes while the watch is away, and sends
-again what it did not acknowledge. paho is used directly, since aiomqtt 2 acknowledges a message before it is handed
-over.
+The session is persistent and the quality of service 1: the broker keeps what comes while the watch
+is away, and sends again what it did not acknowledge. paho is used directly, since aiomqtt 2
+acknowledges a message before it is handed over.
 
-A message is a line of JSON, then samples or a whole file. The line states ``rate``, ``unit``, ``channels`` (a list of
-names), ``type`` and what else is known by the names of `FACTS`. Little-endian samples of that type follow, all channels
-of the first instant, then of the second. Where the line states ``file``, a name such as ``"a.wav"``, the bytes of such
-a file follow instead.
+A message is a line of JSON, then samples or a whole file. The line states ``rate``, ``unit``,
+``channels`` (a list of names), ``type`` and what else is known by the names of `FACTS`.
+Little-endian samples of that type follow, all channels of the first instant, then of the second.
+Where the line states ``file``, a name such as ``"a.wav"``, the bytes of such a file follow instead.
 """
 
 import json
@@ -45,11 +46,13 @@ SAMPLES = ".f32"
 _LONGEST_HEADER = 1 << 16
 
 
-def read_message(payload: bytes, source: str, received: datetime, machine: str | None) -> tuple[Delivery, bytes]:
+def read_message(
+    payload: bytes, source: str, received: datetime, machine: str | None
+) -> tuple[Delivery, bytes]:
     """(what the message says of its recording, the content behind its first line).
 
-    A message that cannot be one is a delivery with its `problem`, and its payload as content; of one that is too large
-    the beginning.
+    A message that cannot be one is a delivery with its `problem`, and its payload as content; of
+    one that is too large the beginning.
 
     Parameters
     ----------
@@ -57,7 +60,9 @@ def read_message(payload: bytes, source: str, received: datetime, machine: str |
     """
     if len(payload) > LARGEST:
         problem = f"a message has {len(payload)} bytes; at most {LARGEST} are taken: send shorter recordings."
-        return Delivery(source, "message.bin", received, machine, {}, problem=problem), payload[:_LONGEST_HEADER]
+        return Delivery(source, "message.bin", received, machine, {}, problem=problem), payload[
+            :_LONGEST_HEADER
+        ]
     try:
         header, content = _header(payload)
         stated = header.pop("machine", machine)
@@ -72,10 +77,14 @@ def read_message(payload: bytes, source: str, received: datetime, machine: str |
         if type(count := header.get("count")) is int:
             header["count"] = str(count)
         facts = check_facts(header)
-        if name is None and (missing := [key for key in ("rate", "unit", "channels", "type") if key not in facts]):
+        if name is None and (
+            missing := [key for key in ("rate", "unit", "channels", "type") if key not in facts]
+        ):
             raise InputError(f"its first line states no {missing[0]}.")
     except (InputError, DataError) as cause:
-        return Delivery(source, "message.bin", received, machine, {}, problem=f"a message is broken: {cause}"), payload
+        return Delivery(
+            source, "message.bin", received, machine, {}, problem=f"a message is broken: {cause}"
+        ), payload
     return Delivery(source, name or f"message{SAMPLES}", received, stated, facts), content
 
 
@@ -92,7 +101,9 @@ def _header(payload: bytes) -> tuple[dict[str, Any], bytes]:
     return header, payload[end + 1 :]
 
 
-def samples_recording(path: Path, facts: Mapping[str, str], name: str, options: Options) -> Recording:
+def samples_recording(
+    path: Path, facts: Mapping[str, str], name: str, options: Options
+) -> Recording:
     """The recording of a message's samples, in the spool at `path`.
 
     Parameters
@@ -110,16 +121,24 @@ def samples_recording(path: Path, facts: Mapping[str, str], name: str, options: 
     size = np.dtype(TYPES[kind]).itemsize
     if not channels or not data or len(data) % (size * len(channels)):
         raise UnfitError(
-            "broken", f"{len(data)} bytes are no whole number of {kind} samples of {plural(len(channels), 'channel')}."
+            "broken",
+            f"{len(data)} bytes are no whole number of {kind} samples of {plural(len(channels), 'channel')}.",
         )
     samples = np.frombuffer(data, TYPES[kind]).reshape(-1, len(channels)).T
     if "count" in facts and samples.shape[1] != int(facts["count"]):
-        raise UnfitError("broken", f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.")
-    raw = RawFile(dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"]))
+        raise UnfitError(
+            "broken",
+            f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.",
+        )
+    raw = RawFile(
+        dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"])
+    )
     sensitivity = entry_facts(facts).get("sensitivity", options.sensitivity)
     factors, unit = scale(raw, replace(options, sensitivity=sensitivity), channels, "the message")
     scaled = samples * np.array(factors)[:, None]
-    return Recording(scaled, parse(facts["rate"], "Hz", name="rate"), name, channels=tuple(channels), unit=unit)
+    return Recording(
+        scaled, parse(facts["rate"], "Hz", name="rate"), name, channels=tuple(channels), unit=unit
+    )
 
 
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.5, 10.0
@@ -128,10 +147,13 @@ _KEEPALIVE = 30
 _FOREVER = 0xFFFFFFFF
 """Seconds for which the broker keeps the session: no end."""
 _LARGEST_PACKET = 4 * LARGEST - 1
-"""Bytes of a message that the broker may send, the most that MQTT allows: what is above `LARGEST` is filed as broken,
-since a broker that may not send a message says so to nobody."""
+"""Bytes of a message that the broker may send, the most that MQTT allows: what is above `LARGEST`
+is filed as broken, since a broker that may not send a message says so to nobody.
+"""
 _IN_FLIGHT = 4
-"""Messages that the broker sends before one is acknowledged; with their size the bound of memory."""
+"""Messages that the broker sends before one is acknowledged; with their size the bound of
+memory.
+"""
 
 
 class MqttWatch:
@@ -170,7 +192,11 @@ class MqttWatch:
             began = time.monotonic()
             try:
                 client.connect(
-                    self._source.host, self._source.port, _KEEPALIVE, clean_start=False, properties=properties
+                    self._source.host,
+                    self._source.port,
+                    _KEEPALIVE,
+                    clean_start=False,
+                    properties=properties,
                 )
                 client.loop_forever(retry_first_connection=False)
             except (OSError, ValueError) as cause:
@@ -178,7 +204,11 @@ class MqttWatch:
             else:
                 if not stop.is_set() and self.standing.problem is None:
                     self._fail("the connection was lost")
-            pause = _FIRST_PAUSE if time.monotonic() - began > _LONGEST_PAUSE else min(2 * pause, _LONGEST_PAUSE)
+            pause = (
+                _FIRST_PAUSE
+                if time.monotonic() - began > _LONGEST_PAUSE
+                else min(2 * pause, _LONGEST_PAUSE)
+            )
             stop.wait(pause)
 
     def _fail(self, reason: str) -> None:
@@ -191,12 +221,19 @@ class MqttWatch:
             self._fail(f"refused the connection ({reason})")
             return
         topic = (
-            self._source.topic if self._source.group is None else f"$share/{self._source.group}/{self._source.topic}"
+            self._source.topic
+            if self._source.group is None
+            else f"$share/{self._source.group}/{self._source.topic}"
         )
         # A retained message comes with the first subscription only, not with each connection.
-        client.subscribe(topic, options=SubscribeOptions(qos=1, retainHandling=SubscribeOptions.RETAIN_SEND_IF_NEW_SUB))
+        client.subscribe(
+            topic,
+            options=SubscribeOptions(qos=1, retainHandling=SubscribeOptions.RETAIN_SEND_IF_NEW_SUB),
+        )
 
-    def _on_subscribe(self, client: "Client", _: Any, __: Any, reasons: list[Any], ___: Any) -> None:
+    def _on_subscribe(
+        self, client: "Client", _: Any, __: Any, reasons: list[Any], ___: Any
+    ) -> None:
         if any(reason.is_failure for reason in reasons):
             self._fail(f"refused the subscription of {self._source.topic} ({reasons[0]})")
             client.disconnect()
@@ -205,10 +242,14 @@ class MqttWatch:
 
     def _on_message(self, client: "Client", _: Any, message: "MQTTMessage") -> None:
         machine = self._source.machine or _machine_of(self._source.topic, message.topic)
-        delivery, content = read_message(bytes(message.payload), self._source.name, datetime.now(UTC), machine)
+        delivery, content = read_message(
+            bytes(message.payload), self._source.name, datetime.now(UTC), machine
+        )
         try:
             self._accept(delivery, content)
-        except OSError as cause:  # not acknowledged: the broker sends it again on the next connection
+        except (
+            OSError
+        ) as cause:  # not acknowledged: the broker sends it again on the next connection
             self.standing.fail(cause.strerror or str(cause))
             client.disconnect()
             return

@@ -42,7 +42,8 @@ class SpoolFile:
 
 
 class Spool:
-    """Recordings that wait in a folder. Each is a file and, written after it, a card that makes it valid.
+    """Recordings that wait in a folder. Each is a file and, written after it, a card that makes it
+    valid.
 
     Any thread may add; one thread takes.
     """
@@ -51,11 +52,15 @@ class Spool:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self._changed = threading.Condition()
-        cards = sorted(path.stem for path in folder.glob(f"*{_CARD}") if not path.name.startswith("."))
+        cards = sorted(
+            path.stem for path in folder.glob(f"*{_CARD}") if not path.name.startswith(".")
+        )
         self._keys = deque(cards)
         valid = set(cards)
         for path in folder.iterdir():
-            if path.is_file() and path.name.split(".")[0] not in valid:  # a kill interrupted its arrival or its removal
+            if (
+                path.is_file() and path.name.split(".")[0] not in valid
+            ):  # a kill interrupted its arrival or its removal
                 path.unlink()
 
     def __len__(self) -> int:
@@ -74,7 +79,9 @@ class Spool:
             The disk or the spool is full, or cannot be written.
         """
         if len(self._keys) >= LIMIT:
-            raise OSError(ENOSPC, f"{LIMIT} recordings wait to be judged; more are taken when there are fewer")
+            raise OSError(
+                ENOSPC, f"{LIMIT} recordings wait to be judged; more are taken when there are fewer"
+            )
         key = f"{time.time_ns():020d}-{secrets.token_hex(4)}"
         data = self._folder / f"{key}{_suffix(delivery)}"
         try:
@@ -93,7 +100,8 @@ class Spool:
         return digest
 
     def next(self, timeout: float) -> SpoolFile | None:
-        """The recording that waits longest, or None where none came in `timeout` seconds; it stays until `remove`.
+        """The recording that waits longest, or None where none came in `timeout` seconds; it stays
+        until `remove`.
 
         One that cannot be read at the moment is tried again by the next call.
         """
@@ -108,7 +116,11 @@ class Spool:
             delivery = msgspec.json.decode(card.read_bytes(), type=Delivery)
         except (msgspec.DecodeError, FileNotFoundError):
             path = next((path for path in self._folder.glob(f"{key}.*") if path != card), card)
-            return SpoolFile(key, path, Delivery("spool", path.name, datetime.now(UTC), problem="its card is damaged."))
+            return SpoolFile(
+                key,
+                path,
+                Delivery("spool", path.name, datetime.now(UTC), problem="its card is damaged."),
+            )
         except OSError as cause:
             _log.warning("%s cannot be read: %s", card, cause.strerror or cause)
             time.sleep(timeout)
@@ -124,7 +136,9 @@ class Spool:
 
 
 class RejectedFiles:
-    """Files that could not be judged, to be looked at and repaired; the oldest go when there are too many."""
+    """Files that could not be judged, to be looked at and repaired; the oldest go when there are
+    too many.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -142,7 +156,9 @@ class RejectedFiles:
         except OSError:
             return None
         size = 0
-        for number, old in enumerate(sorted(self._folder.iterdir(), reverse=True), 1):  # the newest first
+        for number, old in enumerate(
+            sorted(self._folder.iterdir(), reverse=True), 1
+        ):  # the newest first
             with suppress(OSError):
                 size += old.stat().st_size
                 if number > _MOST_REJECTED or size > _MOST_REJECTED_BYTES:

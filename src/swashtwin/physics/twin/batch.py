@@ -1,6 +1,7 @@
 """Many twins at once: of different conditions, faults, interface values, scales, and even pumps.
 
-Twins of one pump are solved together, each at its own frequencies; how they are grouped changes no result.
+Twins of one pump are solved together, each at its own frequencies; how they are grouped changes no
+result.
 """
 
 import math
@@ -30,7 +31,9 @@ class OrderLines:
     orders: Int[np.ndarray, " line"]
     """Shaft orders at which any of the twins is computed, rising."""
     lines: Complex[Tensor, "twin *batch sensor line"]
-    """Lines [m/s^2]; zero at orders that are not among a twin's own, such as those above its bandwidth."""
+    """Lines [m/s^2]; zero at orders that are not among a twin's own, such as those above its
+    bandwidth.
+    """
 
 
 def accelerations(
@@ -42,14 +45,14 @@ def accelerations(
 ) -> OrderLines:
     """Lines of acceleration of many twins, differentiable with respect to `values` and `scales`.
 
-    Each twin's are those of its own `Twin.acceleration`. Memory beyond the result is bounded: large batches are
-    computed chunk by chunk, and their gradient recomputes each chunk.
+    Each twin's are those of its own `Twin.acceleration`. Memory beyond the result is bounded: large
+    batches are computed chunk by chunk, and their gradient recomputes each chunk.
 
     Parameters
     ----------
     twins : with the same number of sensors; all else may differ.
-    values : interface values of each twin in the order of `pump.PARAMETERS`; None takes the twins' own. Their device
-        and their precision are those of the whole computation.
+    values : interface values of each twin in the order of `pump.PARAMETERS`; None takes the twins'
+        own. Their device and their precision are those of the whole computation.
     scales : factors in the order of `Scales`; None takes the twins' own.
     solver : as in `Twin.acceleration`.
 
@@ -59,7 +62,9 @@ def accelerations(
         No twin, different numbers of sensors, or a value or scale that is not positive.
     """
     if len({len(twin.pump.sensors) for twin in twins}) != 1:
-        raise InputError("a batch needs twins of one number of sensors; call once for each kind of pump.")
+        raise InputError(
+            "a batch needs twins of one number of sensors; call once for each kind of pump."
+        )
     values = torch.stack([twin.values for twin in twins]) if values is None else values
     if scales is None:
         scales = values.new_tensor([twin.scales.values() for twin in twins])
@@ -89,7 +94,9 @@ def accelerations(
 
 
 def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
-    """Indices of twins that are solved together: of one pump, with similar numbers of orders, within the memory."""
+    """Indices of twins that are solved together: of one pump, with similar numbers of orders,
+    within the memory.
+    """
     groups: dict[tuple, list[int]] = {}
     for i, twin in enumerate(twins):
         alone = i if twin.drive.turning is not None else None
@@ -99,7 +106,10 @@ def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
         chunk: list[int] = []
         for i in sorted(group, key=lambda i: twins[i].orders.size):
             size = twins[i].orders.size
-            if chunk and ((len(chunk) + 1) * inner > rows_of(size) or size > _ALIKE * twins[chunk[0]].orders.size):
+            if chunk and (
+                (len(chunk) + 1) * inner > rows_of(size)
+                or size > _ALIKE * twins[chunk[0]].orders.size
+            ):
                 yield chunk
                 chunk = []
             chunk.append(i)
@@ -107,7 +117,9 @@ def _chunks(twins: Sequence[Twin], inner: int) -> Iterator[list[int]]:
 
 
 def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
-    """One drive of several twins, over the orders of all of them, each twin repeated `inner` times."""
+    """One drive of several twins, over the orders of all of them, each twin repeated `inner`
+    times.
+    """
     drives = [twin.drive for twin in twins]
     if len(drives) == 1:
         return drives[0]
@@ -123,7 +135,9 @@ def _stacked(twins: Sequence[Twin], inner: int) -> Drive:
 
     path = None
     if any(drive.path is not None for drive in drives):
-        path = torch.ones(len(drives), len(drives[0].structure.sensor_rows), orders.size, dtype=torch.complex128)
+        path = torch.ones(
+            len(drives), len(drives[0].structure.sensor_rows), orders.size, dtype=torch.complex128
+        )
         for row, column, drive in zip(path, columns, drives, strict=True):
             if drive.path is not None:
                 row[:, torch.as_tensor(column)] = drive.path[0]

@@ -1,4 +1,6 @@
-"""A pump, under a condition, with a fault: what its accelerometers would read, and which numbers that depends on."""
+"""A pump, under a condition, with a fault: what its accelerometers would read, and which numbers
+that depends on.
+"""
 
 import math
 from collections.abc import Iterator
@@ -15,8 +17,24 @@ from swashtwin.foundation import InputError
 from swashtwin.physics.dynamics import Structure, Topology, assemble
 from swashtwin.physics.excitation import recess_of
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
-from swashtwin.physics.twin.response import UNSCALED, Drive, Scales, SensorPath, drive_of, require_positive, respond
-from swashtwin.pump import Fault, Interfaces, OperatingCondition, Pump, in_trade_units, pump_numbers, with_number
+from swashtwin.physics.twin.response import (
+    UNSCALED,
+    Drive,
+    Scales,
+    SensorPath,
+    drive_of,
+    require_positive,
+    respond,
+)
+from swashtwin.pump import (
+    Fault,
+    Interfaces,
+    OperatingCondition,
+    Pump,
+    in_trade_units,
+    pump_numbers,
+    with_number,
+)
 from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
 
@@ -28,9 +46,9 @@ BLOCK = 65536
 class Twin:
     """Model of one pump at one operating condition.
 
-    In steady state and linear: acceleration at the multiples of the shaft frequency up to `bandwidth`. A defect with
-    half-sine edges excites all of them, so a level means little without the band it was taken in. `notes` says where a
-    linear twin leaves its range.
+    In steady state and linear: acceleration at the multiples of the shaft frequency up to
+    `bandwidth`. A defect with half-sine edges excites all of them, so a level means little without
+    the band it was taken in. `notes` says where a linear twin leaves its range.
     """
 
     pump: Pump
@@ -78,7 +96,9 @@ class Twin:
     @cached_property
     def drive(self) -> Drive:
         """What excites the twin at any interface values; computed once."""
-        return drive_of(self.pump, self.condition, self.fault, self.topology, self.path, self.n_lines)
+        return drive_of(
+            self.pump, self.condition, self.fault, self.topology, self.path, self.n_lines
+        )
 
     @property
     def orders(self) -> Int[np.ndarray, " line"]:
@@ -86,7 +106,9 @@ class Twin:
         return self.drive.orders
 
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of where this twin's range ends, in sentences; empty where there is nothing."""
+        """What a user should know of where this twin's range ends, in sentences; empty where there
+        is nothing.
+        """
         notes = []
         slipper, recess = self.pump.rotating_group.slipper_diameter, recess_of(self.fault)
         if recess is not None and recess.effective_depth(slipper) != recess.depth:
@@ -105,7 +127,9 @@ class Twin:
         return tuple(notes)
 
     def at(self, condition: OperatingCondition) -> "Twin":
-        """The same pump and fault at another condition, which makes an extrapolation visible where it is made."""
+        """The same pump and fault at another condition, which makes an extrapolation visible where
+        it is made.
+        """
         return replace(self, condition=condition)
 
     def with_fault(self, fault: Fault | None) -> "Twin":
@@ -113,7 +137,9 @@ class Twin:
         return replace(self, fault=fault)
 
     def with_interfaces(self, interfaces: Interfaces, scales: Scales | None = None) -> "Twin":
-        """The same pump with other interface values and `scales`; the pressures do not depend on them and are kept."""
+        """The same pump with other interface values and `scales`; the pressures do not depend on
+        them and are kept.
+        """
         other = replace(self, interfaces=interfaces, scales=scales or self.scales)
         if "drive" in self.__dict__:
             other.__dict__["drive"] = self.drive  # where cached_property keeps it
@@ -126,13 +152,14 @@ class Twin:
         scales: Float[Tensor, "*batch 11"] | None = None,
         solver: SteadySolver | None = None,
     ) -> Complex[Tensor, "*batch sensor line"]:
-        """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with respect to `values`.
+        """Lines of acceleration [m/s^2] at `orders` read by each sensor, differentiable with
+        respect to `values`.
 
         Parameters
         ----------
-        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own. Their device and their
-            precision are those of the whole computation; in single precision lines are off by up to 1e-4 of the
-            largest one, and gradients by up to 1e-3.
+        values : interface values in the order of `pump.PARAMETERS`; None takes the twin's own.
+            Their device and their precision are those of the whole computation; in single precision
+            lines are off by up to 1e-4 of the largest one, and gradients by up to 1e-3.
         scales : factors in the order of `Scales`; None takes the twin's own.
         solver : `HarmonicBalance` by default, `RK4` for the paper's.
 
@@ -145,7 +172,10 @@ class Twin:
         scales = values.new_tensor(self.scales.values()) if scales is None else scales
         require_positive(values, scales)
         batch = np.broadcast_shapes(values.shape[:-1], scales.shape[:-1])
-        rows, factors = values.expand(*batch, 6).reshape(-1, 6), scales.expand(*batch, -1).reshape(-1, scales.shape[-1])
+        rows, factors = (
+            values.expand(*batch, 6).reshape(-1, 6),
+            scales.expand(*batch, -1).reshape(-1, scales.shape[-1]),
+        )
         lines = respond(self.drive.to(values), rows, factors, solver or HarmonicBalance())
         return lines.reshape(*batch, *lines.shape[1:])
 
@@ -171,7 +201,11 @@ class Twin:
         InputError
             The sample rate is below twice the bandwidth, or there is no sample.
         """
-        return join_blocks(self.blocks(duration, sample_rate, solver=solver, phase=phase, recording_id=recording_id))
+        return join_blocks(
+            self.blocks(
+                duration, sample_rate, solver=solver, phase=phase, recording_id=recording_id
+            )
+        )
 
     def blocks(
         self,
@@ -190,11 +224,18 @@ class Twin:
             )
         n_samples = round(duration * sample_rate)
         if n_samples < 1:
-            raise InputError(f"duration ({duration:g} s) must hold at least one sample at {sample_rate:g} Hz.")
+            raise InputError(
+                f"duration ({duration:g} s) must hold at least one sample at {sample_rate:g} Hz."
+            )
         with torch.no_grad():
             lines = self.acceleration(solver=solver).numpy()
         for first in range(0, n_samples, BLOCK):
-            angle = phase + self.condition.speed * np.arange(first, min(first + BLOCK, n_samples)) / sample_rate
+            angle = (
+                phase
+                + self.condition.speed
+                * np.arange(first, min(first + BLOCK, n_samples))
+                / sample_rate
+            )
             yield Recording(
                 signal=synchronous_signal(lines, self.orders, angle),
                 sample_rate=sample_rate,
@@ -210,7 +251,9 @@ class Twin:
 SHARE = 0.05
 """Relative change of a number."""
 ANGLE = math.radians(2)
-"""Change of an angle at which a kidney opens or closes [rad]: 5 % of one would be another valve plate."""
+"""Change of an angle at which a kidney opens or closes [rad]: 5 % of one would be another valve
+plate.
+"""
 TEMPERATURE = 5.0
 """Change of a temperature [K]."""
 
@@ -224,14 +267,17 @@ class Sensitivity:
     step: str
     """By how much it was changed, in words."""
     effect: float
-    """Norm of the change of all line amplitudes over the norm of the amplitudes, all sensors together."""
+    """Norm of the change of all line amplitudes over the norm of the amplitudes, all sensors
+    together.
+    """
 
 
 def sensitivities(twin: Twin) -> tuple[Sensitivity, ...]:
     """Effect of each number of the twin's pump on its lines, the largest first.
 
-    Each number is changed alone, by 5 % (a kidney's edge by 2 degrees, a temperature by 5 K), up or, where the pump
-    could not be built so, down. It is the effect on this twin's amplitudes below its bandwidth, not on the phases.
+    Each number is changed alone, by 5 % (a kidney's edge by 2 degrees, a temperature by 5 K), up
+    or, where the pump could not be built so, down. It is the effect on this twin's amplitudes below
+    its bandwidth, not on the phases.
     """
     before = _amplitudes(twin)
     effects = []
@@ -240,7 +286,9 @@ def sensitivities(twin: Twin) -> tuple[Sensitivity, ...]:
             continue
         pump, step = _changed(twin.pump, path, value, unit)
         after = _amplitudes(Twin(pump, twin.condition, twin.fault, bandwidth=twin.bandwidth))
-        effects.append(Sensitivity(path, step, float(np.linalg.norm(after - before) / np.linalg.norm(before))))
+        effects.append(
+            Sensitivity(path, step, float(np.linalg.norm(after - before) / np.linalg.norm(before)))
+        )
     return tuple(sorted(effects, key=lambda entry: -entry.effect))
 
 
@@ -253,13 +301,16 @@ def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
     """The pump with one number changed, and by how much."""
     if path.startswith("valve_plate.") and path.endswith(("_open", "_close")):
         steps = [
-            (value + sign * ANGLE, f"{'+' if sign > 0 else '-'}{in_trade_units(ANGLE, 'rad')}") for sign in (1, -1)
+            (value + sign * ANGLE, f"{'+' if sign > 0 else '-'}{in_trade_units(ANGLE, 'rad')}")
+            for sign in (1, -1)
         ]
     elif unit == "K":
         steps = [(value + TEMPERATURE, f"+{TEMPERATURE:g} K")]
     else:
         factors = (1 + SHARE, 1 - SHARE)
-        changed = [tuple(n * f for n in value) if isinstance(value, tuple) else value * f for f in factors]
+        changed = [
+            tuple(n * f for n in value) if isinstance(value, tuple) else value * f for f in factors
+        ]
         steps = list(zip(changed, (f"{SHARE:+.0%}", f"{-SHARE:+.0%}"), strict=True))
     try:
         return with_number(pump, path, steps[0][0]), steps[0][1]

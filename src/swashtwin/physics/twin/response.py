@@ -1,11 +1,14 @@
-"""From what drives twins to what their accelerometers read: one path for a single twin and for a batch.
+"""From what drives twins to what their accelerometers read: one path for a single twin and for a
+batch.
 
-All that no interface value changes is computed once, as a `Drive`; the rest is a few array operations around one call
-of the solver. Rows are computed in chunks of bounded memory, each independent of its neighbors.
+All that no interface value changes is computed once, as a `Drive`; the rest is a few array
+operations around one call of the solver. Rows are computed in chunks of bounded memory, each
+independent of its neighbors.
 
-A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to channel c what a
-light oscillator on the shell would: H_c(f) = g_c [1 + sum_m r_cm f^2 / (f_m^2 - f^2 + 2 i zeta_m f_m f)].
-A sensor also reads a share x_cd of what another channel d would: H_c multiplies a_c + sum_d x_cd a_d.
+A real housing bends from 1 to 2 kHz on, which rigid bodies cannot. Each mode m adds to channel c
+what a light oscillator on the shell would: H_c(f) = g_c [1 + sum_m r_cm f^2 / (f_m^2 - f^2 + 2 i
+zeta_m f_m f)]. A sensor also reads a share x_cd of what another channel d would: H_c multiplies a_c
++ sum_d x_cd a_d.
 """
 
 from collections.abc import Callable
@@ -87,7 +90,9 @@ class SensorPath:
     residue: tuple[tuple[float, ...], ...] = ()
     """Share r_cm of each mode (inner) in each channel (outer)."""
     cross_talk: tuple[tuple[float, ...], ...] = ()
-    """Share x_cd of each channel (inner) in each channel (outer), zero of a channel in itself; empty is none."""
+    """Share x_cd of each channel (inner) in each channel (outer), zero of a channel in itself;
+    empty is none.
+    """
 
     def __post_init__(self) -> None:
         modes = len(self.frequency)
@@ -97,24 +102,36 @@ class SensorPath:
                 f"a path of {modes} modes and {len(self.gain)} channels needs as many damping ratios and a residue for "
                 "each channel and mode."
             )
-        if self.cross_talk and [len(row) for row in self.cross_talk] != [len(self.gain)] * len(self.gain):
-            raise InputError(f"cross_talk of a path of {len(self.gain)} channels needs a share for each pair of them.")
+        if self.cross_talk and [len(row) for row in self.cross_talk] != [len(self.gain)] * len(
+            self.gain
+        ):
+            raise InputError(
+                f"cross_talk of a path of {len(self.gain)} channels needs a share for each pair of them."
+            )
         if any(value <= 0 for value in (*self.gain, *self.frequency, *self.damping_ratio)):
-            raise InputError("gains, natural frequencies and damping ratios of a sensor path must be positive.")
+            raise InputError(
+                "gains, natural frequencies and damping ratios of a sensor path must be positive."
+            )
 
     @property
     def mixing(self) -> Float[Tensor, "channel channel"]:
         """What each channel (row) reads of what rigid, ideal sensors would (columns)."""
         unit = torch.eye(len(self.gain), dtype=torch.float64)
-        return unit + torch.tensor(self.cross_talk, dtype=torch.float64) if self.cross_talk else unit
+        return (
+            unit + torch.tensor(self.cross_talk, dtype=torch.float64) if self.cross_talk else unit
+        )
 
-    def response(self, frequency: Float[Tensor, "*#batch line"]) -> Complex[Tensor, "*#batch channel line"]:
+    def response(
+        self, frequency: Float[Tensor, "*#batch line"]
+    ) -> Complex[Tensor, "*#batch channel line"]:
         """H_c at `frequency` [Hz]."""
         gain, modes, damping = (
             torch.tensor(row, dtype=torch.float64, device=frequency.device)
             for row in (self.gain, self.frequency, self.damping_ratio)
         )
-        residue = torch.tensor(self.residue or [[]] * len(self.gain), dtype=torch.float64, device=frequency.device)
+        residue = torch.tensor(
+            self.residue or [[]] * len(self.gain), dtype=torch.float64, device=frequency.device
+        )
         return path_response(frequency, gain, modes, damping, residue)
 
 
@@ -133,21 +150,27 @@ def path_response(
 
 
 WORKSPACE = 64 * 2**20
-"""Bytes that one chunk may take, its gradient included; larger batches are computed chunk by chunk."""
+"""Bytes that one chunk may take, its gradient included; larger batches are computed chunk by
+chunk.
+"""
 _LINE_BYTES = 12 * N_DOF * 16
 """Bytes that one line of one row takes: a dozen complex vectors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What excites one twin, or a batch of twins of one pump: its first axis has one entry for all rows or one each."""
+    """What excites one twin, or a batch of twins of one pump: its first axis has one entry for all
+    rows or one each.
+    """
 
     structure: Structure
     """Constant matrices."""
     orders: Int[np.ndarray, " read"]
     """Shaft orders that are read."""
     frequency: Float[Tensor, "twin line"]
-    """Angular frequency of the lines [rad/s]: those that are read, after order 0 where something is `turning`."""
+    """Angular frequency of the lines [rad/s]: those that are read, after order 0 where something is
+    `turning`.
+    """
     pressure: Complex[Tensor, "twin line 13"]
     """Lines of the chamber pressures and of the unbalance [N, N m]."""
     action: FaultAction
@@ -155,8 +178,9 @@ class Drive:
     wear: Float[Tensor, "twin 6"]
     """Factors on the interface values."""
     turning: Callable[[Tensor], list[PeriodicTerm]] | None = None
-    """Parts of K that turn with the shaft and so couple the orders, for interface values; then there is one twin only,
-    and its lines begin with order 0."""
+    """Parts of K that turn with the shaft and so couple the orders, for interface values; then
+    there is one twin only, and its lines begin with order 0.
+    """
     path: Complex[Tensor, "twin sensor read"] | None = None
     """What stands between the shell and each sensor at the orders read; None is nothing."""
 
@@ -193,7 +217,9 @@ def drive_of(
     contact = contact_lines(fault, pump, condition, n_lines, topology)
     pressure = pressure if contact is None else pressure + contact
     motion = excitation_lines(pump, condition, fault, n_lines)
-    turns = bool(turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64)))
+    turns = bool(
+        turning_terms(fault, pump, torch.tensor(pump.interfaces.values(), dtype=torch.float64))
+    )
     orders = np.arange(1, n_lines + 1) if turns else active_orders(pressure, motion)
     lines = np.concatenate([[0], orders]) if turns else orders
     action = fault_action(fault, pump, structure, topology, lines * condition.speed, motion[lines])
@@ -207,7 +233,9 @@ def drive_of(
         action=action.mapped(lambda part: part[None]),
         wear=torch.as_tensor(wear_factors(pump, fault))[None],
         turning=partial(turning_terms, fault, pump) if turns else None,
-        path=None if path is None else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
+        path=None
+        if path is None
+        else path.response(torch.as_tensor(orders * condition.shaft_frequency))[None],
     )
 
 
@@ -224,7 +252,8 @@ def respond(
     Parameters
     ----------
     drive : on the device and in the precision of `values`.
-    recompute : keep nothing for the gradient but compute it again; always so where there are several chunks.
+    recompute : keep nothing for the gradient but compute it again; always so where there are
+        several chunks.
     """
     most = rows_of(drive.orders.size)
     recompute = (recompute or len(values) > most) and torch.is_grad_enabled()
@@ -234,7 +263,9 @@ def respond(
         driven = drive if len(drive.wear) == 1 else drive.mapped(itemgetter(part))
         arguments = (driven, values[part], scales[part], solver)
         if recompute:
-            parts.append(checkpoint(_chunk, *arguments, use_reentrant=False, preserve_rng_state=False))
+            parts.append(
+                checkpoint(_chunk, *arguments, use_reentrant=False, preserve_rng_state=False)
+            )
         else:
             parts.append(_chunk(*arguments))
     return parts[0] if len(parts) == 1 else torch.cat(parts)
@@ -246,26 +277,40 @@ def rows_of(n_lines: int) -> int:
 
 
 def _chunk(drive: Drive, values: Tensor, scales: Tensor, solver: SteadySolver) -> Tensor:
-    structure, frequency = drive.structure, drive.frequency if len(drive.wear) > 1 else drive.frequency[0]
+    structure, frequency = (
+        drive.structure,
+        drive.frequency if len(drive.wear) > 1 else drive.frequency[0],
+    )
     mount, bearing, excitation, sensor, *_ = scales.unbind(-1)
     worn, force = values * drive.wear, drive.pressure
     if drive.action.strains or drive.action.pushes:
         force = force + drive.action.forces(worn, structure.slipper_vector, excitation)
-    stiffness, damping = structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]), structure.damping(worn)
+    stiffness, damping = (
+        structure.stiffness(worn, mount, bearing, scales[..., SUPPORTS]),
+        structure.damping(worn),
+    )
     force = force.expand(len(values), -1, -1)
     if drive.turning is None:
         motion = solver.steady_state(structure.mass, damping, stiffness, frequency, force)
     else:
         terms, speed = drive.turning(worn), float(frequency[1])
-        motion = periodic_steady_state(solver, structure.mass, damping, stiffness, speed, force, terms)[:, 1:]
+        motion = periodic_steady_state(
+            solver, structure.mass, damping, stiffness, speed, force, terms
+        )[:, 1:]
         frequency = frequency[1:]
-    shell = motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]  # sensors sit on the shell
+    shell = (
+        motion[..., None, :, SHELL] * structure.sensor_rows[:, None, SHELL]
+    )  # sensors sit on the shell
     read = shell.sum(-1) * (-(frequency**2) * sensor[:, None])[:, None]
     return read if drive.path is None else read * drive.path
 
 
-def require_positive(values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]) -> None:
-    """Refuse interface values and scales that are not positive with an `InputError` that names one."""
+def require_positive(
+    values: Float[Tensor, "*batch 6"], scales: Float[Tensor, "*scaled 11"]
+) -> None:
+    """Refuse interface values and scales that are not positive with an `InputError` that names
+    one.
+    """
     names = (*PARAMETERS, *(f"scales.{item.name}" for item in fields(Scales)))
     for tensor, words in ((values, names[: len(PARAMETERS)]), (scales, names[len(PARAMETERS) :])):
         if tensor.is_meta or bool(((tensor.detach() > 0) & torch.isfinite(tensor.detach())).all()):

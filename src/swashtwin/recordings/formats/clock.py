@@ -1,4 +1,6 @@
-"""The time of a file: which columns are clocks or counters of samples, and what they say of the rate."""
+"""The time of a file: which columns are clocks or counters of samples, and what they say of the
+rate.
+"""
 
 import math
 import re
@@ -14,7 +16,14 @@ from jaxtyping import Float
 from swashtwin.foundation import DataError
 from swashtwin.recordings.formats.raw import Column, Options, RawFile, part_of, plain_unit
 from swashtwin.recordings.formats.tables import split_unit
-from swashtwin.recordings.formats.time_column import COARSE, ENOUGH, NO_UNIT, read_time_column, restarts, times_of
+from swashtwin.recordings.formats.time_column import (
+    COARSE,
+    ENOUGH,
+    NO_UNIT,
+    read_time_column,
+    restarts,
+    times_of,
+)
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of each unit of time; there is none that one wrong letter turns into another."""
@@ -26,7 +35,8 @@ _TIME_NAME = re.compile(
 )
 """What a column with the time is called, with its unit at the end or without it."""
 _COUNTER_NAME = re.compile(
-    r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|", re.IGNORECASE
+    r"(?:index|samples?|sample[_ ]?(?:no|number|index)|count(?:er)?|cnt|nr?|no|row|point|column_0)\.?|#|",
+    re.IGNORECASE,
 )
 OTHER_AXIS = re.compile(
     r"(?:^|[^a-z])(?:angle|winkel|distance|weg|position|order|ordnung|freq(?:uency)?|frequenz)(?:[^a-z]|$)",
@@ -45,12 +55,14 @@ _HEAD = 1000
 
 
 def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
-    """The columns without those that hold the time, which become the rates, and without counters of samples.
+    """The columns without those that hold the time, which become the rates, and without counters of
+    samples.
 
-    A column is a clock if the options or its name say so, or if it rises evenly and has no unit of another quantity. A
-    clock holds for the columns of its group or structure; of several, the last before a column holds for it. A counter
-    states no rate, but samples that it skips are lost. Where a clock states no rate, the attribute ``time_gaps`` says
-    why. Where a clock begins again, another recording begins.
+    A column is a clock if the options or its name say so, or if it rises evenly and has no unit of
+    another quantity. A clock holds for the columns of its group or structure; of several, the last
+    before a column holds for it. A counter states no rate, but samples that it skips are lost.
+    Where a clock states no rate, the attribute ``time_gaps`` says why. Where a clock begins again,
+    another recording begins.
     """
     clocks = _clocks(path, raw, options)
     rest = {name: column for name, column in raw.columns.items() if name not in clocks}
@@ -63,7 +75,9 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
     counters = counters if len(counters) < len(rest) else []
     others = {name: column for name, column in rest.items() if name not in counters}
     seconds = {name: _unit(path, raw, name, options) for name in clocks}
-    found = {name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()}
+    found = {
+        name: read_time_column(path, raw.columns[name], unit) for name, unit in seconds.items()
+    }
     breaks: Sequence[int] = ()
     if len(clocks) == 1 and found[clocks[0]][1]:
         breaks = restarts(times_of(raw.columns[clocks[0]], seconds[clocks[0]] or 1.0))
@@ -99,11 +113,20 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         field: {name: value for name, value in values.items() if name in others}
         for field, values in (("units", raw.units), ("rates", rates), ("starts", starts))
     }
-    return replace(raw, columns=others, sample_rate=sample_rate, attributes=attributes, breaks=tuple(breaks), **kept)
+    return replace(
+        raw,
+        columns=others,
+        sample_rate=sample_rate,
+        attributes=attributes,
+        breaks=tuple(breaks),
+        **kept,
+    )
 
 
 def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: str) -> None:
-    """Refuse a rate [Hz] by the times in a clock that is another than the one that the file states."""
+    """Refuse a rate [Hz] by the times in a clock that is another than the one that the file
+    states.
+    """
     if not math.isclose(rate, stated, rel_tol=COARSE):
         raise DataError(
             f"{path} states two sample rates for {name}: {stated:g} Hz, and {rate:g} Hz by the times in {clock}; "
@@ -112,7 +135,9 @@ def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: s
 
 
 def split(raw: RawFile) -> RawFile:
-    """The recordings that begin at the breaks of a file, with columns of their own, such as ``x [2]``."""
+    """The recordings that begin at the breaks of a file, with columns of their own, such as ``x
+    [2]``.
+    """
     if not raw.breaks:
         return raw
     columns: dict[str, Column] = {}
@@ -121,20 +146,32 @@ def split(raw: RawFile) -> RawFile:
     for name, column in raw.columns.items():
         for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
             key = f"{name} [{number}]"
-            columns[key], starts[key], names[key] = part_of(column, first, last), f"sample {first} of the file", name
+            columns[key], starts[key], names[key] = (
+                part_of(column, first, last),
+                f"sample {first} of the file",
+                name,
+            )
     kept: dict[str, Any] = {
         field: {key: values[name] for key, name in names.items() if name in values}
-        for field, values in (("units", raw.units), ("rates", raw.rates), ("sensitivities", raw.sensitivities))
+        for field, values in (
+            ("units", raw.units),
+            ("rates", raw.rates),
+            ("sensitivities", raw.sensitivities),
+        )
     }
     attributes = {name: text for name, text in raw.attributes.items() if name != "time_gaps"}
     return replace(raw, columns=columns, starts=starts, attributes=attributes, **kept)
 
 
 def time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
-    """Name of the column with the time that the options state, or of the first that is called so; or None."""
+    """Name of the column with the time that the options state, or of the first that is called so;
+    or None.
+    """
     stated = options.time_column
     if stated is None:
-        return next((name for name in names if named_as_time(name)), None) if len(names) > 1 else None
+        return (
+            next((name for name in names if named_as_time(name)), None) if len(names) > 1 else None
+        )
     if isinstance(stated, int) and 0 <= stated < len(names):
         return names[stated]
     if isinstance(stated, str) and (stated in names or split_unit(stated)[0] in names):
@@ -157,7 +194,9 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
     called, rising = [], []
     for name in names:
         stated = raw.rates.get(name, raw.sample_rate)
-        if named_as_time(name) and ((_is_of_time(raw, name) and stated is None) or _is_clock(raw, name)):
+        if named_as_time(name) and (
+            (_is_of_time(raw, name) and stated is None) or _is_clock(raw, name)
+        ):
             called.append(name)
         elif (
             _is_of_time(raw, name)
@@ -166,7 +205,11 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
             and (stated is None or _steps_at(stated, raw.columns[name]))
         ):
             rising.append(name)
-    chosen = ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else []) or called or rising
+    chosen = (
+        ([name for name in called if _is_clock(raw, name)] if len(called) > 1 else [])
+        or called
+        or rising
+    )
     return chosen if len(chosen) < len(names) else chosen[:1]
 
 
@@ -182,7 +225,9 @@ def _is_of_time(raw: RawFile, name: str) -> bool:
 
 
 def _clock_of(raw: RawFile, name: str, column: Column, clocks: Mapping[str, Any]) -> str | None:
-    """The clock that holds for a column: of its own length, in the nearest group, before it, and with a rate."""
+    """The clock that holds for a column: of its own length, in the nearest group, before it, and
+    with a rate.
+    """
     names = list(raw.columns)
 
     def merit(clock: str) -> tuple[int, bool, bool, int]:
@@ -193,13 +238,15 @@ def _clock_of(raw: RawFile, name: str, column: Column, clocks: Mapping[str, Any]
     fitting = [
         clock
         for clock in clocks
-        if len(raw.columns[clock]) == len(column) and name.startswith(re.split(r"[^./]*$", clock)[0])
+        if len(raw.columns[clock]) == len(column)
+        and name.startswith(re.split(r"[^./]*$", clock)[0])
     ]
     return max(fitting, key=merit, default=None)
 
 
 def _is_clock(raw: RawFile, name: str, *, may_count: bool = False) -> bool:
-    """Whether a column rises evenly, as no vibration does, at a rate of a measurement, beside another of its length.
+    """Whether a column rises evenly, as no vibration does, at a rate of a measurement, beside
+    another of its length.
 
     One that rises by one is a counter, unless somebody says that it `may_count` the time.
     """
@@ -224,7 +271,8 @@ def _steps_at(rate: float, column: Column) -> bool:
 
 
 def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
-    """Whether a column holds whole numbers that rise by one, from the beginning again or not, or rises evenly.
+    """Whether a column holds whole numbers that rise by one, from the beginning again or not, or
+    rises evenly.
 
     It has no unit of another quantity. One that is called as counters are may skip samples.
     """
@@ -235,7 +283,11 @@ def _is_counter(raw: RawFile, name: str, column: Column) -> bool:
         return _is_clock(raw, name)
     steps = _counted(head)
     may_skip = _COUNTER_NAME.fullmatch(re.split(r"[./]", name)[-1].strip()) is not None
-    is_counted = np.median(steps) == 1 and (steps >= 1).all() and (may_skip or (len(steps) > 15 and steps.max() == 1))
+    is_counted = (
+        np.median(steps) == 1
+        and (steps >= 1).all()
+        and (may_skip or (len(steps) > 15 and steps.max() == 1))
+    )
     return bool(is_counted) or _is_clock(raw, name)
 
 
@@ -248,7 +300,9 @@ def _counted(counts: Float[np.ndarray, " time"]) -> Float[np.ndarray, " step"]:
 
 
 def _lost(counter: Column) -> tuple[int, int] | None:
-    """How many samples a counter by ones skips, and at how many places; None where it skips none."""
+    """How many samples a counter by ones skips, and at how many places; None where it skips
+    none.
+    """
     counts = np.asarray(counter[:], dtype=np.float64)
     steps = _counted(counts)
     if np.median(steps) != 1 or not (counts == np.round(counts)).all():
@@ -267,7 +321,9 @@ def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
 
 
 def _unit(path: Path, raw: RawFile, name: str, options: Options) -> float | None:
-    """Seconds of one unit of a clock: as stated, by its heading, its name or its size; None where nothing says it."""
+    """Seconds of one unit of a clock: as stated, by its heading, its name or its size; None where
+    nothing says it.
+    """
     head = np.asarray(raw.columns[name][0:_HEAD], dtype=np.float64)
     in_file, match = _own_unit(raw, name), named_as_time(name)
     words = match and next(filter(None, match.groups()), None)

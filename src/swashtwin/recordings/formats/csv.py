@@ -1,4 +1,6 @@
-"""Text tables: any separator, decimal comma, a block of header lines, time stamps, plain or gzipped."""
+"""Text tables: any separator, decimal comma, a block of header lines, time stamps, plain or
+gzipped.
+"""
 
 import codecs
 import gzip
@@ -11,11 +13,30 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, load_extra, memory_limit, require_memory, spreadsheet_text
+from swashtwin.foundation import (
+    DataError,
+    load_extra,
+    memory_limit,
+    require_memory,
+    spreadsheet_text,
+)
 from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
-from swashtwin.recordings.formats.dialects import HEAD, MISSING, NUMBER, THOUSANDS, Kind, dialect_of, split_line
+from swashtwin.recordings.formats.dialects import (
+    HEAD,
+    MISSING,
+    NUMBER,
+    THOUSANDS,
+    Kind,
+    dialect_of,
+    split_line,
+)
 from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.formats.tables import header_pairs, header_rate, header_units, stated_sensitivities
+from swashtwin.recordings.formats.tables import (
+    header_pairs,
+    header_rate,
+    header_units,
+    stated_sensitivities,
+)
 from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import is_stamp, stamp_seconds
 from swashtwin.recordings.recording import Recording
@@ -37,8 +58,8 @@ _WHOLE = 3
 def read(path: Path, options: Options) -> RawFile:
     """Columns, rate and units of a text table, which is read whole.
 
-    Columns of text are left out; the attribute ``text_columns`` names them. A column of time stamps gives the rate
-    where no column of numbers is the time.
+    Columns of text are left out; the attribute ``text_columns`` names them. A column of time stamps
+    gives the rate where no column of numbers is the time.
     """
     text = _text_of(path)
     most = HEAD + 40 + (options.header_lines or 0)
@@ -58,10 +79,14 @@ class _Table:
         self._header = "\n".join(lines[: self._start])
         self._attributes = {"header": self._header[:2000]} if self._start > 1 else {}
         separator = self._dialect.separator
-        self._keys = {split_line(line.strip(), separator)[0] for line in lines[: self._start] if line.strip()}
+        self._keys = {
+            split_line(line.strip(), separator)[0] for line in lines[: self._start] if line.strip()
+        }
         self._breaks: list[int] = []
         body = _trimmed(text.split(b"\n", self._start)[-1], separator.encode())
-        end = body.find(b"\n", len(body.rstrip(b"\n" + separator.encode())))  # rows without a value at the end
+        end = body.find(
+            b"\n", len(body.rstrip(b"\n" + separator.encode()))
+        )  # rows without a value at the end
         self._body = body if end < 0 else body[:end]
 
     def _frame(self, body: bytes) -> Any:
@@ -69,7 +94,9 @@ class _Table:
         separator, comma = self._dialect.separator, self._dialect.decimal == ","
         if (b"D" in body or b"d" in body) and _FORTRAN.search(body):
             body = _FORTRAN.sub(b"e", body)
-        numbers = polars.String if comma and b"." in body else polars.Float64  # polars takes a point for a comma, too
+        numbers = (
+            polars.String if comma and b"." in body else polars.Float64
+        )  # polars takes a point for a comma, too
         try:
             frame = polars.read_csv(
                 io.BytesIO(body),
@@ -97,15 +124,22 @@ class _Table:
         return frame
 
     def _without_headings(self, body: bytes) -> bytes | None:
-        """The rows without lines that begin as one of the header does: another recording begins below them."""
+        """The rows without lines that begin as one of the header does: another recording begins
+        below them.
+        """
         separator = self._dialect.separator
         rows: list[bytes] = []
         lines = body.split(b"\n")
         for number, line in enumerate(lines):
             text = _decode(line).strip()
-            follows = number + 1 == len(lines) or _decode(lines[number + 1]).strip().split(separator)[0] in self._keys
+            follows = (
+                number + 1 == len(lines)
+                or _decode(lines[number + 1]).strip().split(separator)[0] in self._keys
+            )
             is_break = self._breaks[-1:] == [len(rows)]
-            if (text and split_line(text, separator)[0] in self._keys) or (not text and (follows or is_break)):
+            if (text and split_line(text, separator)[0] in self._keys) or (
+                not text and (follows or is_break)
+            ):
                 self._breaks += [] if is_break else [len(rows)]
             else:
                 rows.append(line)
@@ -115,7 +149,9 @@ class _Table:
         return b"\n".join(rows)
 
     def _columns(self) -> tuple[dict[str, np.ndarray], list[str], dict[str, str | None]]:
-        """Numbers, and seconds of time stamps, by name; names of blank columns; and the start by the time stamps."""
+        """Numbers, and seconds of time stamps, by name; names of blank columns; and the start by
+        the time stamps.
+        """
         frame = self._frame(self._body)
         columns: dict[str, np.ndarray] = {}
         blank: list[str] = []
@@ -152,7 +188,11 @@ class _Table:
             fields = split_line(_decode(line), self._dialect.separator)
             if self._breaks and (not line.strip() or fields[0] in self._keys):
                 continue
-            advice = f", or say header_lines = {number} if the table begins below it" if number <= HEAD else ""
+            advice = (
+                f", or say header_lines = {number} if the table begins below it"
+                if number <= HEAD
+                else ""
+            )
             if len(fields) != width:
                 reason = f"has {len(fields)} columns, not {width}; the file may be cut off{advice}"
                 return DataError(f"{self._path}: line {number} {reason}.")
@@ -162,22 +202,36 @@ class _Table:
                     advice = advice if reason.endswith("it") and not has_number else ""
                     where = f"{self._path}: line {number}: {field[:40]!r} in column {name!r}"
                     return DataError(f"{where} {reason}{advice}.")
-        return DataError(f"{self._path}: the rows after line {self._start} cannot be read; the file is damaged.")
+        return DataError(
+            f"{self._path}: the rows after line {self._start} cannot be read; the file is damaged."
+        )
 
     def raw_file(self, options: Options) -> RawFile:
         """The columns under their names, the time as the rate, and which columns were left out."""
         columns, blank, stamps = self._columns()
-        words = [name for name, kind in zip(self._names, self._kinds, strict=True) if kind in (Kind.text, Kind.date)]
+        words = [
+            name
+            for name, kind in zip(self._names, self._kinds, strict=True)
+            if kind in (Kind.text, Kind.date)
+        ]
         time = time_name(self._path, list(columns), options) or next(iter(stamps), None)
         left_out = {
             "text_columns": [*words, *(name for name in stamps if name != time)],
             "blank_columns": [name for name in blank if not name.startswith("column_")],
         }
-        attributes = self._attributes | {key: ", ".join(texts) for key, texts in left_out.items() if texts}
+        attributes = self._attributes | {
+            key: ", ".join(texts) for key, texts in left_out.items() if texts
+        }
         if start := stamps.get(time or ""):
             attributes["date"] = start
-        columns = {name: values for name, values in columns.items() if name == time or name not in stamps}
-        units = {name: "s" if name in stamps else unit for name, unit in self._units.items() if name in columns}
+        columns = {
+            name: values for name, values in columns.items() if name == time or name not in stamps
+        }
+        units = {
+            name: "s" if name in stamps else unit
+            for name, unit in self._units.items()
+            if name in columns
+        }
         if time in stamps:
             units[time] = "s"
         if time in stamps or options.time_column is not None:
@@ -188,9 +242,13 @@ class _Table:
         units = {name: unit for name, unit in stated if unit} | dict(raw.units)
         texts = stated_sensitivities(pairs)
         texts = texts * len(channels) if len(texts) == 1 else texts
-        sensitivities = dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
+        sensitivities = (
+            dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}
+        )
         of_samples = header_rate(
-            (name, text) for name, text in pairs if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
+            (name, text)
+            for name, text in pairs
+            if re.match(r"fs|sampl|abtast", name, re.IGNORECASE)
         )
         if raw.sample_rate and of_samples and options.time_column is None:
             clock = next(iter(columns.keys() - raw.columns.keys()))
@@ -198,8 +256,14 @@ class _Table:
         rate, attributes = raw.sample_rate or header_rate(pairs), dict(raw.attributes)
         if rate and attributes.get("time_gaps", "").startswith(NO_UNIT):
             del attributes["time_gaps"]
-        facts: dict[str, Any] = {"units": units, "sample_rate": rate, "sensitivities": sensitivities}
-        return replace(raw, attributes=attributes, breaks=tuple(self._breaks) or raw.breaks, **facts)
+        facts: dict[str, Any] = {
+            "units": units,
+            "sample_rate": rate,
+            "sensitivities": sensitivities,
+        }
+        return replace(
+            raw, attributes=attributes, breaks=tuple(self._breaks) or raw.breaks, **facts
+        )
 
 
 def _misread(field: str, kind: Kind, decimal: str) -> str:
@@ -228,7 +292,9 @@ def _text_of(path: Path) -> bytes:
         with gzip.open(path) as file:
             text = file.read(min(plausible, memory_limit() // _WHOLE) + 1)
         if len(text) > plausible:
-            raise DataError(f"{path} unpacks to more than {_EXPANSION} times its size; that is no measurement.")
+            raise DataError(
+                f"{path} unpacks to more than {_EXPANSION} times its size; that is no measurement."
+            )
         require_memory(path, _WHOLE * len(text))
     else:
         require_memory(path, _WHOLE * size)

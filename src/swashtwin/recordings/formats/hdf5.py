@@ -1,9 +1,10 @@
 """HDF5: our own form of one recording or of many (a store), and anybody else's vectors.
 
-A file of one recording holds ``signal`` (channel by time) and, where it was measured, ``speed`` [rad/s]; its attributes
-are ``sample_rate`` [Hz], ``unit``, ``channels``, ``factor``, ``recording_id``, ``label``, ``specimen``, ``synthetic``,
-``condition.*`` (SI) and ``attributes``, which holds all else as JSON. A store holds the same in each of the groups
-``000000``, ``000001``, ...
+A file of one recording holds ``signal`` (channel by time) and, where it was measured, ``speed``
+[rad/s]; its attributes are ``sample_rate`` [Hz], ``unit``, ``channels``, ``factor``,
+``recording_id``, ``label``, ``specimen``, ``synthetic``, ``condition.*`` (SI) and ``attributes``,
+which holds all else as JSON. A store holds the same in each of the groups ``000000``, ``000001``,
+...
 """
 
 import json
@@ -55,10 +56,14 @@ def read(path: Path, options: Options) -> RawFile:
     file.visititems(visit)
     if (chunk := max(chunks)) > _CACHE:
         file.close()
-        file = _open(path, 2 * min(chunk, memory_limit() // 4))  # a chunk that is not kept is unpacked for each slice
+        file = _open(
+            path, 2 * min(chunk, memory_limit() // 4)
+        )  # a chunk that is not kept is unpacked for each slice
     name = _text(file.attrs.get("format")) or ""
     if name.startswith(STORE_KIND):
-        raise DataError(f"{path} is a store of {len(file)} recordings; name a file of one recording.")
+        raise DataError(
+            f"{path} is a store of {len(file)} recordings; name a file of one recording."
+        )
     if not name.startswith(KIND):
         return timed(path, _foreign(path, file, options), options)
     _require_format(path, file, FORMAT)
@@ -73,7 +78,9 @@ def read_store(path: Path, options: Options) -> dict[str, RawFile]:
 
 
 def _open(path: Path, cache: int) -> h5py.File:
-    file = h5py.File(path, "r", rdcc_nbytes=cache, locking=False)  # writers of this process are not kept out
+    file = h5py.File(
+        path, "r", rdcc_nbytes=cache, locking=False
+    )  # writers of this process are not kept out
     require_links_within(path, file)
     return file
 
@@ -82,15 +89,20 @@ def require_links_within(path: Path, file: h5py.File) -> None:
     """Refuse a file whose names lead to other files."""
 
     def outside(name: str, link: Any) -> str | None:
-        return f"{name!r} is a link to another file ({link.filename})" if isinstance(link, h5py.ExternalLink) else None
+        return (
+            f"{name!r} is a link to another file ({link.filename})"
+            if isinstance(link, h5py.ExternalLink)
+            else None
+        )
 
     if words := file.visititems_links(outside):
         raise DataError(f"{path}: {words}; put its data into this file, for example with h5copy.")
 
 
 def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
-    """Refuse a data set whose samples are not all in this file, or do not fit in memory block by block: a virtual or
-    external one, one of which parts were never written, with chunks too large, or packed beyond what is plausible.
+    """Refuse a data set whose samples are not all in this file, or do not fit in memory block by
+    block: a virtual or external one, one of which parts were never written, with chunks too large,
+    or packed beyond what is plausible.
     """
     if not dataset.size:
         return
@@ -107,7 +119,10 @@ def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
         chunk = 2 * prod(dataset.chunks) * dataset.dtype.itemsize  # as stored, and unpacked
         require_memory(path, chunk, reason=f"has chunks of {name} that take")
         grid = zip(dataset.shape, dataset.chunks, strict=True)
-        stored, expected = dataset.id.get_num_chunks(), prod(-(-length // chunk) for length, chunk in grid)
+        stored, expected = (
+            dataset.id.get_num_chunks(),
+            prod(-(-length // chunk) for length, chunk in grid),
+        )
         parts = "chunks"
     if stored < expected:
         raise DataError(
@@ -117,15 +132,23 @@ def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
 
 
 def _require_format(path: Path, file: h5py.File, current: str) -> None:
-    """Refuse a file of another version of swashtwin, which calls itself by another name than `current`."""
+    """Refuse a file of another version of swashtwin, which calls itself by another name than
+    `current`.
+    """
     name = _text(file.attrs.get("format")) or ""
     if name == current:
         return
     kind, _, number = current.rpartition(" ")
     stated = name.removeprefix(f"{kind} ")
     newer = stated.isdecimal() and int(stated) > int(number)
-    advice = "read it with a newer swashtwin" if newer else "make it again from its source with this swashtwin"
-    raise ArtifactError(f"{path} has the format {name[:40]!r}, this swashtwin reads {current!r}; {advice}.")
+    advice = (
+        "read it with a newer swashtwin"
+        if newer
+        else "make it again from its source with this swashtwin"
+    )
+    raise ArtifactError(
+        f"{path} has the format {name[:40]!r}, this swashtwin reads {current!r}; {advice}."
+    )
 
 
 def _complete(path: Path, group: h5py.Group) -> RawFile:
@@ -137,11 +160,17 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     hashes = json.loads(stated["hashes"]) if "hashes" in stated else []
     lengths = {len(channels), len(factors), len(hashes or channels), *signal.shape[:1]}
     if not np.isfinite(factors).all():
-        raise ArtifactError(f"{path} is damaged: a factor of its channels is no number ({factors}).")
+        raise ArtifactError(
+            f"{path} is damaged: a factor of its channels is no number ({factors})."
+        )
     texts = isinstance(channels, list) and isinstance(attributes, dict) and isinstance(hashes, list)
-    texts = texts and all(isinstance(text, str) for text in (*channels, *hashes, *attributes.values()))
+    texts = texts and all(
+        isinstance(text, str) for text in (*channels, *hashes, *attributes.values())
+    )
     if not (texts and signal.ndim == 2 and len(lengths) == 1):
-        raise ArtifactError(f"{path} is damaged: its channels, factors or attributes are not what they should be.")
+        raise ArtifactError(
+            f"{path} is damaged: its channels, factors or attributes are not what they should be."
+        )
     facts: dict[str, Any] = {
         "recording_id": str(_text(stated["recording_id"])),
         "channels": channels,
@@ -158,7 +187,8 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     named = dict(zip(channels, columns, strict=True))
     if len(named) < len(channels):  # the same name twice
         named = {
-            f"{number} {name}": column for number, (name, column) in enumerate(zip(channels, columns, strict=True))
+            f"{number} {name}": column
+            for number, (name, column) in enumerate(zip(channels, columns, strict=True))
         }
     units = dict.fromkeys(named, facts["unit"])
     return RawFile(named, float(stated["sample_rate"]), units, attributes, facts, speed)
@@ -196,7 +226,14 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         for field in (field for field in fields if kinds[field] in "fiu"):
             vectors = _vectors_in(item, field)
             names, listed = (
-                next((texts for each in keys if len(texts := _texts(own.get(each))) == len(vectors) > 1), [])
+                next(
+                    (
+                        texts
+                        for each in keys
+                        if len(texts := _texts(own.get(each))) == len(vectors) > 1
+                    ),
+                    [],
+                )
                 for keys in LISTS
             )
             names = names if len(set(names)) == len(names) else []
@@ -227,7 +264,9 @@ def _fact(value: Any) -> Any:
 
 
 def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
-    """Vectors along the longer side of a data set of one or two sides, or of one of its fields; none of another."""
+    """Vectors along the longer side of a data set of one or two sides, or of one of its fields;
+    none of another.
+    """
     sides = [axis for axis, length in enumerate(item.shape) if length > 1]
     if len(sides) == 1:
         along, across = sides[0], None
@@ -249,17 +288,23 @@ def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
             return block[None]
         return block if across < along else block.T
 
-    return side_by_side(vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype)
+    return side_by_side(
+        vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype
+    )
 
 
 _LAYOUT = ("v110", "v110")
-"""A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless loop."""
+"""A layout with checksums: a damaged file of an older one can send the HDF5 library into an endless
+loop.
+"""
 _CHUNK = 16384
 """Samples of one block of the file, which has one checksum."""
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write the whole recording: samples in its unit, and facts as attributes; what reads one file knows no factors."""
+    """Write the whole recording: samples in its unit, and facts as attributes; what reads one file
+    knows no factors.
+    """
     _fill(path, lambda file, target: _write_one(file, recording, target, has_factors=False))
 
 
@@ -269,7 +314,9 @@ def write_many(recordings: list[Recording], path: Path, written: Callable[[int],
     def fill(file: h5py.File, target: _PatientFile) -> None:
         file.attrs["format"] = np.bytes_(STORE_FORMAT.encode())
         for number, recording in enumerate(recordings):
-            _write_one(file.create_group(f"{number:06d}"), recording, target, written, has_factors=True)
+            _write_one(
+                file.create_group(f"{number:06d}"), recording, target, written, has_factors=True
+            )
 
     _fill(path, fill)
 
@@ -289,7 +336,9 @@ def _write_one(
     signal = group.create_dataset("signal", shape, dtype, chunks=chunk, fletcher32=True)
     speed = None
     if recording.has_speed:
-        speed = group.create_dataset("speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True)
+        speed = group.create_dataset(
+            "speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True
+        )
     for start in range(0, count, BLOCK):
         block = (samples.raw if is_raw else samples.signal_part)(start, start + BLOCK)
         signal[:, start : start + BLOCK] = block
@@ -315,7 +364,9 @@ def write_stream(blocks: Iterator[Recording], path: Path) -> None:
         for name, values in _vectors(first).items():
             shape = (*values.shape[:-1], _CHUNK)
             empty, limit = (*values.shape[:-1], 0), (*values.shape[:-1], None)
-            file.create_dataset(name, empty, np.float64, chunks=shape, maxshape=limit, fletcher32=True)
+            file.create_dataset(
+                name, empty, np.float64, chunks=shape, maxshape=limit, fletcher32=True
+            )
         for block in chain([first], blocks):
             require_same_facts(first, block)
             for name, values in _vectors(block).items():
@@ -331,7 +382,8 @@ def write_stream(blocks: Iterator[Recording], path: Path) -> None:
 class _PatientFile:
     """File that keeps its first error and then lets all else be written nowhere.
 
-    On a full disk the HDF5 library would leave its file open and complain past any handler; so it never learns.
+    On a full disk the HDF5 library would leave its file open and complain past any handler; so it
+    never learns.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -375,7 +427,9 @@ def _fill(path: Path, fill: Callable[[h5py.File, _PatientFile], None]) -> None:
 
 
 def _vectors(recording: Recording) -> dict[str, np.ndarray]:
-    return {"signal": recording.signal} | ({} if recording.speed is None else {"speed": recording.speed})
+    return {"signal": recording.signal} | (
+        {} if recording.speed is None else {"speed": recording.speed}
+    )
 
 
 def _write_facts(file: h5py.Group, recording: Recording) -> None:
@@ -391,6 +445,8 @@ def _write_facts(file: h5py.Group, recording: Recording) -> None:
     texts = {"label": recording.label, "specimen": recording.specimen}
     facts |= {name: text for name, text in texts.items() if text is not None}
     if recording.condition is not None:
-        facts |= {f"condition.{name}": float(getattr(recording.condition, name)) for name in CONDITION}
+        facts |= {
+            f"condition.{name}": float(getattr(recording.condition, name)) for name in CONDITION
+        }
     for name, value in facts.items():  # texts of fixed length: the library checks no others
         file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value

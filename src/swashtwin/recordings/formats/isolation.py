@@ -1,9 +1,10 @@
-"""Files read by another process, because a damaged one can crash its library, or make it take all memory or time.
+"""Files read by another process, because a damaged one can crash its library, or make it take all
+memory or time.
 
-The process is started when first needed, kept for the next files, and ends with this one. A request names the file and
-how to read it, so that a process that was started anew can answer the next one. Both sides are here: `serve` is what
-the other process runs. The files that were asked for last stay open there, but on Windows, where an open file can be
-neither deleted nor replaced.
+The process is started when first needed, kept for the next files, and ends with this one. A request
+names the file and how to read it, so that a process that was started anew can answer the next one.
+Both sides are here: `serve` is what the other process runs. The files that were asked for last stay
+open there, but on Windows, where an open file can be neither deleted nor replaced.
 """
 
 import atexit
@@ -26,9 +27,24 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import MEMORY_VARIABLE, DataError, SwashTwinError, end_with, keep_freed_memory, memory_limit
+from swashtwin.foundation import (
+    MEMORY_VARIABLE,
+    DataError,
+    SwashTwinError,
+    end_with,
+    keep_freed_memory,
+    memory_limit,
+)
 from swashtwin.recordings.formats.clock import split
-from swashtwin.recordings.formats.raw import BLOCK, Column, Options, RawFile, file_stamp, number_type, require_unchanged
+from swashtwin.recordings.formats.raw import (
+    BLOCK,
+    Column,
+    Options,
+    RawFile,
+    file_stamp,
+    number_type,
+    require_unchanged,
+)
 
 _PATIENCE = 30.0
 """Seconds that an answer about any file may take."""
@@ -57,7 +73,9 @@ class _Source:
 
 @dataclass(frozen=True)
 class _RemoteColumn:
-    """Samples of one column, which the other process reads when they are sliced; it can be pickled."""
+    """Samples of one column, which the other process reads when they are sliced; it can be
+    pickled.
+    """
 
     source: _Source
     part: str
@@ -72,14 +90,22 @@ class _RemoteColumn:
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
         start, stop, stride = span.indices(self.length)
-        samples: np.ndarray = _reader.ask(self.source, (self.part, self.name, start, max(start, stop)))
+        samples: np.ndarray = _reader.ask(
+            self.source, (self.part, self.name, start, max(start, stop))
+        )
         if len(samples) != max(0, stop - start) or samples.dtype != self.dtype:
-            raise DataError(f"{self.source.name}: the file has fewer samples than it states; was it changed?")
+            raise DataError(
+                f"{self.source.name}: the file has fewer samples than it states; was it changed?"
+            )
         return samples[::stride]
 
 
-def read_in_subprocess(module: str, path: Path, options: Options, function: str = "read") -> Mapping[str, RawFile]:
-    """What a function of a module of formats gives for a file: its recordings by name, a single one called ``""``."""
+def read_in_subprocess(
+    module: str, path: Path, options: Options, function: str = "read"
+) -> Mapping[str, RawFile]:
+    """What a function of a module of formats gives for a file: its recordings by name, a single one
+    called ``""``.
+    """
     source = _Source(module, function, str(path.resolve()), str(path), options, file_stamp(path))
     content: Mapping[str, RawFile] = _reader.ask(source, None)
     return content
@@ -99,7 +125,10 @@ class _Reader:
     def ask(self, source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
         """The recordings of a file, or the samples `wanted`: recording, column, start and stop."""
         with self._lock:
-            for is_second in (False, True):  # what an earlier file broke in that process is not blamed on this one
+            for is_second in (
+                False,
+                True,
+            ):  # what an earlier file broke in that process is not blamed on this one
                 try:
                     answer = self._exchange(source, wanted)
                     break
@@ -124,7 +153,9 @@ class _Reader:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            pickle.dump((source, wanted, seconds, os.environ.get(MEMORY_VARIABLE, "")), process.stdin)
+            pickle.dump(
+                (source, wanted, seconds, os.environ.get(MEMORY_VARIABLE, "")), process.stdin
+            )
             process.stdin.flush()
             return pickle.load(process.stdout)
         except (OSError, EOFError, pickle.UnpicklingError) as cause:
@@ -140,7 +171,12 @@ class _Reader:
         if self._process is None or self._process.poll() is not None:
             self.stop()
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _COMMAND],  # -P: nothing is imported from the current folder
+                [
+                    sys.executable,
+                    "-P",
+                    "-c",
+                    _COMMAND,
+                ],  # -P: nothing is imported from the current folder
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -154,7 +190,9 @@ class _Reader:
         return self._process
 
     def stop(self, patience: float = 0.0) -> int:
-        """Exit code of the process, which is ended where it does not end by itself within `patience` [s]."""
+        """Exit code of the process, which is ended where it does not end by itself within
+        `patience` [s].
+        """
         if self._process is None:
             return 0
         process, self._process = self._process, None
@@ -224,7 +262,9 @@ def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) ->
         finally:
             if not _STAY_OPEN:
                 _contents.clear()
-            require_unchanged(Path(source.path), source.stamp)  # else what a library says of it misleads
+            require_unchanged(
+                Path(source.path), source.stamp
+            )  # else what a library says of it misleads
     except Exception as cause:
         if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM:
             _contents.clear()
@@ -241,7 +281,9 @@ def _remote(source: _Source, part: str, raw: RawFile) -> RawFile:
         return _RemoteColumn(source, part, name, len(column), number_type(column))
 
     columns = {name: remote(name, column) for name, column in raw.columns.items()}
-    return replace(raw, columns=columns, speeds=None if raw.speeds is None else remote(None, raw.speeds))
+    return replace(
+        raw, columns=columns, speeds=None if raw.speeds is None else remote(None, raw.speeds)
+    )
 
 
 _contents: dict[str, tuple[_Source, Mapping[str, RawFile], int]] = {}
@@ -257,7 +299,9 @@ def _content(source: _Source) -> Mapping[str, RawFile]:
             del _contents[path]  # of a watch, which deletes what it has judged
         known = _read(source)
     _contents[source.path] = known
-    while len(_contents) > 1 and (len(_contents) > _FILES or sum(size for *_, size in _contents.values()) > _BYTES):
+    while len(_contents) > 1 and (
+        len(_contents) > _FILES or sum(size for *_, size in _contents.values()) > _BYTES
+    ):
         del _contents[next(iter(_contents))]  # the one that was not asked for the longest
     return known[1]
 
@@ -269,13 +313,17 @@ def _read(source: _Source) -> tuple[_Source, Mapping[str, RawFile], int]:
     content = {"": split(result)} if isinstance(result, RawFile) else result
     columns = [column for raw in content.values() for column in raw.columns.values()]
     if len(columns) > _COLUMNS and "" in content:
-        raise DataError(f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement.")
+        raise DataError(
+            f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement."
+        )
     size = sum(column.nbytes if isinstance(column, np.ndarray) else BLOCK for column in columns)
     return source, content, size
 
 
 def _limit_memory() -> None:
-    """Let this process take no more than the limit beyond what it has; where the system can do that."""
+    """Let this process take no more than the limit beyond what it has; where the system can do
+    that.
+    """
     if sys.platform != "linux":
         return
     import resource
@@ -283,4 +331,6 @@ def _limit_memory() -> None:
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
     limit = pages * resource.getpagesize() + memory_limit() + _LIBRARIES
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+    resource.setrlimit(
+        resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
+    )

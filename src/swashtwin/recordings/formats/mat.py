@@ -25,8 +25,8 @@ _TESTLAB = re.compile(r"quantity\.label$")
 def read(path: Path, options: Options) -> RawFile:
     """Vectors of a MATLAB file as columns, its single numbers and texts as attributes.
 
-    Objects, such as a table or a datetime, are named and left out. A file of LabChart has one vector, and where each
-    channel begins and ends in it.
+    Objects, such as a table or a datetime, are named and left out. A file of LabChart has one
+    vector, and where each channel begins and ends in it.
     """
     import h5py
 
@@ -38,27 +38,42 @@ def read(path: Path, options: Options) -> RawFile:
 
         with h5py.File(path, "r", locking=False) as file:
             require_links_within(path, file)
-            file.visititems(lambda _, item: require_data_within(path, item) if isinstance(item, h5py.Dataset) else None)
+            file.visititems(
+                lambda _, item: (
+                    require_data_within(path, item) if isinstance(item, h5py.Dataset) else None
+                )
+            )
     variables = pymatreader.whosmat(path)
     require_memory(path, sum(8 * prod(shape) for _, shape, _ in variables))
     objects = {name: kind for name, _, kind in variables if kind not in _KINDS and name[:1] != "#"}
     content = pymatreader.read_mat(path)
-    content = {name: value for name, value in content.items() if name not in objects and name[:1] not in ("#", "_")}
+    content = {
+        name: value
+        for name, value in content.items()
+        if name not in objects and name[:1] not in ("#", "_")
+    }
     raw = sorted_variables(path, _labchart(content) or _flattened(content), options)
     if objects and not raw.columns:
         name, kind = next(iter(objects.items()))
         kind = "object" if kind == "opaque" else kind
-        raise DataError(f"{path}: {name} is a MATLAB {kind}, which cannot be read; save its columns as vectors.")
+        raise DataError(
+            f"{path}: {name} is a MATLAB {kind}, which cannot be read; save its columns as vectors."
+        )
     if objects:
         raw = replace(raw, attributes={**raw.attributes, "objects": ", ".join(objects)})
     return timed(path, raw, options)
 
 
 def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
-    """The channels of a file of LabChart: one vector, and where each channel begins and ends in it; else nothing."""
+    """The channels of a file of LabChart: one vector, and where each channel begins and ends in it;
+    else nothing.
+    """
     if not {"data", "datastart", "dataend", "titles"} <= content.keys():
         return []
-    data, titles = np.ravel(content["data"]), [str(title).strip() for title in np.ravel(content["titles"])]
+    data, titles = (
+        np.ravel(content["data"]),
+        [str(title).strip() for title in np.ravel(content["titles"])],
+    )
     starts, ends, rates = (
         np.asarray(content[key], dtype=np.float64).reshape(len(titles), -1)
         for key in ("datastart", "dataend", "samplerate")
@@ -86,7 +101,9 @@ def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write ``signal`` (time by channel), ``sample_rate``, ``unit`` and ``channels`` as a version 5 file."""
+    """Write ``signal`` (time by channel), ``sample_rate``, ``unit`` and ``channels`` as a version 5
+    file.
+    """
     from scipy.io import savemat
 
     content = {
@@ -104,13 +121,18 @@ def _elements(fields: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     counts = {len(value) if isinstance(value, list) else -1 for value in fields.values()}
     if len(counts) != 1 or min(counts) < 1:
         return [("", fields)]
-    elements = [{key: value[number] for key, value in fields.items()} for number in range(counts.pop())]
+    elements = [
+        {key: value[number] for key, value in fields.items()} for number in range(counts.pop())
+    ]
     names = [
-        str(next((each[key] for key in each if key.lower() in ("name", "label", "title")), "")) for each in elements
+        str(next((each[key] for key in each if key.lower() in ("name", "label", "title")), ""))
+        for each in elements
     ]
     if len(set(names)) < len(names) or not all(names):
         names = [str(number) for number in range(1, len(elements) + 1)]
-    return [(f".{name.replace('.', '_')}", each) for name, each in zip(names, elements, strict=True)]
+    return [
+        (f".{name.replace('.', '_')}", each) for name, each in zip(names, elements, strict=True)
+    ]
 
 
 def _flattened(content: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
@@ -119,8 +141,12 @@ def _flattened(content: dict[str, Any], prefix: str = "") -> list[tuple[str, Any
         if isinstance(value, dict):
             for part, fields in _elements(value):
                 pairs += _flattened(fields, f"{prefix}{name}{part}.")
-        elif isinstance(value, list) and any(isinstance(item, (np.ndarray, dict)) for item in value):
-            pairs += _flattened({f"{name}({number})": item for number, item in enumerate(value, 1)}, prefix)
+        elif isinstance(value, list) and any(
+            isinstance(item, (np.ndarray, dict)) for item in value
+        ):
+            pairs += _flattened(
+                {f"{name}({number})": item for number, item in enumerate(value, 1)}, prefix
+            )
         else:
             pairs.append((_TESTLAB.sub("unit", f"{prefix}{name}").replace("x_values.", ""), value))
     return pairs

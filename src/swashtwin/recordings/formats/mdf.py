@@ -31,28 +31,44 @@ def read(path: Path, options: Options) -> RawFile:
         names = [channel.name for group in file.groups for channel in group.channels]
         for number, group in enumerate(file.groups):
             master = file.masters_db.get(number)
-            is_timed = master is not None and _is_time(path, number, group.channels[master], options)
+            is_timed = master is not None and _is_time(
+                path, number, group.channels[master], options
+            )
             rate: float | None = None
             for position, channel in enumerate(group.channels):
                 if position == master:
                     continue
                 signal = file.get(group=number, index=position, ignore_invalidation_bits=True)
-                if signal.samples.ndim != 1 or signal.samples.dtype.kind not in "fiu" or len(signal.samples) < 2:
+                if (
+                    signal.samples.ndim != 1
+                    or signal.samples.dtype.kind not in "fiu"
+                    or len(signal.samples) < 2
+                ):
                     continue
-                name = channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
+                name = (
+                    channel.name if names.count(channel.name) == 1 else f"{number}/{channel.name}"
+                )
                 columns[name] = signal.samples.astype(np.float64)
                 if signal.invalidation_bits is not None:
                     columns[name][np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
                 if unit := known_unit(signal.unit):
                     units[name] = unit
                 if is_timed and rate is None:
-                    rate, gap = read_time_column(path, np.asarray(signal.timestamps, dtype=np.float64))
+                    rate, gap = read_time_column(
+                        path, np.asarray(signal.timestamps, dtype=np.float64)
+                    )
                     gaps |= {"time_gaps": gap} if gap else {}
                     start = float(signal.timestamps[0])
                 if is_timed:
                     rates |= {name: rate} if rate else {}
-                    near = (text for text in starts.values() if abs(float(text[:-2]) - start) < 1 / (rate or np.inf))
-                    starts[name] = next(near, f"{start:.9g} s")  # less than a sample apart is together
+                    near = (
+                        text
+                        for text in starts.values()
+                        if abs(float(text[:-2]) - start) < 1 / (rate or np.inf)
+                    )
+                    starts[name] = next(
+                        near, f"{start:.9g} s"
+                    )  # less than a sample apart is together
         gaps["start_time"] = str(file.start_time)
     return RawFile(columns, None, units, gaps, rates=rates, starts=starts)
 
@@ -67,7 +83,9 @@ def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
             if counted == "samples"
             else "export the group with its time"
         )
-        raise DataError(f"{path}: the master {master.name!r} of group {group} counts {counted}, not time; {advice}.")
+        raise DataError(
+            f"{path}: the master {master.name!r} of group {group} counts {counted}, not time; {advice}."
+        )
     return counted is None
 
 
@@ -76,7 +94,9 @@ def write(recording: Recording, path: Path) -> None:
     time = recording.time
     with asammdf.MDF(version="4.10") as file:
         signals = [
-            asammdf.Signal(np.ascontiguousarray(row), timestamps=time, name=name, unit=recording.unit)
+            asammdf.Signal(
+                np.ascontiguousarray(row), timestamps=time, name=name, unit=recording.unit
+            )
             for name, row in zip(recording.channels, recording.signal, strict=True)
         ]
         file.append(signals)

@@ -1,4 +1,6 @@
-"""NumPy archives, and what any file of named arrays says of them: rates, units, scales, starts, sensitivities."""
+"""NumPy archives, and what any file of named arrays says of them: rates, units, scales, starts,
+sensitivities.
+"""
 
 import re
 from collections import Counter
@@ -34,7 +36,9 @@ _NO_RATE = re.compile(r"-\d+(\.\d+)?(e[+-]?\d+)?|0(\.0)?")
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Vectors of an archive as columns, its single numbers and texts as attributes; an array of objects is refused."""
+    """Vectors of an archive as columns, its single numbers and texts as attributes; an array of
+    objects is refused.
+    """
     with ZipFile(path) as members:
         require_memory(path, 2 * sum(member.file_size for member in members.infolist()))
     with np.load(path, allow_pickle=False) as archive:
@@ -56,15 +60,18 @@ def write(recording: Recording, path: Path) -> None:
 
 
 def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: Options) -> RawFile:
-    """Vectors as columns, with what the single numbers and texts around them state; these are attributes.
+    """Vectors as columns, with what the single numbers and texts around them state; these are
+    attributes.
 
-    A matrix yields one column for each of its longer side's vectors, called as a list of as many names says, or
-    ``H(:,1)`` as MATLAB writes it.
+    A matrix yields one column for each of its longer side's vectors, called as a list of as many
+    names says, or ``H(:,1)`` as MATLAB writes it.
     """
     found = _Variables(variables)
     attributes = {name: text for name, text in found.facts.items() if name != "unit"}
     attributes |= {"left_out": ", ".join(found.left_out)} if found.left_out else {}
-    return with_facts(path, RawFile(found.columns, None, found.units, attributes), found.facts, options)
+    return with_facts(
+        path, RawFile(found.columns, None, found.units, attributes), found.facts, options
+    )
 
 
 def with_facts(
@@ -74,16 +81,19 @@ def with_facts(
     options: Options,
     sources: Mapping[str, tuple[str, int, int]] | None = None,
 ) -> RawFile:
-    """The columns with the rate, the unit, the scale, the start and the sensitivity that facts state of them.
+    """The columns with the rate, the unit, the scale, the start and the sensitivity that facts
+    state of them.
 
-    A fact holds for the vectors of its structure or group (``a.fs`` for ``a.x``) and of those within; one with the name
-    of a vector (``x_fs``, ``fs_x``), or an attribute of a data set (``x/fs``), for that only. The only rate in a file
-    holds for all its vectors where none has one of its own.
+    A fact holds for the vectors of its structure or group (``a.fs`` for ``a.x``) and of those
+    within; one with the name of a vector (``x_fs``, ``fs_x``), or an attribute of a data set
+    (``x/fs``), for that only. The only rate in a file holds for all its vectors where none has one
+    of its own.
 
     Parameters
     ----------
     facts : numbers, texts and lists of them by their paths, such as ``a.fs``.
-    sources : data set of each column, and which of how many vectors of it the column is; None where each is its own.
+    sources : data set of each column, and which of how many vectors of it the column is; None where
+        each is its own.
     """
     scopes: dict[str, dict[str, Any]] = {}
     for name, value in facts.items():
@@ -94,7 +104,9 @@ def with_facts(
         if not isinstance(text, str) or (sources is None and BARE_RATE.fullmatch(name)):
             return None
         is_none = _NO_RATE.fullmatch(text) and header_rate([(name, "1")])
-        return float(text) if is_none else header_rate([(name, text)])  # what is none is refused where all files are
+        return (
+            float(text) if is_none else header_rate([(name, text)])
+        )  # what is none is refused where all files are
 
     def unit_of(name: str, text: Any) -> str | None:
         return known_unit(text) if name in LISTS[1] and isinstance(text, str) else None
@@ -105,12 +117,21 @@ def with_facts(
         source, number, count = (key, 0, 1) if sources is None else sources[key]
         levels = list(_levels(source, scopes))
         own = levels[:2] if named_as_time(source) else levels
-        scales = {name: value for level in reversed(own) for name, value in level.items() if name in SCALE_NAMES}
+        scales = {
+            name: value
+            for level in reversed(own)
+            for name, value in level.items()
+            if name in SCALE_NAMES
+        }
         columns[key] = obeyed(f"{path}: {source}", column, scales, options, number, count)
         values = {
             "rates": _nearest(path, source, levels, rate_of, "sample rates"),
-            "units": None if unknown_scale(scales) else _nearest(path, source, levels, unit_of, "units"),
-            "starts": _nearest(path, source, levels, lambda name, text: text if name in _STARTS else None, "starts"),
+            "units": None
+            if unknown_scale(scales)
+            else _nearest(path, source, levels, unit_of, "units"),
+            "starts": _nearest(
+                path, source, levels, lambda name, text: text if name in _STARTS else None, "starts"
+            ),
             "sensitivities": _sensitivity(levels),
         }
         for name, value in values.items():
@@ -118,7 +139,8 @@ def with_facts(
     general = {
         rate
         for name, text in facts.items()
-        if not BARE_RATE.fullmatch(last := _split(name.lower())[1]) and (rate := rate_of(last, text)) is not None
+        if not BARE_RATE.fullmatch(last := _split(name.lower())[1])
+        and (rate := rate_of(last, text)) is not None
     }
     if len(general) == 1 and not stated["rates"]:
         stated["rates"] = dict.fromkeys(columns, general.pop())
@@ -132,7 +154,9 @@ def _split(name: str) -> tuple[str, str]:
 
 
 def _levels(name: str, scopes: Mapping[str, Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    """Facts that may hold for a vector: its attributes, those with its name, and those of each structure around."""
+    """Facts that may hold for a vector: its attributes, those with its name, and those of each
+    structure around.
+    """
     name = _INDEX.sub("", name).lower()
     scope, last = _split(name)
     yield scopes.get(f"{name}/", {})
@@ -146,16 +170,24 @@ def _levels(name: str, scopes: Mapping[str, Mapping[str, Any]]) -> Iterator[Mapp
 
 
 def _nearest(
-    path: Path, name: str, levels: Iterable[Mapping[str, Any]], read: Callable[[str, Any], Any], what: str
+    path: Path,
+    name: str,
+    levels: Iterable[Mapping[str, Any]],
+    read: Callable[[str, Any], Any],
+    what: str,
 ) -> Any:
     """The value that `read` finds for a vector in the nearest level that has one."""
     for level in levels:
-        found = {key: value for key, text in level.items() if (value := read(key, text)) is not None}
+        found = {
+            key: value for key, text in level.items() if (value := read(key, text)) is not None
+        }
         meant = {key: value for key, value in found.items() if isinstance(value, str) or value > 0}
         found = meant or found  # a rate of none is refused only where no other is stated
         if len(set(found.values())) > 1:
             listed = ", ".join(f"{key} = {value}" for key, value in found.items())
-            raise DataError(f"{path} states two {what} for {name} ({listed}); remove the wrong one from the file.")
+            raise DataError(
+                f"{path} states two {what} for {name} ({listed}); remove the wrong one from the file."
+            )
         if found:
             return next(iter(found.values()))
     return None
@@ -164,7 +196,9 @@ def _nearest(
 def _sensitivity(levels: Iterable[Mapping[str, Any]]) -> str | None:
     for number, level in enumerate(levels):
         pairs = [(name, text) for name, text in level.items() if isinstance(text, str)]
-        if texts := stated_sensitivities(pair for pair in pairs if not number or pair[0].startswith("sensitivit")):
+        if texts := stated_sensitivities(
+            pair for pair in pairs if not number or pair[0].startswith("sensitivit")
+        ):
             return texts[0]
     return None
 
@@ -172,7 +206,11 @@ def _sensitivity(levels: Iterable[Mapping[str, Any]]) -> str | None:
 def _texts(value: Any) -> list[str]:
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "UO":
         value = value.tolist()
-    return value if isinstance(value, list) and value and all(isinstance(each, str) for each in value) else []
+    return (
+        value
+        if isinstance(value, list) and value and all(isinstance(each, str) for each in value)
+        else []
+    )
 
 
 class _Variables:
@@ -200,18 +238,25 @@ class _Variables:
         kind = array.dtype.kind
         is_reference = array.dtype == np.uint32 and array.size > 5 and array.flat[0] == _REFERENCE
         if kind == "c" or is_reference:
-            self.left_out.append(f"{name} ({'a MATLAB object' if is_reference else 'complex numbers'})")
+            self.left_out.append(
+                f"{name} ({'a MATLAB object' if is_reference else 'complex numbers'})"
+            )
         elif array.dtype.names:
             for field in array.dtype.names:
                 self._sort(f"{name}.{field}", array[field])
         elif kind in "mM" and array.ndim == 1:
-            self.columns[name], self.units[name] = array.astype(f"{kind}8[ns]").astype(np.int64), "ns"
+            self.columns[name], self.units[name] = (
+                array.astype(f"{kind}8[ns]").astype(np.int64),
+                "ns",
+            )
         elif array.ndim == 0 and kind in "fiubU":
             self.facts[name] = str(array.item()) if kind == "U" else f"{array.item():.12g}"
         elif array.ndim == 1 and array.size > 1 and kind in "fiub":
             cell = _CELL.fullmatch(name)
             of = cell[1] if cell else name
-            self._add(of, name, int(cell[2]) - 1 if cell else 0, self._cells[of], array.astype(np.float64))
+            self._add(
+                of, name, int(cell[2]) - 1 if cell else 0, self._cells[of], array.astype(np.float64)
+            )
         elif array.ndim == 2 and array.size and kind in "fiub":
             tall = array.shape[0] >= array.shape[1]
             vectors = (array.T if tall else array).astype(np.float64)
@@ -220,10 +265,13 @@ class _Variables:
                 self._add(name, key, number, len(vectors), vector)
 
     def _add(self, name: str, key: str, number: int, count: int, vector: np.ndarray) -> None:
-        """One of `count` vectors, with the name and the unit that lists beside them of as many texts say."""
+        """One of `count` vectors, with the name and the unit that lists beside them of as many
+        texts say.
+        """
         scope = _split(name)[0]
         names, units = (
-            next((texts for each in keys if (texts := self._lists.get((scope + each).lower()))), []) for keys in LISTS
+            next((texts for each in keys if (texts := self._lists.get((scope + each).lower()))), [])
+            for keys in LISTS
         )
         key = scope + names[number] if names and len(set(names)) == count else key
         if units and len(units) == count and (unit := known_unit(units[number])):

@@ -8,7 +8,13 @@ import numpy as np
 
 from swashtwin.foundation import load_extra
 from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import Column, LazyColumn, Options, RawFile, require_plausible_size
+from swashtwin.recordings.formats.raw import (
+    Column,
+    LazyColumn,
+    Options,
+    RawFile,
+    require_plausible_size,
+)
 from swashtwin.recordings.formats.tables import split_unit
 from swashtwin.recordings.recording import Recording
 
@@ -16,7 +22,8 @@ polars: Any = load_extra("polars", "readers", "a Parquet table")
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a time column the rate.
+    """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a
+    time column the rate.
 
     A column of time stamps counts as the time [s] since its first.
     """
@@ -30,7 +37,9 @@ def read(path: Path, options: Options) -> RawFile:
             continue
         name, unit = split_unit(heading)
         name = name if name not in columns else heading
-        columns[name] = LazyColumn(partial(_samples, table.select(heading)), height, np.dtype(np.float64))
+        columns[name] = LazyColumn(
+            partial(_samples, table.select(heading)), height, np.dtype(np.float64)
+        )
         if unit or kind.is_temporal():
             units[name] = "s" if kind.is_temporal() else str(unit)
     return timed(path, RawFile(columns, None, units), options)
@@ -39,7 +48,10 @@ def read(path: Path, options: Options) -> RawFile:
 def write(recording: Recording, path: Path) -> None:
     """Write time and channels as columns of doubles, the unit in their headings."""
     table = {"time [s]": recording.time}
-    table |= {f"{name} [{recording.unit}]": row for name, row in zip(recording.channels, recording.signal, strict=True)}
+    table |= {
+        f"{name} [{recording.unit}]": row
+        for name, row in zip(recording.channels, recording.signal, strict=True)
+    }
     with path.open("wb") as file:
         polars.DataFrame(table).write_parquet(file)
 
@@ -48,6 +60,8 @@ def _samples(table: Any, start: int, stop: int) -> np.ndarray:
     series = table.slice(start, stop - start).collect().to_series()
     if series.dtype.is_temporal():
         nanoseconds = series.cast(type(series.dtype)("ns")).cast(polars.Int64)
-        origin = table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
+        origin = (
+            table.head(1).collect().to_series().cast(type(series.dtype)("ns")).cast(polars.Int64)[0]
+        )
         series = (nanoseconds - origin).cast(polars.Float64) * 1e-9
     return np.asarray(series.cast(polars.Float64).fill_null(np.nan).to_numpy(), dtype=np.float64)

@@ -1,4 +1,6 @@
-"""The content of one file, before an index adds the rest: columns, which read when they are sliced, and their units."""
+"""The content of one file, before an index adds the rest: columns, which read when they are sliced,
+and their units.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -9,7 +11,14 @@ from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from msgspec import Meta
 
-from swashtwin.foundation import DataError, MissingFileError, UnitError, is_unit, memory_limit, parse
+from swashtwin.foundation import (
+    DataError,
+    MissingFileError,
+    UnitError,
+    is_unit,
+    memory_limit,
+    parse,
+)
 from swashtwin.pump import OperatingCondition
 
 BLOCK = 1 << 18
@@ -17,7 +26,9 @@ BLOCK = 1 << 18
 
 
 def file_stamp(path: Path) -> tuple[int, int, int]:
-    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed one, has others."""
+    """Size [byte], time of the last change [ns] and inode of a file: another file, or a changed
+    one, has others.
+    """
     if not path.is_file():
         raise MissingFileError(f"{path} does not exist, or is no file.")
     stat = path.stat()
@@ -25,16 +36,24 @@ def file_stamp(path: Path) -> tuple[int, int, int]:
 
 
 def require_unchanged(path: Path, stamp: tuple[int, int, int]) -> None:
-    """Refuse a file that is gone, or whose `file_stamp` differs from the one that it had when it was loaded."""
+    """Refuse a file that is gone, or whose `file_stamp` differs from the one that it had when it
+    was loaded.
+    """
     is_there = path.is_file()
     if not is_there or file_stamp(path) != stamp:
-        change = "has changed since it was loaded;" if is_there else "is gone since it was loaded; put it back, and"
+        change = (
+            "has changed since it was loaded;"
+            if is_there
+            else "is gone since it was loaded; put it back, and"
+        )
         raise DataError(f"{path}: the file {change} load it again.")
 
 
 @runtime_checkable
 class Column(Protocol):
-    """Samples of one channel in the number type of the file; an array is one, and so is what reads when sliced."""
+    """Samples of one channel in the number type of the file; an array is one, and so is what reads
+    when sliced.
+    """
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -46,13 +65,21 @@ class Column(Protocol):
 def number_type(column: Column) -> np.dtype:
     """Number type of a column's samples; the first is read where the column does not say it."""
     stated = getattr(column, "dtype", None)
-    return stated if isinstance(stated, np.dtype) else np.asarray(column[0 : min(1, len(column))]).dtype
+    return (
+        stated
+        if isinstance(stated, np.dtype)
+        else np.asarray(column[0 : min(1, len(column))]).dtype
+    )
 
 
 class LazyColumn:
-    """Samples of a column that `read` gives, from a first one to before another, when they are sliced."""
+    """Samples of a column that `read` gives, from a first one to before another, when they are
+    sliced.
+    """
 
-    def __init__(self, read: Callable[[int, int], np.ndarray], length: int, dtype: np.dtype | None = None) -> None:
+    def __init__(
+        self, read: Callable[[int, int], np.ndarray], length: int, dtype: np.dtype | None = None
+    ) -> None:
         self._read = read
         self._length = length
         self.dtype = dtype
@@ -73,7 +100,8 @@ def part_of(column: Column, first: int, last: int) -> LazyColumn:
 def side_by_side(
     read: Callable[[int, int], np.ndarray], shape: tuple[int, int], dtype: np.dtype | None = None
 ) -> list[LazyColumn]:
-    """Columns (number, samples of each) that a file holds beside each other, of which `read` gives a slice of all.
+    """Columns (number, samples of each) that a file holds beside each other, of which `read` gives
+    a slice of all.
 
     The slice is kept for the other columns.
     """
@@ -97,7 +125,9 @@ _CLOCKS = (51200.0, 65536.0, 48000.0, 44100.0, 100000.0)
 RATES = (1e-3, 1e9)
 """Sample rates that anything measures at [Hz]."""
 _PACKING = 100
-"""How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead channel to more."""
+"""How many times its size a file of measurements unpacks to at most: noise packs to a half, a dead
+channel to more.
+"""
 
 
 Text = Annotated[str, Meta(min_length=1)]
@@ -107,7 +137,8 @@ _Texts = Annotated[tuple[Text, ...], Meta(min_length=1)]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What a file does not say of itself: the keys of an index, and the options of every command that reads a file.
+    """What a file does not say of itself: the keys of an index, and the options of every command
+    that reads a file.
 
     Quantities are text with their unit.
     """
@@ -117,15 +148,21 @@ class Options:
     unit: Text | None = None
     """Unit of the numbers in the file; ``"1"`` where the scale is unknown."""
     sensitivity: Text | _Texts | None = None
-    """What the numbers in the file stand for: ``"99.7 mV/g"`` for channels in volts, ``"0.488 mg/count"`` or ``"256
-    LSB/g"`` for those of a converter, ``"0.1 g"`` for one unit of the file (full scale of an integer WAV). One for all
-    channels, one for each, or ``"NAME=99.7 mV/g"`` for those that are named."""
+    """What the numbers in the file stand for: ``"99.7 mV/g"`` for channels in volts, ``"0.488
+    mg/count"`` or ``"256 LSB/g"`` for those of a converter, ``"0.1 g"`` for one unit of the file
+    (full scale of an integer WAV). One for all channels, one for each, or ``"NAME=99.7 mV/g"`` for
+    those that are named.
+    """
     channels: Annotated[tuple[Text | _Count, ...], Meta(min_length=1)] | None = None
-    """Columns or variables to read: names, patterns such as ``"*_DE_time"``, or numbers from 0; all where None."""
+    """Columns or variables to read: names, patterns such as ``"*_DE_time"``, or numbers from 0; all
+    where None.
+    """
     names: _Texts | None = None
     """What to call the channels; as in the file where None."""
     time_column: Text | _Count | None = None
-    """Name or number (from 0) of the column with the time; found by its name, or as it rises evenly, where None."""
+    """Name or number (from 0) of the column with the time; found by its name, or as it rises
+    evenly, where None.
+    """
     time_unit: Text | None = None
     """Unit of that column, such as ``"us"``; its heading or its size say it where None."""
     header_lines: _Count | None = None
@@ -145,7 +182,9 @@ class RawFile:
     """Content of one file: what a format's `read` returns."""
 
     columns: Mapping[str, Column]
-    """Each signal by its name, in the file's order: a one-dimensional array, or an object that reads when sliced."""
+    """Each signal by its name, in the file's order: a one-dimensional array, or an object that
+    reads when sliced.
+    """
     sample_rate: float | None = None
     """Rate the file states or its time column shows [Hz]."""
     units: Mapping[str, str] = field(default_factory=dict)
@@ -153,8 +192,9 @@ class RawFile:
     attributes: Mapping[str, str] = field(default_factory=dict)
     """Further facts in the file."""
     facts: Mapping[str, Any] = field(default_factory=dict)
-    """What the file states of the fields of `Recording`: ``recording_id``, ``label``, ``specimen``, ``synthetic``, and
-    ``condition``, the keys of an `OperatingCondition` in SI units."""
+    """What the file states of the fields of `Recording`: ``recording_id``, ``label``, ``specimen``,
+    ``synthetic``, and ``condition``, the keys of an `OperatingCondition` in SI units.
+    """
     speeds: Column | None = None
     """Angular speed of the shaft at each sample [rad/s], where the file has it."""
     full_scale: bool = False
@@ -162,9 +202,13 @@ class RawFile:
     rates: Mapping[str, float] = field(default_factory=dict)
     """Rate of each column [Hz], where the file holds several."""
     sensitivities: Mapping[str, str] = field(default_factory=dict)
-    """What the sensor of each column gives, such as ``"99.7 mV/g"``; it holds where the column is in volts."""
+    """What the sensor of each column gives, such as ``"99.7 mV/g"``; it holds where the column is
+    in volts.
+    """
     starts: Mapping[str, str] = field(default_factory=dict)
-    """When each column starts, in words, where the file says it; columns that start apart are no one recording."""
+    """When each column starts, in words, where the file says it; columns that start apart are no
+    one recording.
+    """
     breaks: tuple[int, ...] = ()
     """Samples at which another recording begins."""
 
@@ -176,7 +220,9 @@ class RawFile:
 
 
 _USUAL_FACTORS = {"m/s^2": 1.0, "g": 9.80665}
-"""m/s^2 per usual unit, so that most files are read without loading the registry of units (0.3 s)."""
+"""m/s^2 per usual unit, so that most files are read without loading the registry of units (0.3
+s).
+"""
 
 
 def acceleration_factor(unit: str) -> float | None:
@@ -273,7 +319,9 @@ def known_unit(text: object) -> str | None:
 
 
 def require_plausible_size(path: Path, size: float, name: str) -> None:
-    """Refuse content that is read in parts, where its `size` [byte] is beyond what measurements can be packed to."""
+    """Refuse content that is read in parts, where its `size` [byte] is beyond what measurements can
+    be packed to.
+    """
     packed, limit = path.stat().st_size, memory_limit()
     if size > limit and size > _PACKING * packed:
         raise DataError(
@@ -286,7 +334,9 @@ def require_plausible_rates(path: Path, raw: RawFile) -> None:
     """Refuse a file that states a sample rate that nothing measures at."""
     for rate in (raw.sample_rate, *raw.rates.values()):
         if rate is not None and not RATES[0] <= rate <= RATES[1]:
-            raise DataError(f"{path} states a sample rate of {rate:g} Hz; the file is damaged, or its time no time.")
+            raise DataError(
+                f"{path} states a sample rate of {rate:g} Hz; the file is damaged, or its time no time."
+            )
 
 
 def snapped_rate(step: float, tolerance: float) -> float:

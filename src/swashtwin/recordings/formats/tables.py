@@ -1,4 +1,6 @@
-"""What headings, header lines and attributes say of numbers: names, units, the rate, scales, sensitivities."""
+"""What headings, header lines and attributes say of numbers: names, units, the rate, scales,
+sensitivities.
+"""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,19 +9,47 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse
-from swashtwin.recordings.formats.raw import SAMPLE_UNITS, Column, LazyColumn, Options, known_unit, plain_unit
+from swashtwin.recordings.formats.raw import (
+    SAMPLE_UNITS,
+    Column,
+    LazyColumn,
+    Options,
+    known_unit,
+    plain_unit,
+)
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
-_AFTER_WORD = re.compile(r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$")
-TRADE_UNITS = {*SAMPLE_UNITS, "s", "ms", "us", "ns", "min", "h", "uV", "Nm", "kHz", "m3/h", "l/min"} - {"1"}
-"""Units that a heading or a second line of headings names without square brackets, as `plain_unit` writes them."""
+_AFTER_WORD = re.compile(
+    r"^(.*?[^\s/])(?:\s+/\s+|/|\s+in\s+|\s+-\s+)\(?([^\s()]+(?:\([^()]*\))?)\)?$"
+)
+TRADE_UNITS = {
+    *SAMPLE_UNITS,
+    "s",
+    "ms",
+    "us",
+    "ns",
+    "min",
+    "h",
+    "uV",
+    "Nm",
+    "kHz",
+    "m3/h",
+    "l/min",
+} - {"1"}
+"""Units that a heading or a second line of headings names without square brackets, as `plain_unit`
+writes them.
+"""
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
     """Name and unit of a column heading such as ``acceleration [g]`` or ``Zeit in s``."""
     match = _BRACKET.match(text)
     is_index = match is not None and match[2].isdecimal() and " [" not in text  # Y[1] beside Y[0]
-    if match and not is_index and (plain_unit(match[2]) in TRADE_UNITS or (text[-1] == "]" and known_unit(match[2]))):
+    if (
+        match
+        and not is_index
+        and (plain_unit(match[2]) in TRADE_UNITS or (text[-1] == "]" and known_unit(match[2])))
+    ):
         return match[1].rstrip(" /"), plain_unit(match[2])
     match = _AFTER_WORD.match(text)
     if match and plain_unit(match[2]) in TRADE_UNITS:
@@ -40,9 +70,15 @@ _STEP_NAME = re.compile(
     r"|(?:wf_)?increment|h[ _-]?resolution",
     re.IGNORECASE,
 )
-_UNITS_NAME = re.compile(r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical[ _])?units?|einheit(?:en)?", re.I)
-_SENSITIVITY_NAME = re.compile(r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichkeit(?:en)?)(?:[ _.].*)?", re.IGNORECASE)
-_QUANTITY = re.compile(r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?")
+_UNITS_NAME = re.compile(
+    r"[yv][ _]?units?(?:[ _]label)?|(?:channel[ _]|vertical[ _])?units?|einheit(?:en)?", re.I
+)
+_SENSITIVITY_NAME = re.compile(
+    r"(?:.*[ _.])?(?:sensitivit(?:y|ies)|empfindlichkeit(?:en)?)(?:[ _.].*)?", re.IGNORECASE
+)
+_QUANTITY = re.compile(
+    r"([+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)[\s,\"]*([^,\"#]*?)\s*(?:[,\"#].*)?"
+)
 GROUPED = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+")
 """A number that may be one above a thousand, or one with three decimals."""
 _LISTED = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
@@ -51,9 +87,11 @@ _PER_VOLT = re.compile(r"([mu]?V)\s*/\s*\(?([^()]+?)\)?")
 
 
 def header_pairs(header: str) -> list[tuple[str, str]]:
-    """Name and value of each line of a header that is ``name: value``, ``name = value``, or two columns.
+    """Name and value of each line of a header that is ``name: value``, ``name = value``, or two
+    columns.
 
-    A line of words above one with numbers, as scopes write them, pairs each word with the field below it.
+    A line of words above one with numbers, as scopes write them, pairs each word with the field
+    below it.
     """
     pairs, above = [], [""]
     for line in header.splitlines():
@@ -65,7 +103,11 @@ def header_pairs(header: str) -> list[tuple[str, str]]:
                 break
         fields = re.split(r"[;\t,]", line)
         if min(len(fields), len(above)) > 2:
-            pairs += [(name, text) for name, text in zip(above, fields, strict=False) if _QUANTITY.fullmatch(text)]
+            pairs += [
+                (name, text)
+                for name, text in zip(above, fields, strict=False)
+                if _QUANTITY.fullmatch(text)
+            ]
         above = fields
     return pairs
 
@@ -97,10 +139,16 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                 match = _QUANTITY.fullmatch(part)
                 if match is None:
                     continue
-                if GROUPED.fullmatch(match[1]) and not is_decimal and plain_unit(match[2]) in ("", "Hz"):
+                if (
+                    GROUPED.fullmatch(match[1])
+                    and not is_decimal
+                    and plain_unit(match[2]) in ("", "Hz")
+                ):
                     continue
                 try:
-                    value = parse(f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base)
+                    value = parse(
+                        f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base
+                    )
                 except UnitError:
                     continue
                 if value > (_LEASTBARE_RATE if BARE_RATE.fullmatch(heading.strip()) else 0.0):
@@ -109,7 +157,9 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
 
 
 def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str | None]:
-    """Unit of each of `count` channels, where a line of a header names one for each, or one for all."""
+    """Unit of each of `count` channels, where a line of a header names one for each, or one for
+    all.
+    """
     for name, text in pairs:
         units = [known_unit(part) for part in re.split(r"[;\t,]", text) if part.strip()]
         if _UNITS_NAME.fullmatch(name) and units and len(units) in (1, count):
@@ -118,20 +168,30 @@ def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str |
 
 
 def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """Sensitivities in volts that names and values state, one or several; numbers where no unit is beside them."""
+    """Sensitivities in volts that names and values state, one or several; numbers where no unit is
+    beside them.
+    """
     pairs = list(pairs)
-    beside = [text for name, text in pairs if _SENSITIVITY_NAME.fullmatch(name) and _PER_VOLT.fullmatch(text.strip())]
+    beside = [
+        text
+        for name, text in pairs
+        if _SENSITIVITY_NAME.fullmatch(name) and _PER_VOLT.fullmatch(text.strip())
+    ]
     for name, text in pairs:
         heading, unit = split_unit(name)
         if not _SENSITIVITY_NAME.fullmatch(heading):
             continue
         match = re.match(r".*[\[(](.*/.*?)[\])]$", name)
         unit = match[1] if match else unit or next(iter(beside), "")
-        matches = [_QUANTITY.fullmatch(part) for part in map(str.strip, _LISTED.split(text)) if part]
+        matches = [
+            _QUANTITY.fullmatch(part) for part in map(str.strip, _LISTED.split(text)) if part
+        ]
         unit = unit or next((part[2] for part in reversed(matches) if part and part[2]), "")
         if matches and not unit and all(matches):
             return [q[1].replace(",", ".") for q in matches if q]
-        units = [_PER_VOLT.fullmatch(plain_unit(part[2] or unit)) if part else None for part in matches]
+        units = [
+            _PER_VOLT.fullmatch(plain_unit(part[2] or unit)) if part else None for part in matches
+        ]
         if units and all(each and known_unit(each[2]) for each in units):
             return [
                 f"{q[1].replace(',', '.')} {u[1]}/{plain_unit(u[2])}"
@@ -142,11 +202,16 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
 
 
 _UNKNOWN_SCALES = {
-    **dict.fromkeys(("scale", "scaling", "slope", "gain", "multiplier", "factor", "conversion", "scalefactor"), 1.0),
+    **dict.fromkeys(
+        ("scale", "scaling", "slope", "gain", "multiplier", "factor", "conversion", "scalefactor"),
+        1.0,
+    ),
     **dict.fromkeys(("calibration", "calibration_factor"), 1.0),
     **dict.fromkeys(("offset", "bias", "intercept"), 0.0),
 }
-"""What files call a scale that may be applied already or not, and the value that makes no difference."""
+"""What files call a scale that may be applied already or not, and the value that makes no
+difference.
+"""
 SCALES = (
     "scale_factor",
     "add_offset",
@@ -157,7 +222,9 @@ SCALES = (
     "valid_min",
     "valid_max",
 )
-"""What the CF conventions call scales, missing values, and bounds beyond which a value is missing."""
+"""What the CF conventions call scales, missing values, and bounds beyond which a value is
+missing.
+"""
 LISTS = (
     ("names", "channels", "channel_names", "channelnames", "labels", "titles"),
     ("unit", "units", "unit_string"),
@@ -169,20 +236,32 @@ SCALE_NAMES = (*SCALES, *_UNKNOWN_SCALES)
 
 
 def unknown_scale(facts: Mapping[str, Any]) -> str:
-    """What the facts beside a column state of a scale that may be applied already or not; empty where nothing."""
+    """What the facts beside a column state of a scale that may be applied already or not; empty
+    where nothing.
+    """
     for name, neutral in _UNKNOWN_SCALES.items():
         value = facts.get(name)
         text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
         numbers = _numbers(value)
         if (numbers != neutral).any():
             return f"{name} = {numbers[0]:g}"
-        if value is not None and not numbers.size and re.search(r"\d", text) and not _DATE.search(text):
+        if (
+            value is not None
+            and not numbers.size
+            and re.search(r"\d", text)
+            and not _DATE.search(text)
+        ):
             return f"{name} = {text}"
     return ""
 
 
 def obeyed(
-    where: str, column: Column, facts: Mapping[str, Any], options: Options, number: int = 0, count: int = 1
+    where: str,
+    column: Column,
+    facts: Mapping[str, Any],
+    options: Options,
+    number: int = 0,
+    count: int = 1,
 ) -> Column:
     """A column with the scale, the offset and the missing values that the facts beside it state.
 
@@ -200,7 +279,11 @@ def obeyed(
     numbers = {name: values for name in SCALES if (values := _numbers(facts.get(name))).size}
     if not numbers:
         return column
-    for name, sizes in (("scale_factor", {1, count}), ("add_offset", {1, count}), ("valid_range", {2})):
+    for name, sizes in (
+        ("scale_factor", {1, count}),
+        ("add_offset", {1, count}),
+        ("valid_range", {2}),
+    ):
         if name in numbers and numbers[name].size not in sizes:
             raise DataError(
                 f"{where} states {numbers[name].size} numbers as {name}, and not "
@@ -208,11 +291,19 @@ def obeyed(
             )
     factor, offset = (
         float(values[number if values.size > 1 else 0])
-        for values in (numbers.get("scale_factor", np.ones(1)), numbers.get("add_offset", np.zeros(1)))
+        for values in (
+            numbers.get("scale_factor", np.ones(1)),
+            numbers.get("add_offset", np.zeros(1)),
+        )
     )
-    missing = np.concatenate([numbers.get(name, np.empty(0)) for name in ("_fillvalue", "fill_value", "missing_value")])
+    missing = np.concatenate(
+        [numbers.get(name, np.empty(0)) for name in ("_fillvalue", "fill_value", "missing_value")]
+    )
     low, high = numbers.get("valid_range", np.array([-np.inf, np.inf]))
-    low, high = max([low, *numbers.get("valid_min", [])]), min([high, *numbers.get("valid_max", [])])
+    low, high = (
+        max([low, *numbers.get("valid_min", [])]),
+        min([high, *numbers.get("valid_max", [])]),
+    )
 
     def samples(start: int, stop: int) -> np.ndarray:
         raw = np.asarray(column[start:stop])
@@ -226,6 +317,8 @@ def obeyed(
 
 def _numbers(value: Any) -> np.ndarray:
     try:
-        return np.atleast_1d(np.asarray(value if value is not None else [], dtype=np.float64)).ravel()
+        return np.atleast_1d(
+            np.asarray(value if value is not None else [], dtype=np.float64)
+        ).ravel()
     except (TypeError, ValueError):
         return np.empty(0)

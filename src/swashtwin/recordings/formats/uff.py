@@ -21,12 +21,16 @@ _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Time responses of a universal file; their step has six digits, so the rate is snapped to a sensible one."""
+    """Time responses of a universal file; their step has six digits, so the rate is snapped to a
+    sensible one.
+    """
     if not path.read_bytes().rstrip().endswith(b"-1"):
         raise DataError(f"{path} is cut off: its last data set has no end.")
     content = pyuff.UFF(str(path)).read_sets()
     sets = content if isinstance(content, list) else [content]
-    responses = [each for each in sets if each.get("type") == 58 and each.get("func_type") == _TIME_RESPONSE]
+    responses = [
+        each for each in sets if each.get("type") == 58 and each.get("func_type") == _TIME_RESPONSE
+    ]
     if not responses:
         raise DataError(f"{path} holds no time response (data set 58, function type 1).")
     columns: dict[str, np.ndarray] = {}
@@ -40,18 +44,28 @@ def read(path: Path, options: Options) -> RawFile:
         if len(samples) < count or np.any(samples[count:]):
             raise DataError(f"{path} is cut off: {name} has {len(samples)} of {count} samples.")
         if np.iscomplexobj(samples) and np.any(samples.imag):
-            raise DataError(f"{path}: {name} holds complex numbers, which are no recording; export the time signal.")
-        columns[name] = samples.real[:count].astype(np.float64)  # the last line is filled with zeros
+            raise DataError(
+                f"{path}: {name} holds complex numbers, which are no recording; export the time signal."
+            )
+        columns[name] = samples.real[:count].astype(
+            np.float64
+        )  # the last line is filled with zeros
         along = plain_unit(str(response.get("abscissa_axis_units_lab") or "s"))
-        if response.get("abscissa_spec_data_type", 0) not in (0, _TIME) or known_unit(along) not in (None, *TIME_UNITS):
-            raise DataError(f"{path}: {name} runs along {along}, not time; export it as it was recorded.")
+        if response.get("abscissa_spec_data_type", 0) not in (0, _TIME) or known_unit(
+            along
+        ) not in (None, *TIME_UNITS):
+            raise DataError(
+                f"{path}: {name} runs along {along}, not time; export it as it was recorded."
+            )
         second = TIME_UNITS.get(along, 1.0)
         if unit := known_unit(response.get("ordinate_axis_units_lab", "")):
             units[name] = unit
         if response["abscissa_spacing"]:
             step, first = second * float(response["abscissa_inc"]), float(response["abscissa_min"])
             if not step > 0:
-                raise DataError(f"{path}: {name} has time steps of {step:g} s; a recording has a positive step.")
+                raise DataError(
+                    f"{path}: {name} has time steps of {step:g} s; a recording has a positive step."
+                )
             rates[name] = snapped_rate(step, _STEP_DIGITS / float(f"{step:e}".split("e")[0]))
         else:
             times = np.asarray(response["x"], dtype=np.float64)[:count]

@@ -13,7 +13,9 @@ from swashtwin.recordings.recording import Recording
 soundfile: Any = load_extra("soundfile", "readers", "a WAV file")
 
 _UNPACKED = (1, 3, 0xFFFE)
-"""Kinds of coding whose frames all have one size: integers, floats, and either with more said of them."""
+"""Kinds of coding whose frames all have one size: integers, floats, and either with more said of
+them.
+"""
 _SINGLE = ("PCM_S8", "PCM_U8", "PCM_16", "PCM_24", "FLOAT")
 """Codings whose samples single precision holds to the last bit."""
 _SUBTYPES = {
@@ -30,7 +32,9 @@ _UNKNOWN_SIZE = 0x7FFFF000
 
 
 def read(path: Path, options: Options) -> RawFile:
-    """Channels of a WAV file; integer files yield shares of full scale, which need a sensitivity."""
+    """Channels of a WAV file; integer files yield shares of full scale, which need a
+    sensitivity.
+    """
     with path.open("rb") as file:
         head = file.read(1 << 16)
     sound = _opened(path, head)
@@ -42,26 +46,33 @@ def read(path: Path, options: Options) -> RawFile:
         sound.seek(start)
         signal = sound.read(stop - start, dtype=kind, always_2d=True)
         if len(signal) != stop - start:
-            raise DataError(f"{path} is cut off: {start + len(signal)} of {sound.frames} samples are there.")
+            raise DataError(
+                f"{path} is cut off: {start + len(signal)} of {sound.frames} samples are there."
+            )
         return np.ascontiguousarray(signal.T)
 
     columns = side_by_side(frames, (sound.channels, sound.frames), np.dtype(kind))
     named = {f"channel_{number}": column for number, column in enumerate(columns)}
-    return RawFile(named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE"))
+    return RawFile(
+        named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE")
+    )
 
 
 def _opened(path: Path, head: bytes) -> Any:
-    """The file as soundfile opens it; where the sizes in its header are wrong, the length of the file is believed.
+    """The file as soundfile opens it; where the sizes in its header are wrong, the length of the
+    file is believed.
 
-    A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap. A rate that does not fit the bytes per
-    second beside it is refused: one of the two is damaged.
+    A recorder that lost power leaves a size of zero, and sizes above 4 GiB wrap. A rate that does
+    not fit the bytes per second beside it is refused: one of the two is damaged.
     """
     size = path.stat().st_size
     data, layout = _chunk(head, b"data"), _chunk(head, b"fmt ")
     if head[:4] not in (b"RIFF", b"RF64") or layout is None or len(head) < layout + 16:
         return soundfile.SoundFile(str(path))
     kind, channels, rate, per_second, per_frame, bits = struct.unpack_from("<HHIIHH", head, layout)
-    if kind in _UNPACKED and (per_second != rate * per_frame or per_frame != channels * ((bits + 7) // 8)):
+    if kind in _UNPACKED and (
+        per_second != rate * per_frame or per_frame != channels * ((bits + 7) // 8)
+    ):
         raise DataError(
             f"{path} is damaged: {rate} Hz of {channels} channels with {bits} bits are not the {per_second} bytes per "
             f"second and {per_frame} bytes per sample that its header states beside them."
@@ -71,7 +82,9 @@ def _opened(path: Path, head: bytes) -> Any:
     stated = int.from_bytes(head[data - 4 : data], "little")
     is_unknown = stated == 0 or stated >= _UNKNOWN_SIZE
     if data + stated > size and not is_unknown:
-        raise DataError(f"{path} is cut off: its header states {stated} bytes of samples, it has {size - data}.")
+        raise DataError(
+            f"{path} is cut off: its header states {stated} bytes of samples, it has {size - data}."
+        )
     with path.open("rb") as file:
         file.seek(data + stated + stated % 2)
         after = file.read(1 << 20)
@@ -87,7 +100,9 @@ def _opened(path: Path, head: bytes) -> Any:
         kind = int.from_bytes(head[layout + 24 : layout + 26], "little")
     subtype = _SUBTYPES.get((kind, bits))
     if subtype is None or size - data < 2 * channels * bits // 8:
-        raise DataError(f"{path}: its header was never finished: it states {stated} bytes of samples; repair it.")
+        raise DataError(
+            f"{path}: its header was never finished: it states {stated} bytes of samples; repair it."
+        )
     stream = _Tail(path, data)
     return soundfile.SoundFile(
         stream, format="RAW", channels=channels, samplerate=rate, subtype=subtype, endian="LITTLE"
@@ -121,9 +136,13 @@ class _Tail:
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write samples in their own unit as 32-bit floats; the unit belongs in the index, WAV has no place for it."""
+    """Write samples in their own unit as 32-bit floats; the unit belongs in the index, WAV has no
+    place for it.
+    """
     if recording.sample_rate != round(recording.sample_rate):
         raise InputError(
             f"{recording.recording_id}: a WAV file holds whole rates only, not {recording.sample_rate!r} Hz; write .h5."
         )
-    soundfile.write(str(path), recording.signal.T, int(recording.sample_rate), subtype="FLOAT", format="WAV")
+    soundfile.write(
+        str(path), recording.signal.T, int(recording.sample_rate), subtype="FLOAT", format="WAV"
+    )

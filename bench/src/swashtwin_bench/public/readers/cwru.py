@@ -56,7 +56,9 @@ _SERIES = (
     ("DE", 48, "normal", 0, "", "97 98 99 100"),
     ("FE", 48, "normal", 0, "", "97 98 99 100"),
 )
-"""End, rate [kHz], label, diameter of the fault [mil], its place [o'clock], and the record at each load."""
+"""End, rate [kHz], label, diameter of the fault [mil], its place [o'clock], and the record at each
+load.
+"""
 _NUMBER = re.compile(r"(?<!\d)(\d{2,4})(?!\d)")
 _SPEED = re.compile(r"(X\d+)?RPM", re.IGNORECASE)
 
@@ -74,24 +76,30 @@ class _Record(NamedTuple):
 
     @property
     def specimen(self) -> str:
-        return f"{self.end}-healthy" if self.label == "normal" else f"{self.end}-{self.label}-{self.mil}"
+        return (
+            f"{self.end}-healthy"
+            if self.label == "normal"
+            else f"{self.end}-{self.label}-{self.mil}"
+        )
 
 
 def read_cwru(folder: Path | str) -> list[Recording]:
-    """Every recording of the CWRU bearing set, one for each record and end, from the accelerometer at that end.
+    """Every recording of the CWRU bearing set, one for each record and end, from the accelerometer
+    at that end.
 
-    A file is known by the record number in its name (``105.mat``, ``105_0.mat``, ``..._rec105.mat``), wherever below
-    `folder` it lies; the record decides label, rate and load. Files of no known record are passed over, and of a record
-    that is there twice the first is read.
+    A file is known by the record number in its name (``105.mat``, ``105_0.mat``,
+    ``..._rec105.mat``), wherever below `folder` it lies; the record decides label, rate and load.
+    Files of no known record are passed over, and of a record that is there twice the first is read.
 
-    Labels are the seat of the fault: ``normal``, ``inner_race``, ``ball``, ``outer_race``. The channel is called
-    ``acceleration`` at either end, so that one classifier can be asked about both. Readings are taken to be in g, as in
-    the literature.
+    Labels are the seat of the fault: ``normal``, ``inner_race``, ``ball``, ``outer_race``. The
+    channel is called ``acceleration`` at either end, so that one classifier can be asked about
+    both. Readings are taken to be in g, as in the literature.
 
-    Groups for an honest split: ``specimen`` (the bearing: end, seat and diameter; both rates, all loads and all places
-    of the outer race are one), ``attributes["fault_size_mil"]``, ``attributes["end"]`` (``DE`` or ``FE``, two types of
-    bearing). Further ``load_hp``, ``or_position`` [o'clock], ``record``, ``rate_khz``, and ``speed`` (as measured, or
-    nominal for the load where the file has none).
+    Groups for an honest split: ``specimen`` (the bearing: end, seat and diameter; both rates, all
+    loads and all places of the outer race are one), ``attributes["fault_size_mil"]``,
+    ``attributes["end"]`` (``DE`` or ``FE``, two types of bearing). Further ``load_hp``,
+    ``or_position`` [o'clock], ``record``, ``rate_khz``, and ``speed`` (as measured, or nominal for
+    the load where the file has none).
 
     Raises
     ------
@@ -100,10 +108,11 @@ def read_cwru(folder: Path | str) -> list[Recording]:
 
     Notes
     -----
-    What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so a network may learn the rate. There
-    is one healthy bearing at each end. The loads are the same bearings again. Records whose acquisition failed say so
-    in ``attributes["known_problem"]`` (table 3 of Smith and Randall, 2015, doi:10.1016/j.ymssp.2015.04.021) where the
-    set came with a ``files.csv`` that knows it.
+    What misleads: the normal records are at 48 kHz and most faults at 12 kHz, so a network may
+    learn the rate. There is one healthy bearing at each end. The loads are the same bearings again.
+    Records whose acquisition failed say so in ``attributes["known_problem"]`` (table 3 of Smith and
+    Randall, 2015, doi:10.1016/j.ymssp.2015.04.021) where the set came with a ``files.csv`` that
+    knows it.
     """
     folder = Path(folder)
     records = _records()
@@ -114,7 +123,9 @@ def read_cwru(folder: Path | str) -> list[Recording]:
         if len(numbers) == 1:
             paths.setdefault(numbers.pop(), path)
     if not paths:
-        raise DataError(f"{folder} holds no file named after a record of the CWRU set, such as 105.mat.")
+        raise DataError(
+            f"{folder} holds no file named after a record of the CWRU set, such as 105.mat."
+        )
     return [
         recording
         for number, path in sorted(paths.items())
@@ -139,13 +150,18 @@ def _recordings(
     file = path.relative_to(folder).as_posix()
     row = table.get(file, {})
     columns = open_raw(path, Options())
-    measured = next((text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None)
+    measured = next(
+        (text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None
+    )
     for record in records:
-        # A file may hold a neighbor's variables too (99.mat does): its own number first, the first otherwise.
+        # A file may hold a neighbor's variables too (99.mat does): its own number first, the first
+        # otherwise.
         names = [name for name in columns.columns if name.endswith(f"_{record.end}_time")]
         variables = [name for name in names if name.startswith(f"X{record.number:03d}")]
         if not names:
-            raise DataError(f"{path} has no variable X..._{record.end}_time; it has {', '.join(columns.columns)}.")
+            raise DataError(
+                f"{path} has no variable X..._{record.end}_time; it has {', '.join(columns.columns)}."
+            )
         attributes = {
             "speed": f"{float(measured) if measured else _LOADS[record.load]:g} rpm",
             "end": record.end,

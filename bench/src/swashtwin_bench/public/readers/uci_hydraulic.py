@@ -1,4 +1,6 @@
-"""The hydraulic rig of ZeMA (UCI 447), whose pump leaks in three grades: one recording for each cycle of 60 s."""
+"""The hydraulic rig of ZeMA (UCI 447), whose pump leaks in three grades: one recording for each
+cycle of 60 s.
+"""
 
 import re
 from itertools import accumulate, pairwise
@@ -26,21 +28,26 @@ _SENSOR = re.compile(r"([A-Z]+\d?)(_mean1hz)?")
 
 
 def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
-    """Every cycle of the set as one recording, all its sensors at 10 Hz: 2205 cycles of 600 samples.
+    """Every cycle of the set as one recording, all its sensors at 10 Hz: 2205 cycles of 600
+    samples.
 
-    The sensors' rates differ, a recording's do not. Those of 10 Hz (FS1, FS2) are as measured. Those of 1 Hz (TS, VS1,
-    CE, CP, SE) are held for ten samples each, so nothing of them is lost or made up. Those of 100 Hz (PS, EPS1) are
-    means over 0.1 s where the originals are there, and held like the others where only means over 1 s are. Which was
-    done is said in ``attributes["NAME_rate"]``. Sensors are found by their files' names (``FS1.txt``, ``PS1.txt.gz``,
-    ``PS1_mean1hz.tsv.gz``) wherever below `folder`; the labels come from ``profile.txt``.
+    The sensors' rates differ, a recording's do not. Those of 10 Hz (FS1, FS2) are as measured.
+    Those of 1 Hz (TS, VS1, CE, CP, SE) are held for ten samples each, so nothing of them is lost or
+    made up. Those of 100 Hz (PS, EPS1) are means over 0.1 s where the originals are there, and held
+    like the others where only means over 1 s are. Which was done is said in
+    ``attributes["NAME_rate"]``. Sensors are found by their files' names (``FS1.txt``,
+    ``PS1.txt.gz``, ``PS1_mean1hz.tsv.gz``) wherever below `folder`; the labels come from
+    ``profile.txt``.
 
-    Labels are the grades of the pump's internal leakage, ``no_leakage``, ``weak_leakage``, ``severe_leakage``. Channels
-    carry several units, so the recording's is ``1``; ``attributes["units"]`` lists them in the channels' order.
+    Labels are the grades of the pump's internal leakage, ``no_leakage``, ``weak_leakage``,
+    ``severe_leakage``. Channels carry several units, so the recording's is ``1``;
+    ``attributes["units"]`` lists them in the channels' order.
 
     Groups for an honest split: ``attributes["pump_run"]`` (37 contiguous runs of one grade) and
-    ``attributes["cooler_block"]`` (3, the runs of one cooler level). Further ``condition_run`` (194 runs of one setting
-    of everything), ``cooler_pct``, ``valve_pct``, ``accumulator_bar``, ``stable_flag`` (1: perhaps not yet settled) and
-    ``cycle`` (from 0, in the order of measurement).
+    ``attributes["cooler_block"]`` (3, the runs of one cooler level). Further ``condition_run`` (194
+    runs of one setting of everything), ``cooler_pct``, ``valve_pct``, ``accumulator_bar``,
+    ``stable_flag`` (1: perhaps not yet settled) and ``cycle`` (from 0, in the order of
+    measurement).
 
     Raises
     ------
@@ -49,8 +56,9 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
 
     Notes
     -----
-    What misleads: the rig went through the settings in order, and neighboring cycles are nearly equal, so a random
-    split puts near copies on both sides. VS1 is a velocity's RMS once a second: the set has no vibration signal.
+    What misleads: the rig went through the settings in order, and neighboring cycles are nearly
+    equal, so a random split puts near copies on both sides. VS1 is a velocity's RMS once a second:
+    the set has no vibration signal.
 
     References
     ----------
@@ -70,7 +78,9 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
             continue
         samples = _table(path)
         if len(samples) != len(labels):
-            raise DataError(f"{path} has {len(samples)} cycles, {profile} {len(labels)}; one of them is cut off.")
+            raise DataError(
+                f"{path} has {len(samples)} cycles, {profile} {len(labels)}; one of them is cut off."
+            )
         sensors[match[1]] = _at_ten_hertz(samples, path)
         rates[f"{match[1]}_rate"] = f"{samples.shape[1] // 60} Hz"
     names = tuple(name for name in _UNITS if name in sensors)
@@ -98,7 +108,9 @@ def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
     return np.stack([column[:] for column in raw.columns.values()], axis=1)
 
 
-def _at_ten_hertz(samples: Float[np.ndarray, "cycle value"], path: Path) -> Float[np.ndarray, "cycle time"]:
+def _at_ten_hertz(
+    samples: Float[np.ndarray, "cycle value"], path: Path
+) -> Float[np.ndarray, "cycle time"]:
     count = samples.shape[1]
     if count == _SAMPLES // 10:
         return np.repeat(samples, 10, axis=1)
@@ -110,7 +122,11 @@ def _at_ten_hertz(samples: Float[np.ndarray, "cycle value"], path: Path) -> Floa
 def _groups(labels: np.ndarray) -> list[dict[str, str]]:
     """Settings of each cycle and the runs it belongs to."""
     settings = labels[:, :4]
-    columns = {"pump_run": settings[:, 2:3], "condition_run": settings, "cooler_block": settings[:, :1]}
+    columns = {
+        "pump_run": settings[:, 2:3],
+        "condition_run": settings,
+        "cooler_block": settings[:, :1],
+    }
     runs = {name: _runs(values) for name, values in columns.items()}
     return [
         {name: str(values[cycle]) for name, values in runs.items()}

@@ -1,4 +1,5 @@
-"""The hidden truth of version 3: two designs, the pumps of a fleet, how they are put together and what is wrong.
+"""The hidden truth of version 3: two designs, the pumps of a fleet, how they are put together and
+what is wrong.
 
 Everything is drawn from streams of its own. Numbers without a source are estimates in the ranges of
 docs/explanation/physics.md, section 4, moved to another maker's sizes.
@@ -21,11 +22,12 @@ from swashtwin_bench.rigs.fleet import Housing, Specimen
 class Design:
     """What all pumps of one design have in common.
 
-    Kidneys begin and end at angles from top dead center [rad]. Before each lies a relief of an angle and a largest area
-    [m^2]: a ``groove`` that widens, or a ``hole``. Masses are of shell, rotor and one piston with its slipper [kg];
-    contacts are totals of damping and stiffness at 45 degC and 10 MPa, as `pump.PARAMETERS`. Resonances [Hz] are of the
-    shell on its mounting (along x, y, z, about x, y, z), of the housing, and of the rotor in its bearings. A flaw on
-    the outer and inner race of the block's roller bearing is passed so often a turn.
+    Kidneys begin and end at angles from top dead center [rad]. Before each lies a relief of an
+    angle and a largest area [m^2]: a ``groove`` that widens, or a ``hole``. Masses are of shell,
+    rotor and one piston with its slipper [kg]; contacts are totals of damping and stiffness at 45
+    degC and 10 MPa, as `pump.PARAMETERS`. Resonances [Hz] are of the shell on its mounting (along
+    x, y, z, about x, y, z), of the housing, and of the rotor in its bearings. A flaw on the outer
+    and inner race of the block's roller bearing is passed so often a turn.
     """
 
     name: str
@@ -72,8 +74,9 @@ DESIGNS = (
         (650.0, 980.0, 1420.0, 1880.0, 2750.0, 3400.0, 4600.0, 6100.0), 860.0, (7.83, 10.17), 9,
     ),
 )  # fmt: skip
-"""Both designs. Films are of 3 W / h and thicker than the twin's (physics.md, section 4); housings resonate above
-0.65 kHz, where the twin's shell is rigid."""
+"""Both designs. Films are of 3 W / h and thicker than the twin's (physics.md, section 4); housings
+resonate above 0.65 kHz, where the twin's shell is rigid.
+"""
 
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -107,7 +110,11 @@ class Damage(Fault):
     @property
     def label(self) -> str:  # type: ignore[override]
         """Class of the damage."""
-        return "compound" if self.second else next(label for label, modes in MODES.items() if self.mode in modes)
+        return (
+            "compound"
+            if self.second
+            else next(label for label, modes in MODES.items() if self.mode in modes)
+        )
 
 
 def damage_of(fault: Fault | None, mode: str) -> Damage:
@@ -128,7 +135,10 @@ def draw_fault(label: str, pistons: int, seed: int, purpose: str) -> Damage | No
     """
     rng = stream(seed, "fault of version 3", label, purpose)
     if label == "compound":
-        one, other = (draw_fault(str(part), pistons, seed, purpose) for part in rng.permutation(CLASSES[1:])[:2])
+        one, other = (
+            draw_fault(str(part), pistons, seed, purpose)
+            for part in rng.permutation(CLASSES[1:])[:2]
+        )
         return None if one is None else replace(one, second=other)
     return None if label == "normal" else Damage(
         extent=float(np.exp(rng.normal(0, 0.4))),
@@ -141,22 +151,26 @@ def draw_fault(label: str, pistons: int, seed: int, purpose: str) -> Damage | No
 
 PATHS = ("swash_y", "swash_z", "swash_tilt_x", "swash_tilt_y", "rotor_y", "rotor_tilt_x", "rotor_tilt_y", "rotor_x",
          "cover_z", "roll", "pipe")  # fmt: skip
-"""Ways by which forces [N] and moments [N m] reach the housing: from the swash plate, the rotor's bearings, the cover
-behind the valve plate, the reaction to the shaft's torque, and the outlet pipe."""
+"""Ways by which forces [N] and moments [N m] reach the housing: from the swash plate, the rotor's
+bearings, the cover behind the valve plate, the reaction to the shaft's torque, and the outlet
+pipe.
+"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ThirdSpecimen(Specimen):
     """One pump of version 3.
 
-    Its `values` are totals of its contacts, its `housing` holds the flexible modes, `unloaded` is the retainer's
-    stiffness over a slipper film's. `rigid` are resonances of the shell on its mounting, `mounting` of each sensor on
-    its place [Hz]; `drives` says how far each path excites each flexible mode. `plays` are of each slipper between
-    plate and retainer [m], `volumes` dead volumes [m^3], `shifts` how much later than drawn each port begins and ends,
-    `spacing` errors of the bores [rad], `waviness` the swash plate's out of flatness, once to three times a turn, and
-    `unbalance` the rotor's [m]. `line` is the outlet's volume [m^3] and its pipe's resonance [Hz]. `noise` is the
-    loudness of jets, leakage and rubbing, and the free air, over the typical, `foreign` the amplitudes [m/s^2] of
-    `measuring.foreign_lines`, `slip` the motor's at 15 MPa, `gauge` the true over the stated pressure.
+    Its `values` are totals of its contacts, its `housing` holds the flexible modes, `unloaded` is
+    the retainer's stiffness over a slipper film's. `rigid` are resonances of the shell on its
+    mounting, `mounting` of each sensor on its place [Hz]; `drives` says how far each path excites
+    each flexible mode. `plays` are of each slipper between plate and retainer [m], `volumes` dead
+    volumes [m^3], `shifts` how much later than drawn each port begins and ends, `spacing` errors of
+    the bores [rad], `waviness` the swash plate's out of flatness, once to three times a turn, and
+    `unbalance` the rotor's [m]. `line` is the outlet's volume [m^3] and its pipe's resonance [Hz].
+    `noise` is the loudness of jets, leakage and rubbing, and the free air, over the typical,
+    `foreign` the amplitudes [m/s^2] of `measuring.foreign_lines`, `slip` the motor's at 15 MPa,
+    `gauge` the true over the stated pressure.
     """
 
     design: Design
@@ -197,17 +211,29 @@ class ThirdSpecimen(Specimen):
 
 
 def draw_specimen(nominal: Pump, name: str, seed: int) -> ThirdSpecimen:
-    """Pump `name` of version 3's fleet of `seed`; neighbors in the alphabet are of different designs.
+    """Pump `name` of version 3's fleet of `seed`; neighbors in the alphabet are of different
+    designs.
 
     Its `pump` is what a user makes of the nameplate: the nominal pump scaled, not this one.
     """
     design = DESIGNS[(int(stream(seed, "fleet of version 3").integers(2)) + ord(name[0])) % 2]
-    rng, built = stream(seed, "specimen of version 3", name), stream(0, "design of version 3", design.name)
-    count, sensors, flexible = design.nameplate.piston_count, len(nominal.sensors), np.array(design.flexible)
-    drives, shapes = (
-        built.normal(0, level, (rows, len(flexible))) for level, rows in ((0.5, len(PATHS)), (0.6, sensors))
+    rng, built = (
+        stream(seed, "specimen of version 3", name),
+        stream(0, "design of version 3", design.name),
     )
-    drives[[1, 8], ::3] += [[-1.0], [1.0]]  # every third mode stretches the housing between swash plate and cover
+    count, sensors, flexible = (
+        design.nameplate.piston_count,
+        len(nominal.sensors),
+        np.array(design.flexible),
+    )
+    drives, shapes = (
+        built.normal(0, level, (rows, len(flexible)))
+        for level, rows in ((0.5, len(PATHS)), (0.6, sensors))
+    )
+    drives[[1, 8], ::3] += [
+        [-1.0],
+        [1.0],
+    ]  # every third mode stretches the housing between swash plate and cover
     drives[[2, 3, 5, 6, 9]] *= 18  # a moment is a pair of forces on an arm
     vary = lambda typical, deviation: typical * np.exp(rng.normal(0, deviation, np.shape(typical)))  # noqa: E731
     return ThirdSpecimen(
@@ -216,7 +242,11 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> ThirdSpecimen:
         values=vary(np.array(design.contacts), 0.22),
         mount=1.0,
         bearing=1.0,
-        clearances=tuple(np.clip(design.piston_diameter * 7e-4 * rng.normal(1, 0.16, count), um(7), None).tolist()),
+        clearances=tuple(
+            np.clip(
+                design.piston_diameter * 7e-4 * rng.normal(1, 0.16, count), um(7), None
+            ).tolist()
+        ),
         unloaded=float(rng.uniform(0.2, 0.5)),
         following=1.0,
         following_cutoff=math.inf,

@@ -1,2 +1,3 @@
-"""Version 2 of the virtual rig: a machine that no twin of ours contains (docs/bench/rig.md says what it still
-shares)."""
+"""Version 2 of the virtual rig: a machine that no twin of ours contains (docs/bench/rig.md says
+what it still shares).
+"""

@@ -1,4 +1,5 @@
-"""The hidden truth of version 2: pumps that differ more than those of version 1, their test stands and their faults.
+"""The hidden truth of version 2: pumps that differ more than those of version 1, their test stands
+and their faults.
 
 Everything is drawn anew, from streams of its own; no number of version 1 returns.
 """
@@ -10,7 +11,16 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from swashtwin.foundation import deg, mm, stream, um
-from swashtwin.pump import PARAMETERS, BoreDefect, DamScratch, Fault, GrooveErosion, PistonWear, Pump, SwashPlateDefect
+from swashtwin.pump import (
+    PARAMETERS,
+    BoreDefect,
+    DamScratch,
+    Fault,
+    GrooveErosion,
+    PistonWear,
+    Pump,
+    SwashPlateDefect,
+)
 from swashtwin_bench.rigs.fleet import Housing, Specimen
 
 FLEET_FACTORS = (0.6, 0.5, 0.7, 1.5, 2.2, 1.4)
@@ -26,7 +36,9 @@ HOUSING_MODES = (1350.0, 2100.0, 2900.0, 3900.0, 5200.0)
 """Fleet mean resonances [Hz] of the flexible housing."""
 
 SEVERITY_SPREAD = 0.35
-"""Standard deviation of ln(severity); `stated_prior` and changes assume the same, other training sets less."""
+"""Standard deviation of ln(severity); `stated_prior` and changes assume the same, other training
+sets less.
+"""
 
 SENSOR_PLACES = MappingProxyType(
     {
@@ -40,7 +52,9 @@ SENSOR_RESONANCE = MappingProxyType({"studs": (9500.0, 0.05), "magnets": (5500.0
 """Resonance [Hz] and damping ratio of a sensor on its mounting."""
 
 SOURCES = ("ports", "slap", "bore", "recess")
-"""Where impacts come from: chambers that meet a port, pistons that change sides in their bores, and two faults."""
+"""Where impacts come from: chambers that meet a port, pistons that change sides in their bores, and
+two faults.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +70,22 @@ class Stand:
     bearing_orders: Float[np.ndarray, " bearing"]
     """Ball passes of each bearing per revolution."""
     gear: Complex[np.ndarray, "sensor line"]
-    """Amplitudes [m/s^2] of the mesh, its sidebands of one turn of the shaft, and the second harmonic."""
+    """Amplitudes [m/s^2] of the mesh, its sidebands of one turn of the shaft, and the second
+    harmonic.
+    """
     motor: Float[np.ndarray, "sensor line"]
-    """Amplitudes [m/s^2] of the supply's second, sixth and twelfth harmonic, and of the motor's turning."""
+    """Amplitudes [m/s^2] of the supply's second, sixth and twelfth harmonic, and of the motor's
+    turning.
+    """
     bearing: Float[np.ndarray, "sensor bearing"]
     """Amplitudes [m/s^2] of the ball passes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SecondSpecimen(Specimen):
-    """One pump of version 2, as it truly is; mount and bearing of version 1 are 1, for `supports` take their place."""
+    """One pump of version 2, as it truly is; mount and bearing of version 1 are 1, for `supports`
+    take their place.
+    """
 
     is_reassembled: bool
     """Whether it is taken apart before each recording, or only where another part is put in."""
@@ -104,7 +124,8 @@ class SecondSpecimen(Specimen):
 def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
     """Pump `name` of version 2's fleet of `seed`.
 
-    Of neighbors in the alphabet one has the first sensor set and one the second; of every four, two are reassembled.
+    Of neighbors in the alphabet one has the first sensor set and one the second; of every four, two
+    are reassembled.
     """
     rng = stream(seed, "specimen of version 2", name)
     turn = int(stream(seed, "fleet of version 2").integers(4)) + ord(name[0])
@@ -114,14 +135,17 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
     modes, count = len(HOUSING_MODES), group.piston_count
     pump = replace(
         nominal,
-        masses=replace(masses, rotor_eccentricity=masses.rotor_eccentricity * rng.lognormal(0, 0.5)),
+        masses=replace(
+            masses, rotor_eccentricity=masses.rotor_eccentricity * rng.lognormal(0, 0.5)
+        ),
         valve_plate=replace(
             plate,
             discharge_open=plate.discharge_open + deg(rng.normal(0, 0.7)),
             suction_open=plate.suction_open + deg(rng.normal(0, 0.7)),
         ),
         sensors=tuple(
-            replace(sensor, position=position) for sensor, position in zip(nominal.sensors, positions, strict=True)
+            replace(sensor, position=position)
+            for sensor, position in zip(nominal.sensors, positions, strict=True)
         )
         if positions
         else nominal.sensors,
@@ -134,7 +158,9 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
         * np.exp(rng.normal(0, DISPERSION, len(PARAMETERS))),
         mount=1.0,
         bearing=1.0,
-        clearances=tuple(np.clip(group.piston_clearance * rng.normal(1, 0.15, count), 8e-6, None).tolist()),
+        clearances=tuple(
+            np.clip(group.piston_clearance * rng.normal(1, 0.15, count), 8e-6, None).tolist()
+        ),
         unloaded=float(rng.uniform(0.25, 0.6)),
         following=1.0,
         following_cutoff=float("inf"),
@@ -152,25 +178,35 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
         film_exponent=float(rng.uniform(0.6, 1.1)),
         gauge=float(rng.normal(1, 0.015)),
         strengths=STRENGTHS[:, None]
-        * np.exp(rng.normal(0, 0.35, (len(SOURCES), count)) + rng.normal(0, 0.3, (len(SOURCES), 1))),
+        * np.exp(
+            rng.normal(0, 0.35, (len(SOURCES), count)) + rng.normal(0, 0.3, (len(SOURCES), 1))
+        ),
         mode_shares=_MODE_SHARES + rng.normal(0, 0.3, (len(SOURCES), 3, modes)),
         jets=np.exp(rng.normal(0, 0.2, count)),
     )
 
 
 STRENGTHS = np.array([4e-5, 3e-5, 1.6e-4, 8e-5])
-"""Typical speed [m/s] that one impact gives to the housing at 10 MPa and the typical severity, by source."""
+"""Typical speed [m/s] that one impact gives to the housing at 10 MPa and the typical severity, by
+source.
+"""
 
 
 _RESIDUES = stream(0, "housing of version 2").normal(0, 0.08, (3, len(HOUSING_MODES)))
 """Share of each mode in each sensor, fleet mean."""
-_MODE_SHARES = stream(0, "places of version 2").normal(0, 0.6, (len(SOURCES), 3, len(HOUSING_MODES)))
-"""How far an impact of each source excites each mode in each sensor, fleet mean: pumps of one type are built alike."""
+_MODE_SHARES = stream(0, "places of version 2").normal(
+    0, 0.6, (len(SOURCES), 3, len(HOUSING_MODES))
+)
+"""How far an impact of each source excites each mode in each sensor, fleet mean: pumps of one type
+are built alike.
+"""
 
 
 def _draw_stand(rng: np.random.Generator) -> Stand:
     def level(typical: float, lines: int) -> np.ndarray:
-        return typical * np.exp(rng.normal(0, 0.5, (3, lines))) * rng.choice([-1.0, 1.0], (3, lines))
+        return (
+            typical * np.exp(rng.normal(0, 0.5, (3, lines))) * rng.choice([-1.0, 1.0], (3, lines))
+        )
 
     return Stand(
         teeth=int(rng.integers(19, 32)),
@@ -189,12 +225,15 @@ PAPER_RECESS = SwashPlateDefect(depth=mm(0.6), length=mm(30), width=mm(24), cont
 """The paper's recess, in version ``2-deep``."""
 
 
-def draw_fault(label: str, specimen: str, seed: int, purpose: str, *, is_deep: bool = False) -> Fault | None:
+def draw_fault(
+    label: str, specimen: str, seed: int, purpose: str, *, is_deep: bool = False
+) -> Fault | None:
     """What is wrong with a pump of class `label`.
 
     Parameters
     ----------
-    purpose : addresses the random stream: of one recording, or of all of a pump that is not reassembled.
+    purpose : addresses the random stream: of one recording, or of all of a pump that is not
+        reassembled.
     is_deep : the recess has the paper's dimensions; where it lies is drawn.
     """
     rng = stream(seed, "fault of version 2", label, purpose)
@@ -214,9 +253,13 @@ def draw_fault(label: str, specimen: str, seed: int, purpose: str, *, is_deep: b
     if label == "cylinder_block":
         loaded = deg(270 + rng.uniform(-40, 40))
         half_width = deg(rng.uniform(25, 55))
-        return BoreDefect(um(270) * spread, half_width=half_width, angle=loaded, bore=int(rng.integers(7)))
+        return BoreDefect(
+            um(270) * spread, half_width=half_width, angle=loaded, bore=int(rng.integers(7))
+        )
     if label == "valve_plate":
         if rng.random() < 0.5:
             return DamScratch(area=0.8e-6 * spread, width=deg(rng.uniform(3, 8)))
-        return GrooveErosion(advance=deg(5) * min(spread, 1.4), area_factor=float(rng.uniform(2, 6)))
+        return GrooveErosion(
+            advance=deg(5) * min(spread, 1.4), area_factor=float(rng.uniform(2, 6))
+        )
     return None

@@ -9,7 +9,15 @@ from swashtwin.foundation import stream
 from swashtwin.physics import LoadCase, force_lines
 from swashtwin.pump import OperatingCondition
 from swashtwin.signals import inverse_transform, line_frequencies, synchronous_signal
-from swashtwin_bench.rigs.measuring import BANDWIDTH, TOPOLOGY, Run, digitized, shaft_angle, shell_lines, with_steps
+from swashtwin_bench.rigs.measuring import (
+    BANDWIDTH,
+    TOPOLOGY,
+    Run,
+    digitized,
+    shaft_angle,
+    shell_lines,
+    with_steps,
+)
 from swashtwin_bench.rigs.version_two.fleet import SecondSpecimen
 from swashtwin_bench.rigs.version_two.sounds import (
     bursts,
@@ -46,7 +54,11 @@ def _drifting_angle(
 
 
 def _samples(
-    run: Run, specimen: SecondSpecimen, duration: float, sample_rate: float, rng: np.random.Generator
+    run: Run,
+    specimen: SecondSpecimen,
+    duration: float,
+    sample_rate: float,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "sensor time"]:
     n, condition = round(duration * sample_rate), run.condition
     time = np.arange(n) / sample_rate
@@ -56,12 +68,16 @@ def _samples(
     lines = shell_lines(run, pressure)
     orders = np.arange(1, lines.shape[1] + 1)
     lines = lines * specimen.housing.response(orders * condition.shaft_frequency)
-    lines[:, np.array(gear_orders(specimen)) - 1] += specimen.stand.gear * condition.discharge_pressure / 10e6
+    lines[:, np.array(gear_orders(specimen)) - 1] += (
+        specimen.stand.gear * condition.discharge_pressure / 10e6
+    )
     lines = lines * sensor_response(specimen, orders * condition.shaft_frequency)
     angle = _drifting_angle(condition, duration, sample_rate, rng)
     drift = 1 + rng.uniform(-0.05, 0.05) * (time / duration - 0.5)
     drift = drift + 0.03 * np.sin(2 * np.pi * (rng.uniform(0.1, 0.6) * time + rng.random()))
-    sound = flow_noise(run, specimen, angle, sample_rate, rng) + bursts(run, specimen, angle, sample_rate, rng)
+    sound = flow_noise(run, specimen, angle, sample_rate, rng) + bursts(
+        run, specimen, angle, sample_rate, rng
+    )
     sound = sound * sensor_response(specimen, line_frequencies(n, sample_rate))
     signal = synchronous_signal(lines, orders, angle) * drift + inverse_transform(sound, n)
     signal = specimen.housing.gain @ (signal + stand_noise(run, specimen, angle, sample_rate, rng))

@@ -1,7 +1,9 @@
-"""What version 2 adds to the lines of the pump: bursts of impacts, flow noise that the shaft modulates, its stand.
+"""What version 2 adds to the lines of the pump: bursts of impacts, flow noise that the shaft
+modulates, its stand.
 
-Impacts come at shaft angles, each a little early or late and never twice equally strong, and let the housing ring.
-Flow noise swells where chambers meet the ports and where a fault leaks. Motor, gear and bearings go on as they do.
+Impacts come at shaft angles, each a little early or late and never twice equally strong, and let
+the housing ring. Flow noise swells where chambers meet the ports and where a fault leaks. Motor,
+gear and bearings go on as they do.
 """
 
 import math
@@ -14,7 +16,12 @@ from swashtwin.foundation import deg, rpm, um
 from swashtwin.pump import BoreDefect, DamScratch, GrooveErosion, PistonWear, SwashPlateDefect
 from swashtwin.signals import line_frequencies, transform
 from swashtwin_bench.rigs.measuring import Run
-from swashtwin_bench.rigs.version_two.fleet import RECESS_DEPTH, SENSOR_RESONANCE, SOURCES, SecondSpecimen
+from swashtwin_bench.rigs.version_two.fleet import (
+    RECESS_DEPTH,
+    SENSOR_RESONANCE,
+    SOURCES,
+    SecondSpecimen,
+)
 
 JITTER = deg(1.2)
 """Standard deviation [rad] of the angle at which an impact comes."""
@@ -78,13 +85,19 @@ def impacts_of(run: Run, specimen: SecondSpecimen) -> list[Impacts]:
 
 
 def bursts(
-    run: Run, specimen: SecondSpecimen, angle: Float[np.ndarray, " time"], sample_rate: float, rng: np.random.Generator
+    run: Run,
+    specimen: SecondSpecimen,
+    angle: Float[np.ndarray, " time"],
+    sample_rate: float,
+    rng: np.random.Generator,
 ) -> Complex[np.ndarray, "sensor frequency"]:
     """Transform of what the impacts along a shaft `angle` [rad] let each sensor read [m/s^2]."""
     n, time = len(angle), np.arange(len(angle))
     frequency = line_frequencies(n, sample_rate)
     trains = np.zeros((len(SOURCES), n))
-    turns = np.arange(math.floor(angle[0] / (2 * np.pi)) - 1, math.ceil(angle[-1] / (2 * np.pi)) + 1)
+    turns = np.arange(
+        math.floor(angle[0] / (2 * np.pi)) - 1, math.ceil(angle[-1] / (2 * np.pi)) + 1
+    )
     for impacts in impacts_of(run, specimen):
         shape = (len(turns), len(impacts.angle))
         where = 2 * np.pi * turns[:, None] + impacts.angle + rng.normal(0, JITTER, shape)
@@ -118,7 +131,9 @@ def loudness(run: Run, specimen: SecondSpecimen) -> Float[np.ndarray, " step"]:
         jets = jets + 0.8 * fault.area / 0.8e-6 * near(np.pi, fault.width)
     if isinstance(fault, GrooveErosion):
         early = fault.advance / deg(5)
-        jets = jets + 0.6 * early * (near(DISCHARGE - fault.advance, deg(5)) + near(SUCTION - fault.advance, deg(5)))
+        jets = jets + 0.6 * early * (
+            near(DISCHARGE - fault.advance, deg(5)) + near(SUCTION - fault.advance, deg(5))
+        )
     if isinstance(fault, SwashPlateDefect):
         half = fault.length / (2 * specimen.pump.rotating_group.pitch_radius)
         jets = jets + 0.8 * min(3.0, fault.depth / RECESS_DEPTH) * near(fault.angle, half / 2)
@@ -126,24 +141,36 @@ def loudness(run: Run, specimen: SecondSpecimen) -> Float[np.ndarray, " step"]:
     leaking = 1.3 * wear_of(run)[:, None] * pressed
     if isinstance(fault, BoreDefect):
         struck = np.arange(count)[:, None] == fault.bore
-        leaking = leaking + 0.8 * struck * fault.depth / um(270) * near(fault.angle, fault.half_width / 2)
+        leaking = leaking + 0.8 * struck * fault.depth / um(270) * near(
+            fault.angle, fault.half_width / 2
+        )
     return np.asarray(1 + specimen.jets @ jets + leaking.sum(axis=0))
 
 
 def flow_noise(
-    run: Run, specimen: SecondSpecimen, angle: Float[np.ndarray, " time"], sample_rate: float, rng: np.random.Generator
+    run: Run,
+    specimen: SecondSpecimen,
+    angle: Float[np.ndarray, " time"],
+    sample_rate: float,
+    rng: np.random.Generator,
 ) -> Complex[np.ndarray, "sensor frequency"]:
-    """Transform of the flow's noise [m/s^2] as each sensor reads it, without the sensor's own resonance."""
+    """Transform of the flow's noise [m/s^2] as each sensor reads it, without the sensor's own
+    resonance.
+    """
     frequency = line_frequencies(len(angle), sample_rate)
     step = (np.mod(angle, 2 * np.pi) * (2048 / (2 * np.pi))).astype(int) % 2048
     level = np.sqrt(loudness(run, specimen))[step]
     color = (1 + 300 / np.maximum(frequency, 30)) / (1 + (frequency / 3500) ** 2)
     color = np.sqrt(color) * np.abs(specimen.housing.response(frequency))
-    load = FLOW_NOISE * math.sqrt(run.condition.discharge_pressure / 10e6 * run.condition.speed / SPEED)
+    load = FLOW_NOISE * math.sqrt(
+        run.condition.discharge_pressure / 10e6 * run.condition.speed / SPEED
+    )
     return np.asarray(transform(rng.standard_normal((3, len(angle))) * level) * color * load)
 
 
-def sensor_response(specimen: SecondSpecimen, frequency: Float[np.ndarray, " line"]) -> Complex[np.ndarray, " line"]:
+def sensor_response(
+    specimen: SecondSpecimen, frequency: Float[np.ndarray, " line"]
+) -> Complex[np.ndarray, " line"]:
     """What a sensor reads over what its place does, at `frequency` [Hz]."""
     resonance, damping = SENSOR_RESONANCE[specimen.sensors]
     ratio = frequency / resonance
@@ -157,10 +184,15 @@ def gear_orders(specimen: SecondSpecimen) -> list[int]:
 
 
 def stand_noise(
-    run: Run, specimen: SecondSpecimen, angle: Float[np.ndarray, " time"], sample_rate: float, rng: np.random.Generator
+    run: Run,
+    specimen: SecondSpecimen,
+    angle: Float[np.ndarray, " time"],
+    sample_rate: float,
+    rng: np.random.Generator,
 ) -> Float[np.ndarray, "sensor time"]:
-    """Lines [m/s^2] of motor and bearings, which do not turn with the pump's shaft: three pairs of poles behind a gear,
-    balls that slide a little."""
+    """Lines [m/s^2] of motor and bearings, which do not turn with the pump's shaft: three pairs of
+    poles behind a gear, balls that slide a little.
+    """
     stand, time = specimen.stand, np.arange(len(angle)) / sample_rate
     load = run.condition.discharge_pressure / 10e6
     motor_order = stand.teeth / stand.wheel_teeth

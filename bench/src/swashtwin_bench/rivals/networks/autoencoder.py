@@ -15,11 +15,13 @@ _LEARNING_RATE = 1e-3
 
 
 class SpectrumLines(nn.Module):
-    """Level of each of `n_lines` equal bands of each channel's spectrum, scaled by what training windows had there.
+    """Level of each of `n_lines` equal bands of each channel's spectrum, scaled by what training
+    windows had there.
 
-    ln of the mean amplitude within the band, mean removed, Hann taper, from half the first line to half the rate; then
-    batch normalization without weights. A fully connected layer has no notion of time: it would have to learn a fault
-    anew for every moment at which a window may begin, while the amplitudes do not move.
+    ln of the mean amplitude within the band, mean removed, Hann taper, from half the first line to
+    half the rate; then batch normalization without weights. A fully connected layer has no notion
+    of time: it would have to learn a fault anew for every moment at which a window may begin, while
+    the amplitudes do not move.
     """
 
     def __init__(self, n_channels: int, n_lines: int) -> None:
@@ -27,7 +29,9 @@ class SpectrumLines(nn.Module):
         self.n_lines = n_lines
         self.scaling = nn.BatchNorm1d(n_channels * n_lines, affine=False)
 
-    def forward(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window line"]:
+    def forward(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window line"]:
         """Levels, channel after channel."""
         length = windows.shape[-1]
         taper = torch.hann_window(length, device=windows.device)
@@ -40,18 +44,20 @@ class SpectrumLines(nn.Module):
 
 
 class StackedAutoencoder(Network):
-    """Stacked sparse autoencoders, then a deep network that starts from their encoders (DOI 10.1155/2018/2919637).
+    """Stacked sparse autoencoders, then a deep network that starts from their encoders (DOI
+    10.1155/2018/2919637).
 
-    As Sohaib and Kim 2018: each layer first learns, without any class, to give back what the layer before it says
-    (greedy, layer after layer), with a penalty that keeps its units silent most of the time; then all layers and a
-    last one are trained together on the classes. With x the input, h = sigmoid(W x + b) of m windows and ρ̂_j the mean
-    of unit j over them, a layer lowers
+    As Sohaib and Kim 2018: each layer first learns, without any class, to give back what the layer
+    before it says (greedy, layer after layer), with a penalty that keeps its units silent most of
+    the time; then all layers and a last one are trained together on the classes. With x the input,
+    h = sigmoid(W x + b) of m windows and ρ̂_j the mean of unit j over them, a layer lowers
 
-        (1 / 2m) Σ ‖Wᵀ h + c - x‖² + β Σ_j KL(ρ ‖ ρ̂_j),  KL(ρ ‖ ρ̂) = ρ ln(ρ / ρ̂) + (1 - ρ) ln((1 - ρ) / (1 - ρ̂)).
+        (1 / 2m) Σ ‖Wᵀ h + c - x‖² + β Σ_j KL(ρ ‖ ρ̂_j),  KL(ρ ‖ ρ̂) = ρ ln(ρ / ρ̂) + (1 - ρ) ln((1
+        - ρ) / (1 - ρ̂)).
 
-    **Our reading**: the input is the spectrum (`SpectrumLines`; theirs is the envelope's), the decoder is the
-    encoder's transpose, and sizes, ρ, β and Adam with 1e-3 are ours. The decoders are not kept. Weights, with C =
-    `n_channels`, L = `n_lines`, H_i = ``hidden[i]``:
+    **Our reading**: the input is the spectrum (`SpectrumLines`; theirs is the envelope's), the
+    decoder is the encoder's transpose, and sizes, ρ, β and Adam with 1e-3 are ours. The decoders
+    are not kept. Weights, with C = `n_channels`, L = `n_lines`, H_i = ``hidden[i]``:
 
     ============== =================
     ``encoders.0`` (H_0, C L)
@@ -93,7 +99,9 @@ class StackedAutoencoder(Network):
         self.encoders = nn.ModuleList(nn.Linear(n_in, n_out) for n_in, n_out in sizes)
         self.head = nn.Linear(hidden[-1], n_classes)
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """What the last encoder says."""
         x = self.spectrum(windows)
         for encoder in self.encoders:
@@ -101,18 +109,27 @@ class StackedAutoencoder(Network):
         return x
 
     def pretrain(self, windows: Float[Tensor, "window channel time"], seed: int) -> None:
-        """Train each encoder in turn so that a decoder can restore its input from few active units."""
+        """Train each encoder in turn so that a decoder can restore its input from few active
+        units.
+        """
         order = torch.Generator().manual_seed(seed)
         self.spectrum.train()
         with torch.no_grad():
-            x = torch.cat([self.spectrum(windows[batch]) for batch in batches(torch.arange(len(windows)), _BATCH * 4)])
+            x = torch.cat(
+                [
+                    self.spectrum(windows[batch])
+                    for batch in batches(torch.arange(len(windows)), _BATCH * 4)
+                ]
+            )
         for encoder in self.encoders:
             assert isinstance(encoder, nn.Linear)
             self._learn_to_undo(encoder, x, order)
             with torch.no_grad():
                 x = torch.sigmoid(encoder(x))
 
-    def _learn_to_undo(self, encoder: nn.Linear, x: Float[Tensor, "window value"], order: torch.Generator) -> None:
+    def _learn_to_undo(
+        self, encoder: nn.Linear, x: Float[Tensor, "window value"], order: torch.Generator
+    ) -> None:
         offset = x.mean(dim=0).requires_grad_()
         optimizer = torch.optim.Adam([*encoder.parameters(), offset], lr=_LEARNING_RATE)
         for _ in range(self.settings["pretraining_epochs"]):
@@ -121,10 +138,17 @@ class StackedAutoencoder(Network):
                 self._loss(encoder, offset, x[batch]).backward()
                 optimizer.step()
 
-    def _loss(self, encoder: nn.Linear, offset: Float[Tensor, " value"], x: Float[Tensor, "window value"]) -> Tensor:
+    def _loss(
+        self, encoder: nn.Linear, offset: Float[Tensor, " value"], x: Float[Tensor, "window value"]
+    ) -> Tensor:
         hidden = torch.sigmoid(encoder(x))
         given_back = functional.linear(hidden, encoder.weight.T, offset)
-        awake, wanted = hidden.mean(dim=0).clamp(1e-6, 1 - 1e-6), torch.tensor(self.settings["sparsity"])
-        divergence = wanted * torch.log(wanted / awake) + (1 - wanted) * torch.log((1 - wanted) / (1 - awake))
+        awake, wanted = (
+            hidden.mean(dim=0).clamp(1e-6, 1 - 1e-6),
+            torch.tensor(self.settings["sparsity"]),
+        )
+        divergence = wanted * torch.log(wanted / awake) + (1 - wanted) * torch.log(
+            (1 - wanted) / (1 - awake)
+        )
         error = (given_back - x).square().sum(dim=1).mean() / 2
         return error + self.settings["sparsity_weight"] * divergence.sum()

@@ -12,9 +12,10 @@ from swashtwin.learning import Network
 class CNNLSTM(Network):
     """Convolutions followed by LSTM, Pan, He, Tang and Meng 2018 (DOI 10.5545/sv-jme.2018.5249).
 
-    Two convolutions with ReLU and maximum pooling by 2 make steps out of samples, one LSTM reads the steps, and its
-    state after the last one is what is known of the window. That order is theirs; the sizes, batch normalization and
-    the strides are **our reading**. Weights, with C = `n_channels`, F = `width`, H = `hidden`:
+    Two convolutions with ReLU and maximum pooling by 2 make steps out of samples, one LSTM reads
+    the steps, and its state after the last one is what is known of the window. That order is
+    theirs; the sizes, batch normalization and the strides are **our reading**. Weights, with C =
+    `n_channels`, F = `width`, H = `hidden`:
 
     ============================= ============
     ``convolutions.0``            (F, C, 64)
@@ -47,7 +48,12 @@ class CNNLSTM(Network):
         dropout: float = 0.1,
     ) -> None:
         super().__init__(
-            n_channels=n_channels, n_classes=n_classes, width=width, hidden=hidden, stride=stride, dropout=dropout
+            n_channels=n_channels,
+            n_classes=n_classes,
+            width=width,
+            hidden=hidden,
+            stride=stride,
+            dropout=dropout,
         )
         self.convolutions = nn.Sequential(
             nn.Conv1d(n_channels, width, 64, stride=stride, padding=32),
@@ -63,7 +69,9 @@ class CNNLSTM(Network):
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(hidden, n_classes)
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """State of the LSTM after the last step; a window under four steps gets zeros before it."""
         short = max(0, 4 * self.settings["stride"] - windows.shape[-1])
         steps = self.convolutions(functional.pad(windows, (short, 0)))

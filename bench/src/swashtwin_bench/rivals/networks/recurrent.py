@@ -1,4 +1,6 @@
-"""Recurrent networks, which read a window in patches and answer with what they remember at its end."""
+"""Recurrent networks, which read a window in patches and answer with what they remember at its
+end.
+"""
 
 from typing import ClassVar
 
@@ -13,10 +15,10 @@ from swashtwin_bench.rivals.networks.tcn import whole_patches
 class Recurrent(Network):
     """Base of the recurrent networks; a subclass says which cell, and whether it reads both ways.
 
-    A step takes `patch` samples of every channel at once. **Our reading**, for lack of any in the paper: 128 steps of
-    16 samples can be learned through, 2,048 steps of one sample hardly can, and would make the network a straw man.
-    Weights, with C = `n_channels`, H = `hidden`, p = `patch`, g = 4 for LSTM and 3 for GRU, d = 2 where both ways are
-    read, else 1; each direction has its own:
+    A step takes `patch` samples of every channel at once. **Our reading**, for lack of any in the
+    paper: 128 steps of 16 samples can be learned through, 2,048 steps of one sample hardly can, and
+    would make the network a straw man. Weights, with C = `n_channels`, H = `hidden`, p = `patch`, g
+    = 4 for LSTM and 3 for GRU, d = 2 where both ways are read, else 1; each direction has its own:
 
     ===================================== ==============
     ``recurrence.weight_ih_l0``           (g H, C p)
@@ -49,7 +51,12 @@ class Recurrent(Network):
         dropout: float = 0.1,
     ) -> None:
         super().__init__(
-            n_channels=n_channels, n_classes=n_classes, hidden=hidden, layers=layers, patch=patch, dropout=dropout
+            n_channels=n_channels,
+            n_classes=n_classes,
+            hidden=hidden,
+            layers=layers,
+            patch=patch,
+            dropout=dropout,
         )
         self.recurrence = self.cell(
             n_channels * patch,
@@ -62,18 +69,27 @@ class Recurrent(Network):
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(hidden * (1 + self.bidirectional), n_classes)
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """State of the last layer after the last step of each direction."""
-        patches = whole_patches(windows, self.settings["patch"]).unflatten(-1, (-1, self.settings["patch"]))
+        patches = whole_patches(windows, self.settings["patch"]).unflatten(
+            -1, (-1, self.settings["patch"])
+        )
         output, _ = self.recurrence(patches.transpose(1, 2).flatten(2))
         hidden = self.settings["hidden"]
-        ends = [output[:, -1, :hidden], output[:, 0, hidden:]]  # the second is empty where one way is read
+        ends = [
+            output[:, -1, :hidden],
+            output[:, 0, hidden:],
+        ]  # the second is empty where one way is read
         dropped: Tensor = self.dropout(torch.cat(ends, dim=-1))
         return dropped
 
 
 class LSTM(Recurrent):
-    """Long short-term memory of Hochreiter and Schmidhuber 1997 (DOI 10.1162/neco.1997.9.8.1735), on patches."""
+    """Long short-term memory of Hochreiter and Schmidhuber 1997 (DOI 10.1162/neco.1997.9.8.1735),
+    on patches.
+    """
 
     name: ClassVar[str] = "lstm"
     cell = nn.LSTM
@@ -81,7 +97,9 @@ class LSTM(Recurrent):
 
 
 class BiLSTM(Recurrent):
-    """Bidirectional LSTM of Graves and Schmidhuber 2005 (DOI 10.1016/j.neunet.2005.06.042), on patches."""
+    """Bidirectional LSTM of Graves and Schmidhuber 2005 (DOI 10.1016/j.neunet.2005.06.042), on
+    patches.
+    """
 
     name: ClassVar[str] = "bilstm"
     cell = nn.LSTM
@@ -89,7 +107,8 @@ class BiLSTM(Recurrent):
 
 
 class BiGRU(Recurrent):
-    """Gated recurrent units of Cho et al. 2014 (DOI 10.3115/v1/D14-1179), read both ways, on patches.
+    """Gated recurrent units of Cho et al. 2014 (DOI 10.3115/v1/D14-1179), read both ways, on
+    patches.
 
     Sample both ways is of Schuster and Paliwal 1997 (DOI 10.1109/78.650093).
     """

@@ -11,18 +11,20 @@ from swashtwin.learning import Network
 
 
 class SensorGraph(Network):
-    """Graph convolution over sensors with a learned adjacency, after Wu et al. 2019 (DOI 10.24963/ijcai.2019/264).
+    """Graph convolution over sensors with a learned adjacency, after Wu et al. 2019 (DOI
+    10.24963/ijcai.2019/264).
 
-    Each channel is a node. One encoder, the same for all nodes, makes features of each node's signal; then, layer after
-    layer, every node mixes them with those of the nodes that it learned to listen to, H ← H + ReLU(A H W), with
+    Each channel is a node. One encoder, the same for all nodes, makes features of each node's
+    signal; then, layer after layer, every node mixes them with those of the nodes that it learned
+    to listen to, H ← H + ReLU(A H W), with
 
         A = softmax over columns of E_1 E_2ᵀ / √d,
 
-    E_1 and E_2 (channels, d) being learned: no one tells how sensors hang together. The graph convolution is Kipf and
-    Welling's (DOI 10.48550/arXiv.1609.02907). **Our reading**: the encoder, the skip, no ReLU within the softmax, and
-    that the nodes are laid side by side at the end and not averaged, since which sensor hears a fault tells where it
-    is. With one channel A is 1 and the network is its encoder. Weights, with C = `n_channels`, F = `width`, d =
-    `embedding`:
+    E_1 and E_2 (channels, d) being learned: no one tells how sensors hang together. The graph
+    convolution is Kipf and Welling's (DOI 10.48550/arXiv.1609.02907). **Our reading**: the encoder,
+    the skip, no ReLU within the softmax, and that the nodes are laid side by side at the end and
+    not averaged, since which sensor hears a fault tells where it is. With one channel A is 1 and
+    the network is its encoder. Weights, with C = `n_channels`, F = `width`, d = `embedding`:
 
     ================= ================
     ``encoder.0``     (F, 1, 64)
@@ -75,7 +77,9 @@ class SensorGraph(Network):
             nn.BatchNorm1d(width),
             nn.ReLU(),
         )
-        self.listening, self.speaking = (nn.Parameter(torch.randn(n_channels, embedding)) for _ in range(2))
+        self.listening, self.speaking = (
+            nn.Parameter(torch.randn(n_channels, embedding)) for _ in range(2)
+        )
         self.mixing = nn.ModuleList(nn.Linear(width, width) for _ in range(layers))
         self.dropout = nn.Dropout(dropout)
         self.head = nn.Linear(n_channels * width, n_classes)
@@ -83,11 +87,19 @@ class SensorGraph(Network):
     @property
     def adjacency(self) -> Float[Tensor, "listener speaker"]:
         """How much each channel listens to each; rows sum to 1."""
-        return torch.softmax(self.listening @ self.speaking.T / math.sqrt(self.settings["embedding"]), dim=-1)
+        return torch.softmax(
+            self.listening @ self.speaking.T / math.sqrt(self.settings["embedding"]), dim=-1
+        )
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """Features of all nodes after the last mixing, side by side."""
-        nodes = self.encoder(windows.flatten(0, 1).unsqueeze(1)).mean(dim=-1).unflatten(0, (-1, self.n_channels))
+        nodes = (
+            self.encoder(windows.flatten(0, 1).unsqueeze(1))
+            .mean(dim=-1)
+            .unflatten(0, (-1, self.n_channels))
+        )
         for mix in self.mixing:
             nodes = nodes + torch.relu(mix(self.adjacency @ nodes))
         features: Tensor = self.dropout(nodes.flatten(1))

@@ -20,21 +20,25 @@ _ENVELOPE_LINES, _ENVELOPE_SHARE, _ENVELOPE_FROM = 64, 64 / 1024, (0.0, 1000 / 1
 
 
 class SpectralBiTCN(Network):
-    """BiTCN over short-time spectra, beside the lines and envelopes of the whole window; ours, and the default.
+    """BiTCN over short-time spectra, beside the lines and envelopes of the whole window; ours, and
+    the default.
 
-    The two branches of the paper's `BiTCN` (DOI 10.1177/00202940261419020), dilated causal residual units with
-    squeeze-and-excitation, here read levels of 24 bands in frames of 256 samples, 64 samples apart: about 30 steps
-    instead of 2048, whose receptive field is the whole window. Their sum's mean and greatest value over time stand
-    beside a hidden layer over what has no moment: the window's lines up to a fifth of half the sample rate, its
-    envelopes' (all of it, and above 1 kHz at 25.6 kHz), their bands and the shape of their distributions.
+    The two branches of the paper's `BiTCN` (DOI 10.1177/00202940261419020), dilated causal residual
+    units with squeeze-and-excitation, here read levels of 24 bands in frames of 256 samples, 64
+    samples apart: about 30 steps instead of 2048, whose receptive field is the whole window. Their
+    sum's mean and greatest value over time stand beside a hidden layer over what has no moment: the
+    window's lines up to a fifth of half the sample rate, its envelopes' (all of it, and above 1 kHz
+    at 25.6 kHz), their bands and the shape of their distributions.
 
-    Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window shares with another. A
-    convolution over samples has to find levels itself. `study ablation` takes it apart.
+    Why: a fault of the pump changes ratios between lines by tenths, at a phase that no window
+    shares with another. A convolution over samples has to find levels itself. `study ablation`
+    takes it apart.
 
-    Levels are scaled by what the training windows have of them, and in training noise of `noise` of their deviation is
-    added, which is what a gain or a mounting that differs a little does to them.
+    Levels are scaled by what the training windows have of them, and in training noise of `noise` of
+    their deviation is added, which is what a gain or a mounting that differs a little does to them.
 
-    Weights, with C = `n_channels`, F = the last of `channels`, L the levels of a window, H = `hidden`:
+    Weights, with C = `n_channels`, F = the last of `channels`, L the levels of a window, H =
+    `hidden`:
 
     ================================== ==========================
     ``positive``, ``inverse``          as in `BiTCN`, 24 C inputs
@@ -82,9 +86,15 @@ class SpectralBiTCN(Network):
     ) -> None:
         channels = tuple(channels)
         growth = 2 if causal else 1
-        dilations = tuple(growth**unit for unit in range(len(channels))) if dilations is None else tuple(dilations)
+        dilations = (
+            tuple(growth**unit for unit in range(len(channels)))
+            if dilations is None
+            else tuple(dilations)
+        )
         if len(channels) != len(dilations):
-            raise InputError(f"{self.name} needs as many dilations ({len(dilations)}) as channels ({len(channels)}).")
+            raise InputError(
+                f"{self.name} needs as many dilations ({len(dilations)}) as channels ({len(channels)})."
+            )
         if noise < 0:
             raise InputError(f"{self.name}: noise ({noise:g}) must not be negative.")
         super().__init__(
@@ -101,17 +111,29 @@ class SpectralBiTCN(Network):
         )
         self.dropout = nn.Dropout(dropout)
         n_inputs = n_channels * _BANDS
-        unit = {"kernel_size": 3, "reduction": 4, "causal": causal, "attention": attention, "dropout": dropout / 3}
+        unit = {
+            "kernel_size": 3,
+            "reduction": 4,
+            "causal": causal,
+            "attention": attention,
+            "dropout": dropout / 3,
+        }
         self.positive = Branch(n_inputs, channels, dilations, stride=1, **unit)
-        self.inverse = Branch(n_inputs, channels, dilations, stride=1, **unit) if bidirectional else None
+        self.inverse = (
+            Branch(n_inputs, channels, dilations, stride=1, **unit) if bidirectional else None
+        )
         self.skip = nn.Conv1d(n_inputs, channels[-1], 1)
         self.n_still = n_channels * _still(torch.zeros(1, 1, 64, device="cpu")).shape[1]
-        self.hidden = nn.Sequential(nn.Linear(self.n_still, hidden), nn.BatchNorm1d(hidden), nn.ReLU())
+        self.hidden = nn.Sequential(
+            nn.Linear(self.n_still, hidden), nn.BatchNorm1d(hidden), nn.ReLU()
+        )
         self.register_buffer("mean", torch.zeros(self.n_still + n_inputs))
         self.register_buffer("deviation", torch.ones(self.n_still + n_inputs))
         self.head = nn.Linear(2 * channels[-1] + hidden, n_classes)
 
-    def represent(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window level"]:
+    def represent(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window level"]:
         """Levels that stand still, then those of the frames, step after step."""
         moving = short_time_levels(windows, _FRAME, _HOP, _BANDS)
         return torch.cat([_still(windows), moving.transpose(1, 2).flatten(1)], dim=1)
@@ -129,14 +151,18 @@ class SpectralBiTCN(Network):
         self.get_buffer("deviation").copy_(deviation.nan_to_num(1.0).clamp_min(1e-3))
 
     def encode(self, windows: Float[Tensor, "window level"]) -> Float[Tensor, "window feature"]:
-        """Features of both branches over the frames, and of the hidden layer over what stands still."""
+        """Features of both branches over the frames, and of the hidden layer over what stands
+        still.
+        """
         mean, deviation = self.get_buffer("mean"), self.get_buffer("deviation")
         still, moving = self._split(windows)
         shift, scale = mean[self.n_still :, None], deviation[self.n_still :, None]
         read = self._read(self._noised((moving - shift) / scale))
         shift, scale = mean[: self.n_still], deviation[: self.n_still]
         hidden = self.hidden(self._noised((still - shift) / scale))
-        encoded: Tensor = self.dropout(torch.cat([read.mean(dim=-1), read.amax(dim=-1), hidden], dim=1))
+        encoded: Tensor = self.dropout(
+            torch.cat([read.mean(dim=-1), read.amax(dim=-1), hidden], dim=1)
+        )
         return encoded
 
     def _read(self, moving: Tensor) -> Tensor:
@@ -146,13 +172,16 @@ class SpectralBiTCN(Network):
         return torch.relu(fused + self.skip(moving))
 
     def _noised(self, levels: Tensor) -> Tensor:
-        return levels + self.settings["noise"] * torch.randn_like(levels) if self.training else levels
+        return (
+            levels + self.settings["noise"] * torch.randn_like(levels) if self.training else levels
+        )
 
 
 def _still(windows: Tensor) -> Tensor:
     """Levels that have no moment: of the window's lines and of its envelopes'."""
     envelopes = (
-        envelope_levels(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, above) for above in _ENVELOPE_FROM
+        envelope_levels(windows, _ENVELOPE_LINES, _ENVELOPE_SHARE, _LINE_BANDS, above)
+        for above in _ENVELOPE_FROM
     )
     return torch.cat([line_levels(windows, _LINES, _LINE_SHARE, _LINE_BANDS), *envelopes], dim=1)
 
@@ -160,7 +189,8 @@ def _still(windows: Tensor) -> Tensor:
 def short_time_levels(
     windows: Float[Tensor, "window channel time"], frame: int, hop: int, n_bands: int
 ) -> Float[Tensor, "window level step"]:
-    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` samples every `hop` samples.
+    """Levels of `n_bands` logarithmic bands, channel after channel, in frames of `frame` samples
+    every `hop` samples.
 
     A window shorter than a frame is continued by zeros.
     """
@@ -176,31 +206,43 @@ def line_levels(
 ) -> Float[Tensor, "window level"]:
     """Levels of the spectrum, channel after channel, with the shape of its waveform.
 
-    Per channel: `n_lines` equal bands of the lowest `share` of the spectrum, `n_bands` logarithmic ones of all of it,
-    and the logarithm of its deviation, skewness, log kurtosis, log crest factor and mean of |x| over the deviation.
+    Per channel: `n_lines` equal bands of the lowest `share` of the spectrum, `n_bands` logarithmic
+    ones of all of it, and the logarithm of its deviation, skewness, log kurtosis, log crest factor
+    and mean of |x| over the deviation.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
     power = power_of(x * taper_of(x.shape[-1], x))
-    return torch.cat([*_levels(power, n_lines, share, n_bands), waveform_shape(x)], dim=-1).flatten(1)
+    return torch.cat([*_levels(power, n_lines, share, n_bands), waveform_shape(x)], dim=-1).flatten(
+        1
+    )
 
 
 def envelope_levels(
-    windows: Float[Tensor, "window channel time"], n_lines: int, share: float, n_bands: int, above: float
+    windows: Float[Tensor, "window channel time"],
+    n_lines: int,
+    share: float,
+    n_bands: int,
+    above: float,
 ) -> Float[Tensor, "window level"]:
     """`line_levels` of each channel's envelope, and the logarithm of the envelope's mean.
 
-    The envelope is |x + i H(x)|, H being the Hilbert transform over the window, of what lies above the share `above` of
-    half the sample rate.
+    The envelope is |x + i H(x)|, H being the Hilbert transform over the window, of what lies above
+    the share `above` of half the sample rate.
     """
     x = windows - windows.mean(dim=-1, keepdim=True)
     length = x.shape[-1]
     spectrum = torch.fft.rfft(x)
-    spectrum = spectrum * (torch.arange(spectrum.shape[-1], device=x.device) > above * (length // 2))
+    spectrum = spectrum * (
+        torch.arange(spectrum.shape[-1], device=x.device) > above * (length // 2)
+    )
     turned = torch.complex(spectrum.imag, -spectrum.real)
     real, imaginary = torch.fft.irfft(spectrum, n=length), torch.fft.irfft(turned, n=length)
     envelope = (real.square() + imaginary.square() + 1e-12).sqrt()
     mean = envelope.mean(dim=-1, keepdim=True)
-    return torch.cat([line_levels(envelope, n_lines, share, n_bands), torch.log10(mean + FLOOR).flatten(1)], dim=-1)
+    return torch.cat(
+        [line_levels(envelope, n_lines, share, n_bands), torch.log10(mean + FLOOR).flatten(1)],
+        dim=-1,
+    )
 
 
 def _levels(power: Tensor, n_lines: int, share: float, n_bands: int) -> tuple[Tensor, Tensor]:
@@ -215,7 +257,9 @@ FLOOR = 1e-7
 
 
 def waveform_shape(x: Tensor) -> Tensor:
-    """Of signals with mean 0: log10 deviation, skewness, log kurtosis, log crest factor, mean of |x| over deviation."""
+    """Of signals with mean 0: log10 deviation, skewness, log kurtosis, log crest factor, mean of
+    |x| over deviation.
+    """
     deviation = x.square().mean(dim=-1, keepdim=True).sqrt() + 1e-6
     z = x / deviation
     square, magnitude = z.square(), z.abs()  # products, for a power takes ten times as long
@@ -232,7 +276,9 @@ def waveform_shape(x: Tensor) -> Tensor:
 
 
 def power_of(x: Tensor) -> Tensor:
-    """Power of the lines 1... of the spectrum over the last axis; without a complex number, for ONNX has none."""
+    """Power of the lines 1... of the spectrum over the last axis; without a complex number, for
+    ONNX has none.
+    """
     real, imaginary = torch.view_as_real(torch.fft.rfft(x)[..., 1:]).unbind(dim=-1)
     return (real.square() + imaginary.square()) / x.shape[-1]
 

@@ -12,15 +12,21 @@ from torch.nn.utils.parametrizations import weight_norm
 from swashtwin.learning import Network
 
 
-def whole_patches(windows: Float[Tensor, "window channel time"], patch: int) -> Float[Tensor, "window channel longer"]:
+def whole_patches(
+    windows: Float[Tensor, "window channel time"], patch: int
+) -> Float[Tensor, "window channel longer"]:
     """`windows` with zeros before them, so many that their length is a multiple of `patch`."""
     return functional.pad(windows, (-windows.shape[-1] % patch, 0))
 
 
 class TemporalBlock(nn.Module):
-    """Two dilated causal convolutions with weight normalization, each with ReLU and dropout, and a skip around them."""
+    """Two dilated causal convolutions with weight normalization, each with ReLU and dropout, and a
+    skip around them.
+    """
 
-    def __init__(self, n_in: int, n_out: int, *, kernel_size: int, dilation: int, dropout: float) -> None:
+    def __init__(
+        self, n_in: int, n_out: int, *, kernel_size: int, dilation: int, dropout: float
+    ) -> None:
         super().__init__()
         self.padding = dilation * (kernel_size - 1)
         self.first = weight_norm(nn.Conv1d(n_in, n_out, kernel_size, dilation=dilation))
@@ -28,7 +34,9 @@ class TemporalBlock(nn.Module):
         self.dropout = nn.Dropout(dropout)
         self.skip = nn.Identity() if n_in == n_out else nn.Conv1d(n_in, n_out, 1)
 
-    def forward(self, x: Float[Tensor, "window feature_in time"]) -> Float[Tensor, "window feature_out time"]:
+    def forward(
+        self, x: Float[Tensor, "window feature_in time"]
+    ) -> Float[Tensor, "window feature_out time"]:
         """Features of the same length."""
         once = self.dropout(torch.relu(self.first(functional.pad(x, (self.padding, 0)))))
         twice = self.dropout(torch.relu(self.second(functional.pad(once, (self.padding, 0)))))
@@ -36,12 +44,13 @@ class TemporalBlock(nn.Module):
 
 
 class TCN(Network):
-    """Temporal convolutional network of Bai, Kolter and Koltun 2018 (DOI 10.48550/arXiv.1803.01271).
+    """Temporal convolutional network of Bai, Kolter and Koltun 2018 (DOI
+    10.48550/arXiv.1803.01271).
 
-    Blocks of growing dilation, read at the last step, which sees `receptive_field` samples back. Their blocks, weight
-    normalization and the readout of the last step are kept; the strided convolution at the entry is **our reading**,
-    since they had no signals of thousands of samples. Weights, with C = `n_channels`, F_i = ``channels[i]``, k =
-    `kernel_size`, p = `stride`:
+    Blocks of growing dilation, read at the last step, which sees `receptive_field` samples back.
+    Their blocks, weight normalization and the readout of the last step are kept; the strided
+    convolution at the entry is **our reading**, since they had no signals of thousands of samples.
+    Weights, with C = `n_channels`, F_i = ``channels[i]``, k = `kernel_size`, p = `stride`:
 
     ==================================== =================
     ``entry``                            (F_0, C, p)
@@ -87,7 +96,9 @@ class TCN(Network):
         widths = zip((channels[0], *channels[:-1]), channels, strict=True)
         self.blocks = nn.Sequential(
             *(
-                TemporalBlock(n_in, n_out, kernel_size=kernel_size, dilation=2**block, dropout=dropout)
+                TemporalBlock(
+                    n_in, n_out, kernel_size=kernel_size, dilation=2**block, dropout=dropout
+                )
                 for block, (n_in, n_out) in enumerate(widths)
             )
         )
@@ -99,11 +110,15 @@ class TCN(Network):
         taps = 2 * (self.settings["kernel_size"] - 1) * (2 ** len(self.settings["channels"]) - 1)
         return int(self.settings["stride"] * (1 + taps))
 
-    def steps(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature step"]:
+    def steps(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature step"]:
         """Features of each step, none of which saw a later sample."""
         features: Tensor = self.blocks(self.entry(whole_patches(windows, self.settings["stride"])))
         return features
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """Features of the last step."""
         return self.steps(windows)[:, :, -1]

@@ -12,12 +12,14 @@ _SHORTEST = 1024  # samples that the five poolings leave at least one step of
 
 
 class WDCNN(Network):
-    """Deep convolutional network with wide first-layer kernels, Zhang et al. 2017 (DOI 10.3390/s17020425).
+    """Deep convolutional network with wide first-layer kernels, Zhang et al. 2017 (DOI
+    10.3390/s17020425).
 
-    Sizes are theirs, made for windows of 2,048 samples: five convolutions with batch normalization, ReLU and maximum
-    pooling by 2, the first of 64 taps and a stride of 16, then a fully connected layer of `hidden`. **Our reading**
-    where a window is no 2,048 samples long: what is left after the last pooling is averaged to the three steps that
-    2,048 samples leave, and windows under 1,024 samples get zeros before them. Weights, with C = `n_channels`:
+    Sizes are theirs, made for windows of 2,048 samples: five convolutions with batch normalization,
+    ReLU and maximum pooling by 2, the first of 64 taps and a stride of 16, then a fully connected
+    layer of `hidden`. **Our reading** where a window is no 2,048 samples long: what is left after
+    the last pooling is averaged to the three steps that 2,048 samples leave, and windows under
+    1,024 samples get zeros before them. Weights, with C = `n_channels`:
 
     ================== ==============
     ``stages.0.0``     (16, C, 64)
@@ -58,17 +60,27 @@ class WDCNN(Network):
         self.connected = nn.Sequential(nn.Linear(64 * 3, hidden), nn.BatchNorm1d(hidden), nn.ReLU())
         self.head = nn.Linear(hidden, n_classes)
 
-    def steps(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature step"]:
+    def steps(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature step"]:
         """Features after the last pooling."""
-        features: Tensor = self.stages(functional.pad(windows, (max(0, _SHORTEST - windows.shape[-1]), 0)))
+        features: Tensor = self.stages(
+            functional.pad(windows, (max(0, _SHORTEST - windows.shape[-1]), 0))
+        )
         return features
 
-    def encode(self, windows: Float[Tensor, "window channel time"]) -> Float[Tensor, "window feature"]:
+    def encode(
+        self, windows: Float[Tensor, "window channel time"]
+    ) -> Float[Tensor, "window feature"]:
         """What the fully connected layer makes of them."""
-        features: Tensor = self.connected(functional.adaptive_avg_pool1d(self.steps(windows), 3).flatten(1))
+        features: Tensor = self.connected(
+            functional.adaptive_avg_pool1d(self.steps(windows), 3).flatten(1)
+        )
         return features
 
 
-def _stage(n_in: int, n_out: int, kernel_size: int, *, stride: int = 1, padding: int = 0) -> nn.Sequential:
+def _stage(
+    n_in: int, n_out: int, kernel_size: int, *, stride: int = 1, padding: int = 0
+) -> nn.Sequential:
     convolution = nn.Conv1d(n_in, n_out, kernel_size, stride=stride, padding=padding)
     return nn.Sequential(convolution, nn.BatchNorm1d(n_out), nn.ReLU(), nn.MaxPool1d(2))

@@ -160,7 +160,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
         ('format = 1\n[[recording]]\nfile = "a.csv"\nunit = "1"\nsample_rate = 25600', "bare number 25600"),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\nchannels = "x"\n{FACTS}', "channels: expected a list, got text"),
         (f'format = 1\n[[recording]]\nfile = "c.csv"\n{FACTS}', "c.csv does not exist"),
-        (f'format = 1\nclasses = ["normal", "swash_plate"]\n[[recording]]\nfile = "a.csv"\nlabel = "swashplate"\n{FACTS}',  # noqa: E501
+        (f'format = 1\nclasses = ["normal", "swash_plate"]\n[[recording]]\nfile = "a.csv"\nlabel = "swashplate"\n{FACTS}',
          "unknown class 'swashplate'; did you mean 'swash_plate'"),
         (f'format = 1\nclasses = ["normal"]\n[[recording]]\nfile = "a.csv"\nlabel = "xyz"\n{FACTS}', "classes = "),
         (f'format = 1\n[[recording]]\nfile = "a.csv"\n{FACTS}[[recording]]\nfile = "./a.csv"\n{FACTS}', "share the id"),

@@ -20,7 +20,7 @@ from typing import Any, Literal, TypeVar
 import typer
 from typer.core import TyperGroup
 
-from swashtwin.cli.options import LAYOUT
+from swashtwin.cli.options import LAYOUT, option_name, spell_as_option
 from swashtwin.foundation import SwashTwinError, escape_controls, json_text
 
 T = TypeVar("T")
@@ -217,8 +217,7 @@ class GuardedGroup(TyperGroup):
             line = "interrupted; nothing is half-written, and where finished parts are kept the same command continues."
             raise self._exit(line, INTERRUPTED) from cause
         except SwashTwinError as cause:
-            option = f" (--{cause.field.replace('_', '-')})" if cause.field else ""
-            raise self._exit(f"error: {_line(cause)}{option}", BAD_DATA) from cause
+            raise self._exit(f"error: {_error_line(cause)}", BAD_DATA) from cause
         except MemoryError as cause:
             raise self._exit(
                 "error: not enough memory; ask for less at a time.", BAD_DATA
@@ -257,6 +256,15 @@ def _printable_error() -> Iterator[None]:
         if key in LAYOUT or key == "device":
             cause.possibilities = [f"--read {key}=..." if key in LAYOUT else "--set device=..."]
         raise
+
+
+def _error_line(error: SwashTwinError) -> str:
+    """Return an error as one line that names the options of the command line."""
+    line = _line(error.describe(spell_as_option))
+    option = option_name(error.field)
+    if error.field and option not in line:
+        line += f" ({option})"
+    return line
 
 
 def _line(cause: object) -> str:

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from enum import StrEnum
@@ -133,6 +134,45 @@ READING = {
 """Options that state for single files what keys of an index state for many."""
 LAYOUT = ("time_column", "time_unit", "header_lines", "separator", "decimal")
 """Keys of an index that ``--read`` states."""
+
+
+def option_name(setting: str) -> str:
+    """Return the option that sets a setting.
+
+    Examples
+    --------
+    >>> option_name("sample_rate"), option_name("decimal")
+    ('--sample-rate', '--read decimal=...')
+    """
+    if setting in LAYOUT:
+        return f"--read {setting}=..."
+    return f"--{setting.replace('_', '-')}"
+
+
+def spell_as_option(setting: str, value: str) -> str:
+    """Return a setting as it is typed in the shell, in quotes if the shell requires them.
+
+    Examples
+    --------
+    >>> spell_as_option("sample_rate", "'25.6 kHz'"), spell_as_option("unit", "'g'")
+    ('--sample-rate "25.6 kHz"', '--unit g')
+    >>> spell_as_option("decimal", "','"), spell_as_option("force", "True")
+    ('--read "decimal=,"', '--force')
+    """
+    if not value or value == "True":
+        return option_name(setting)
+
+    bare_value = value.strip("'\"")
+    if setting in LAYOUT:
+        pair = f"{setting}={bare_value}"
+        return f"--read {pair}" if bare_value.isalnum() else f'--read "{pair}"'
+
+    # The shell splits at blanks and reads the other characters in its own way.
+    is_plain = re.fullmatch(r"[\w.,:/+-]+", bare_value) is not None
+    shell_value = bare_value if is_plain else f'"{bare_value}"'
+    return f"{option_name(setting)} {shell_value}"
+
+
 Reading = dict[str, Any]
 """What the options of `reads_files` state, for ``load_recordings(path, **reading)``."""
 

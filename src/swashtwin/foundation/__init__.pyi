@@ -15,9 +15,13 @@ from .errors import InputError as InputError
 from .errors import LeakError as LeakError
 from .errors import MissingExtraError as MissingExtraError
 from .errors import MissingFileError as MissingFileError
+from .errors import Spelling as Spelling
 from .errors import StabilityError as StabilityError
 from .errors import SwashTwinError as SwashTwinError
 from .errors import UnitError as UnitError
+from .errors import render_settings as render_settings
+from .errors import spell_for_index as spell_for_index
+from .errors import spell_for_python as spell_for_python
 from .files import TEXT as TEXT
 from .files import as_path as as_path
 from .files import file_name as file_name

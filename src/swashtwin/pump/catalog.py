@@ -214,7 +214,7 @@ def load_pump(name: str | Path) -> Pump:
     except tomllib.TOMLDecodeError as cause:
         raise DataError(f"{origin}: not valid TOML: {cause}.") from cause
     except (DataError, UnitError, InputError) as cause:
-        raise type(cause)(f"{origin}: {cause}") from cause
+        raise cause.with_context(f"{origin}: ") from cause
 
 
 def new_pump(

@@ -79,7 +79,7 @@ def load_watch_config(path: Path, environment: Mapping[str, str] | None = None) 
         )
         raise InputError(f"{path}: {text.rstrip('.')}{hint}.") from cause
     except SwashTwinError as cause:
-        raise type(cause)(f"{path}: {cause}") from cause
+        raise cause.with_context(f"{path}: ") from cause
     return config
 
 
@@ -163,7 +163,7 @@ def _check(config: WatchConfig) -> None:
         try:
             _check_machine(machine)
         except SwashTwinError as cause:
-            raise type(cause)(f"[[machine]] {machine.name!r}: {cause}") from cause
+            raise cause.with_context(f"[[machine]] {machine.name!r}: ") from cause
     for source in config.sources:
         stated = None if isinstance(source, HttpSource) else source.machine
         if stated is not None and config.machine(stated) is None:

@@ -269,9 +269,10 @@ def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) ->
         if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM:
             _contents.clear()
             return MemoryError()
-        message = (str(cause).splitlines() or [""])[0][:400]
         if isinstance(cause, SwashTwinError):
-            return type(cause)(message)
+            message = (cause.message.splitlines() or [""])[0][:400]
+            return type(cause)(message, field=cause.field, remedy=cause.remedy)
+        message = (str(cause).splitlines() or [""])[0][:400]
         return RuntimeError(f"{type(cause).__name__}: {message[:160]}")
 
 

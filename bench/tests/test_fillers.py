@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.foundation import DataError, InputError, MPa, rpm, stream
+from swashtwin.foundation import DataError, InputError, MPa, random_stream, rpm
 from swashtwin.learning import WindowSet
 from swashtwin_bench import FILLERS
 from swashtwin_bench.fillers.duplicates import Duplicate
@@ -38,7 +38,7 @@ def measured(scarce: int = 8, classes: tuple[str, ...] = CLASSES) -> WindowSet:
     """Windows of two classes at two pressures, of which the last at 15 MPa has `scarce` windows of
     one recording.
     """
-    rng = stream(0, "measured")
+    rng = random_stream(0, "measured")
     facts = [
         (label, pressure, recording)
         for label in CLASSES
@@ -207,13 +207,13 @@ def test_periodic_extensions_at_different_speeds_have_one_length_and_become_wind
     both = np.array([0, 1])
     extensions = periodic_extensions(mixed, both, PERIOD)
     assert extensions.shape == (2, 2, PERIOD)
-    windows = cut_extensions(extensions, mixed, both, stream(0, "angle"))
+    windows = cut_extensions(extensions, mixed, both, random_stream(0, "angle"))
     assert windows.shape == (2, 2, LENGTH)
     np.testing.assert_allclose(windows.std(axis=2), mixed.signal[:2].std(axis=2), rtol=0.1)
 
 
 def test_amplitudes_and_phases_rebuild_a_periodic_extension() -> None:
-    extensions = stream(0, "rings").normal(size=(6, 2, 64))
+    extensions = random_stream(0, "rings").normal(size=(6, 2, 64))
     np.testing.assert_allclose(
         with_amplitude(extensions, log_amplitude(extensions)), extensions, atol=1e-9
     )

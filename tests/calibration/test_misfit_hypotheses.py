@@ -19,7 +19,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.calibration.misfit_hypotheses import misfit_hypotheses
 from swashtwin.calibration.posterior import MISFIT, estimates_of, misfit_of, posterior_covariance
-from swashtwin.foundation import MPa, stream
+from swashtwin.foundation import MPa, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import OperatingCondition, Pump
 from swashtwin.recordings import Recording
@@ -148,7 +148,7 @@ def test_a_misfit_that_no_mistake_explains_leaves_no_value_identified(twin: Twin
     assert "identified" in [
         estimate.verdict for estimate in estimates_of(objective, start, covariance)
     ]
-    factor = np.exp(0.5 * stream(0, "misfit").standard_normal(len(objective.measured)))
+    factor = np.exp(0.5 * random_stream(0, "misfit").standard_normal(len(objective.measured)))
     scattered = with_amplitudes(objective, objective.measured.numpy() * factor)
     assert misfit_of(scattered, start) > MISFIT
     assert "identified" not in [

@@ -9,7 +9,7 @@ import torch
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate, measure, objective_of
 from swashtwin.calibration.measurement import best_position, combine_lines, phased_lines
-from swashtwin.foundation import DataError, mm, stream
+from swashtwin.foundation import DataError, mm, random_stream
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, SwashPlateDefect
 from swashtwin.recordings import Recording
@@ -32,7 +32,7 @@ def recorded(twin: Twin, start: float = 1.0, wander: float = 0.003, name: str = 
     with torch.no_grad():
         lines = twin.acceleration().numpy()
     signal = synchronous_signal(lines, twin.orders, angle)
-    signal = signal + 0.05 * stream(0, "phases", name).standard_normal(signal.shape)
+    signal = signal + 0.05 * random_stream(0, "phases", name).standard_normal(signal.shape)
     return Recording(
         signal,
         rate,
@@ -49,7 +49,7 @@ def true(nominal) -> Twin:
 
 
 def test_the_best_position_is_the_one_the_lines_were_turned_by():
-    rng = stream(0, "position")
+    rng = random_stream(0, "position")
     orders = 7 * np.arange(1, 13)
     lines = torch.as_tensor(rng.normal(size=12) + 1j * rng.normal(size=12))
     turned = lines * torch.as_tensor(np.exp(-0.4j * orders))
@@ -58,7 +58,7 @@ def test_the_best_position_is_the_one_the_lines_were_turned_by():
 
 
 def test_the_best_position_moves_as_its_derivative_says():
-    rng = stream(1, "position")
+    rng = random_stream(1, "position")
     cross = torch.as_tensor(rng.normal(size=(2, 9)) + 1j * rng.normal(size=(2, 9))).requires_grad_()
     orders = torch.arange(1, 10) * 7
     assert torch.autograd.gradcheck(lambda lines: best_position(lines, orders), cross)
@@ -129,6 +129,6 @@ def test_observables_with_phases_have_exact_derivatives(nominal, true):
 
 
 def test_a_recording_without_a_clear_line_has_no_phases(nominal):
-    noise = replace(recorded(nominal), signal=stream(0, "noise").standard_normal((3, 25600)))
+    noise = replace(recorded(nominal), signal=random_stream(0, "noise").standard_normal((3, 25600)))
     with pytest.raises(DataError, match="stands clear"):
         phased_lines(noise, np.array([7, 14]), 7)

@@ -22,7 +22,7 @@ from swashtwin.calibration.discrepancy import (
     noise_covariance,
 )
 from swashtwin.calibration.posterior import estimates_of, posterior_covariance, sandwich
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces
 from swashtwin.report.calibration_part import interval_words
@@ -73,7 +73,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(twin: Twin, thick: Twin, 
     clean = with_amplitudes(objective, objective.observables(objective.start).detach().numpy())
     is_held, is_far = [], []
     for index in range(20):
-        noise = clean.sigma.numpy() * stream(0, "coverage", index).standard_normal(len(clean.sigma))
+        noise = clean.sigma.numpy() * random_stream(0, "coverage", index).standard_normal(
+            len(clean.sigma)
+        )
         noisy = with_amplitudes(objective, np.abs(clean.measured.numpy() + noise))
         point = GaussNewton(starts=1).search(noisy, seed=0).point
         for estimate, true in zip(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swashtwin.foundation import DataError, MPa, file_name, rpm, stream
+from swashtwin.foundation import DataError, MPa, random_stream, rpm, safe_file_name
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 from swashtwin.recordings.index import path_from, save_index
@@ -31,7 +31,7 @@ def test_the_main_commands_need_nothing_that_only_posix_has(tmp_path: Path) -> N
     condition = OperatingCondition(speed=rpm(1500), discharge_pressure=MPa(10))
     for label in ("normal", "piston"):
         for number in range(4):
-            signal = stream(0, label, number).normal(size=(1, 4096))
+            signal = random_stream(0, label, number).normal(size=(1, 4096))
             recording = Recording(
                 signal, 6400.0, f"{label}_{number}", label=label, condition=condition
             )
@@ -64,9 +64,9 @@ def test_recordings_are_indexed_and_inspected_without_what_only_posix_has(tmp_pa
 
 def test_names_of_machines_become_names_that_every_system_takes() -> None:
     names = [r"..\pump", "a:b", "CON", "lpt1.old", "x" * 300, "end. ", "", "Größe 1"]
-    files = [file_name(name) for name in names]
+    files = [safe_file_name(name) for name in names]
     assert files == ["_pump", "a_b", "CON_", "lpt1_.old", "x" * 100, "end._", "_", "Größe_1"]
-    assert [file_name(file) for file in files] == files
+    assert [safe_file_name(file) for file in files] == files
 
 
 def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> None:

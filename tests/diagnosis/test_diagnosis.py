@@ -14,7 +14,13 @@ import pytest
 import torch
 from commandline import one_line, run, run_json
 
-from swashtwin.diagnosis import diagnose, explain, few_machines, load_classifier, save_classifier
+from swashtwin.diagnosis import (
+    describe_single_machine_faults,
+    diagnose,
+    explain,
+    load_classifier,
+    save_classifier,
+)
 from swashtwin.foundation import (
     ArtifactError,
     DataError,
@@ -187,7 +193,9 @@ def test_a_machine_without_a_part_in_the_training_is_said_to_be_another_one(
     trained = replace(classifier, training_reference=reference)
     notes = diagnose(trained, replace(recording("new", "piston"), specimen=specimen)).notes
     assert [note[: len(words[0])] for note in notes] == words if words else notes == ()
-    assert ("measured on one machine only" in few_machines(reference)) == (machines != "ABCABC")
+    assert ("measured on one machine only" in describe_single_machine_faults(reference)) == (
+        machines != "ABCABC"
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import swashtwin
-from swashtwin.foundation import InputError, derive_seed, replacing, stream, write_text
+from swashtwin.foundation import InputError, atomic_write, derive_seed, random_stream, write_text
 
 WORDS = st.text(st.characters(exclude_characters="\x1f", exclude_categories=["Cs"]), max_size=8)
 
 
 def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.txt", "old")
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text("new")
         assert path.read_text() == "old"
         assert temporary.parent == path.parent
@@ -34,7 +34,7 @@ def test_whatever_goes_wrong_leaves_the_old_file_and_no_debris(
     path = write_text(tmp_path / "a.txt", "old")
 
     def fill_the_disk() -> None:
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_text("ne")
             raise error
 
@@ -72,7 +72,9 @@ def test_seeds_are_the_same_on_every_machine() -> None:
 
 
 def test_streams_of_different_purposes_are_uncorrelated() -> None:
-    drawn = np.stack([stream(0, "part", number).standard_normal(4000) for number in range(20)])
+    drawn = np.stack(
+        [random_stream(0, "part", number).standard_normal(4000) for number in range(20)]
+    )
     correlation = np.corrcoef(drawn) - np.eye(20)
     assert np.abs(correlation).max() < 5 / np.sqrt(4000)
 

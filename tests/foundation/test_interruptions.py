@@ -15,10 +15,10 @@ from swashtwin.foundation import (
     ArtifactError,
     DataError,
     InputError,
+    atomic_write,
     files,
-    open_pieces,
     read_text,
-    replacing,
+    resume_folder,
     write_artifact,
     write_text,
 )
@@ -26,8 +26,8 @@ from swashtwin.foundation import (
 WRITER = """
 import sys, time
 from pathlib import Path
-from swashtwin.foundation import replacing
-with replacing(Path(sys.argv[1])) as temporary:
+from swashtwin.foundation import atomic_write
+with atomic_write(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
     print("writing", flush=True)
     time.sleep(60)
@@ -102,7 +102,7 @@ def test_files_have_the_permissions_of_the_users_umask(tmp_path: Path, umask: in
     try:
         write_text(tmp_path / "a.txt", "a")
         write_artifact(tmp_path / "a.safetensors", "kind", 1, {}, {"x": torch.zeros(1)})
-        with replacing(tmp_path / "a.npz") as temporary:
+        with atomic_write(tmp_path / "a.npz") as temporary:
             np.savez_compressed(temporary, x=np.zeros(1))
     finally:
         os.umask(before)
@@ -125,16 +125,16 @@ def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_
 
 
 def test_pieces_are_taken_up_under_equal_settings_only(tmp_path: Path) -> None:
-    open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+    resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
     (tmp_path / "rig" / "piece").write_text("whole")
-    open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+    resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
     with pytest.raises(InputError, match="seed was 1, now 2"):
-        open_pieces(tmp_path / "rig", "rig.json", {"seed": 2})
+        resume_folder(tmp_path / "rig", "rig.json", {"seed": 2})
     with pytest.raises(InputError, match="not empty; choose a new folder"):
-        open_pieces(tmp_path, "rig.json", {"seed": 1})
+        resume_folder(tmp_path, "rig.json", {"seed": 1})
     (tmp_path / "rig" / "rig.json").write_text("{")
     with pytest.raises(ArtifactError, match="damaged"):
-        open_pieces(tmp_path / "rig", "rig.json", {"seed": 1})
+        resume_folder(tmp_path / "rig", "rig.json", {"seed": 1})
 
 
 def test_a_folder_that_was_killed_while_its_manifest_was_written_is_taken_up(
@@ -142,7 +142,7 @@ def test_a_folder_that_was_killed_while_its_manifest_was_written_is_taken_up(
 ) -> None:
     writer.kill()
     writer.wait()
-    open_pieces(tmp_path, "rig.json", {"seed": 1})
+    resume_folder(tmp_path, "rig.json", {"seed": 1})
     assert os.listdir(tmp_path) == ["rig.json"]
 
 

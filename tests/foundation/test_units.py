@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, parse, rpm, um, units
+from swashtwin.foundation import MPa, UnitError, bar, celsius, deg, parse_quantity, rpm, um, units
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-9)
 
@@ -14,12 +14,12 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda x: x == 0 or abs(x
 @settings(deadline=None)  # the first quantity loads the table of units
 @given(x=st.floats(0.01, 1e5))
 def test_text_and_code_convert_alike(x: float) -> None:
-    assert parse(f"{x} rpm", "rad/s") == pytest.approx(rpm(x), rel=1e-12)
-    assert parse(f"{x} MPa", "Pa") == pytest.approx(MPa(x), rel=1e-12)
-    assert parse(f"{x} bar", "Pa") == pytest.approx(bar(x), rel=1e-12)
-    assert parse(f"{x} um", "m") == pytest.approx(um(x), rel=1e-12)
-    assert parse(f"{x} deg", "rad") == pytest.approx(deg(x), rel=1e-12)
-    assert parse(f"{x} degC", "K") == pytest.approx(celsius(x), rel=1e-12)
+    assert parse_quantity(f"{x} rpm", "rad/s") == pytest.approx(rpm(x), rel=1e-12)
+    assert parse_quantity(f"{x} MPa", "Pa") == pytest.approx(MPa(x), rel=1e-12)
+    assert parse_quantity(f"{x} bar", "Pa") == pytest.approx(bar(x), rel=1e-12)
+    assert parse_quantity(f"{x} um", "m") == pytest.approx(um(x), rel=1e-12)
+    assert parse_quantity(f"{x} deg", "rad") == pytest.approx(deg(x), rel=1e-12)
+    assert parse_quantity(f"{x} degC", "K") == pytest.approx(celsius(x), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_text_and_code_convert_alike(x: float) -> None:
     ],
 )
 def test_a_quantity_is_one_number_and_its_unit(text: str, unit: str, expected: float) -> None:
-    assert parse(text, unit) == pytest.approx(expected, rel=1e-14)
+    assert parse_quantity(text, unit) == pytest.approx(expected, rel=1e-14)
 
 
 def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
@@ -69,7 +69,7 @@ def test_a_decimal_number_of_millimeters_is_the_nearest_double() -> None:
         whole * 1e-3 != whole / 1000 for whole in range(1, 1000)
     )  # what plain multiplication costs
     for whole in range(1, 1000):
-        assert parse(f"{whole} mm", "m") == whole / 1000
+        assert parse_quantity(f"{whole} mm", "m") == whole / 1000
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_a_unit_of_another_dimension_is_refused_and_two_pi_never_slips_in(
     text: str, unit: str, message: str
 ) -> None:
     with pytest.raises(UnitError) as caught:
-        parse(text, unit, name="it")
+        parse_quantity(text, unit, name="it")
     assert str(caught.value).startswith(f"it = '{text}' ")
     assert message in str(caught.value)
 
@@ -107,7 +107,7 @@ def test_a_number_without_a_unit_is_refused_and_shown_with_one(
     text: str, unit: str, example: str
 ) -> None:
     with pytest.raises(UnitError, match=f"has no unit; write it with one, for example {example}"):
-        parse(text, unit)
+        parse_quantity(text, unit)
 
 
 @pytest.mark.parametrize(
@@ -120,13 +120,13 @@ def test_a_number_without_a_unit_is_refused_and_shown_with_one(
 )  # fmt: skip
 def test_what_is_no_single_number_with_a_unit_is_refused_at_once(text: str) -> None:
     with pytest.raises(UnitError, match="is not a quantity; write a number and a unit") as caught:
-        parse(text, "m", name="length")
+        parse_quantity(text, "m", name="length")
     assert "\n" not in str(caught.value)
 
 
 def test_an_infinite_number_is_refused() -> None:
     with pytest.raises(UnitError, match=r"1e400 m' is not finite"):
-        parse("1e400 m", "m")
+        parse_quantity("1e400 m", "m")
 
 
 @pytest.mark.parametrize(("unit", "example"), [("m", '"17 m"'), ("1", '"17"')])
@@ -134,7 +134,7 @@ def test_a_bare_number_is_refused_even_where_no_unit_is_wanted(unit: str, exampl
     with pytest.raises(
         UnitError, match=f"piston is the bare number 17; write it .* for example {example}"
     ):
-        parse(17, unit, name="piston")
+        parse_quantity(17, unit, name="piston")
 
 
 @given(
@@ -145,7 +145,7 @@ def test_a_bare_number_is_refused_even_where_no_unit_is_wanted(unit: str, exampl
 def test_a_common_unit_means_what_pint_says(number: float, digits: int, symbol: str) -> None:
     text = f"{number:.{digits}g} {symbol}"
     for target in {symbol, units._COMMON[symbol][0]}:
-        value = parse(text, target)
+        value = parse_quantity(text, target)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(units, "_COMMON", {})
-            assert parse(text, target) == value
+            assert parse_quantity(text, target) == value

@@ -13,7 +13,7 @@ from golden_rig import plant_recordings, write_workspace
 
 from swashtwin.calibration import GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import save_classifier
-from swashtwin.foundation import MPa, mm, replacing, rpm
+from swashtwin.foundation import MPa, atomic_write, mm, rpm
 from swashtwin.learning import TrainingSettings, build_network, cut_windows, fit, save_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect, load_pump
@@ -119,7 +119,7 @@ class Plant:
             network = build_network(
                 "bitcn", windows.n_channels, len(windows.classes), stride=32, channels=(8, 8)
             )
-            with replacing(path) as temporary:
+            with atomic_write(path) as temporary:
                 save_classifier(
                     fit(network, windows, settings=TrainingSettings(epochs=2), seed=0), temporary
                 )

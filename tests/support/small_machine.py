@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from swashtwin.foundation import MPa, stream
+from swashtwin.foundation import MPa, random_stream
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
@@ -18,7 +18,7 @@ class Machine:
         """Recording `number`; orders 5 to 9 of channel x stand `rise` [dB] above the healthy
         ones.
         """
-        rng = stream(0, "machine", number)
+        rng = random_stream(0, "machine", number)
         time = np.arange(round(seconds * RATE)) / RATE
         order = np.arange(1, 13)
         amplitude = np.array([1.0, 0.5, 0.25])[:, None] / np.array(
@@ -26,7 +26,7 @@ class Machine:
         )
         amplitude = amplitude * 10 ** (rng.normal(0, 0.5, (3, 12)) / 20)
         amplitude[0, 4:9] *= 10 ** (rise / 20)
-        phase = stream(0, "phase").uniform(0, 2 * math.pi, (3, 12, 1)) + rng.normal(
+        phase = random_stream(0, "phase").uniform(0, 2 * math.pi, (3, 12, 1)) + rng.normal(
             0, 0.1, (3, 12, 1)
         )
         signal = (

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import MPa, rpm, stream
+from swashtwin.foundation import MPa, random_stream, rpm
 from swashtwin.learning import Epoch, Scores, WindowSet, cut_windows, evaluate
 from swashtwin.pump import CLASSES, OperatingCondition
 from swashtwin.recordings import Recording
@@ -26,7 +26,7 @@ class Guesser:
         self.skill, self.seed = skill, seed
 
     def predict_proba(self, windows: WindowSet) -> np.ndarray:
-        draw = stream(self.seed, "guess", self.skill)
+        draw = random_stream(self.seed, "guess", self.skill)
         right = draw.random(len(windows)) < self.skill
         other = (windows.target + draw.integers(1, len(CLASSES), len(windows))) % len(CLASSES)
         return np.eye(len(CLASSES))[np.where(right, windows.target, other)] * 0.9 + 0.02
@@ -36,7 +36,7 @@ def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
     condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
     recordings = [
         Recording(
-            stream(i, label).normal(size=(1, 400)),
+            random_stream(i, label).normal(size=(1, 400)),
             1000.0,
             f"{label} {i}",
             label=label,
@@ -85,7 +85,7 @@ def run(
 
 
 def features(name: str) -> dict[str, list[Any]]:
-    points = stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
+    points = random_stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
     levels = np.tile(np.repeat(["L2", "L4"], 4), 5)
     return {
         "values": points.tolist(),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swashtwin.foundation import DataError, InputError, MPa, stream
+from swashtwin.foundation import DataError, InputError, MPa, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import (
     discriminative_score,
@@ -20,7 +20,7 @@ def windows(
     seed: int, *, tone: float = 0.0, gain: float = 1.0, per_recording: int = 10, recordings: int = 6
 ) -> WindowSet:
     """Noise of two classes, of which `piston` has a tone of frequency `tone`."""
-    rng, count = stream(seed, "likeness"), per_recording * recordings
+    rng, count = random_stream(seed, "likeness"), per_recording * recordings
     target = np.arange(count) // per_recording % 2
     signal = rng.normal(size=(count, 2, 256))
     signal += (
@@ -68,11 +68,11 @@ def test_a_recording_is_not_recognized_by_windows_of_its_own() -> None:
     """Measured windows whose recordings differ in level, and synthetic ones spread as the
     recordings are.
     """
-    level = np.exp(stream(0, "levels").normal(0, 1, 12)).astype(np.float32)
+    level = np.exp(random_stream(0, "levels").normal(0, 1, 12)).astype(np.float32)
     plain = windows(0, recordings=12)
     measured = replace(plain, signal=plain.signal * np.repeat(level, 10)[:, None, None])
     other = synthetic_windows(1, recordings=12)
-    spread = np.exp(stream(1, "levels").normal(0, 1, 120)).astype(np.float32)
+    spread = np.exp(random_stream(1, "levels").normal(0, 1, 120)).astype(np.float32)
     synthetic = replace(other, signal=other.signal * spread[:, None, None])
     assert discriminative_score(measured, synthetic, seed=0) < 0.75
 

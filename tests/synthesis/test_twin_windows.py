@@ -8,7 +8,7 @@ from twin_recordings import SIX_VALUES, recording_of
 
 from swashtwin.calibration import Calibration, GaussNewton, Nuisances, Posterior, calibrate
 from swashtwin.calibration.unknowns import Unknowns, search_space
-from swashtwin.foundation import InputError, MPa, derive_seed, mm, rpm, stream, um
+from swashtwin.foundation import InputError, MPa, derive_seed, mm, random_stream, rpm, um
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, PistonWear, Pump, SwashPlateDefect
@@ -139,10 +139,10 @@ def test_windows_have_the_gain_of_the_healthy_machine_and_causes_are_told_apart(
 def test_a_strong_line_between_bins_does_not_raise_the_background_far_from_it(
     twin: Twin, measured: WindowSet
 ) -> None:
-    noise = 0.01 * stream(0, "noise").normal(size=(1, measured.signal.shape[1], 2048))
+    noise = 0.01 * random_stream(0, "noise").normal(size=(1, measured.signal.shape[1], 2048))
     line = 100 * np.sin(2 * np.pi * 100.5 * np.arange(2048) / 2048)
     loud = replace(measured.subset(np.array([0])), signal=(noise + line).astype(np.float32))
-    background = background_noise(loud, twin).draw(stream(0, "drawn"))
+    background = background_noise(loud, twin).draw(random_stream(0, "drawn"))
     far = [np.abs(np.fft.rfft(signal, axis=-1))[..., 400:-1] for signal in (background, noise[0])]
     assert np.sqrt(np.mean(far[0] ** 2)) < 1.5 * np.sqrt(np.mean(far[1] ** 2))
 

@@ -20,7 +20,7 @@ from swashtwin.calibration.discrepancy import (
 )
 from swashtwin.calibration.spectrum_objective import Objective
 from swashtwin.calibration.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Twin
 from swashtwin.pump import LETTERS, PARAMETERS, Interfaces
 
@@ -289,7 +289,7 @@ class Posterior:
         )
         points = []
         for index in range(count):
-            rng = stream(seed, "posterior", index)
+            rng = random_stream(seed, "posterior", index)
             for _ in range(_TRIES):
                 point = self.point + root @ rng.standard_normal(len(self.point))
                 if ((point >= lower) & (point <= upper)).all():

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from swashtwin.calibration.spectrum_objective import Objective
 from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, touched
-from swashtwin.foundation import InputError, one_thread, stream
+from swashtwin.foundation import InputError, one_thread, random_stream
 from swashtwin.physics import HarmonicBalance, SteadySolver
 from swashtwin.pump import LETTERS, PARAMETERS
 
@@ -116,7 +116,7 @@ class GaussNewton:
         self, objective: Objective, *, seed: int, progress: Progress | None = None
     ) -> Search:
         """Values of the best start; see `Calibrator`."""
-        unknowns, generator = objective.unknowns, stream(seed, "gauss_newton", "starts")
+        unknowns, generator = objective.unknowns, random_stream(seed, "gauss_newton", "starts")
         runs: list[Search] = []
         with one_thread():
             for number in range(self.starts):

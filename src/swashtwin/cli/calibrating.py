@@ -35,7 +35,7 @@ from swashtwin.cli.options import (
     read_settings,
     reads_files,
 )
-from swashtwin.foundation import parse, plural
+from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration, Estimate
@@ -226,9 +226,9 @@ def _start(
         return [Twin(pump, point, fault) for point in points], recordings
     chosen: Sequence[Recording] = recordings
     if speed is not None:
-        chosen = recordings = recordings.where(speed=parse(speed, "rad/s", name="--speed"))
+        chosen = recordings = recordings.where(speed=parse_quantity(speed, "rad/s", name="--speed"))
     if pressures:
-        limits = [parse(text, "Pa", name="--pressure") for text in pressures]
+        limits = [parse_quantity(text, "Pa", name="--pressure") for text in pressures]
         by_id = {
             item.recording_id: item for limit in limits for item in recordings.where(pressure=limit)
         }

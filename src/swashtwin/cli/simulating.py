@@ -65,7 +65,7 @@ def simulate(
     run.
     """
     from swashtwin.calibration import load_calibration
-    from swashtwin.foundation import parse
+    from swashtwin.foundation import parse_quantity
     from swashtwin.physics import Twin
     from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
     from swashtwin.recordings import WRITABLE
@@ -77,7 +77,7 @@ def simulate(
             "names a file; more than one recording needs a folder.", param_hint="--out"
         )
     require_files([calibration])
-    seconds = parse(duration, "s", name="--duration")
+    seconds = parse_quantity(duration, "s", name="--duration")
     defect = fault_from(fault or "normal")
     condition = read_condition(speed=speed, discharge_pressure=pressure)
     if calibration is None:
@@ -94,7 +94,9 @@ def simulate(
         )
     for text in notes:
         note(f"note: {text}")
-    plan = _Plan(twin, seconds, parse(sample_rate, "Hz", name="--sample-rate"), seed, notes)
+    plan = _Plan(
+        twin, seconds, parse_quantity(sample_rate, "Hz", name="--sample-rate"), seed, notes
+    )
     if count == 1:
         _write_one(plan, out, as_json)
     else:
@@ -165,7 +167,7 @@ def _write_one(plan: _Plan, out: Path, as_json: bool) -> None:
 
 def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
     from swashtwin.calibration import twin_to_dict
-    from swashtwin.foundation import stream
+    from swashtwin.foundation import random_stream
     from swashtwin.recordings import write_series
     from swashtwin.synthesis import Variation, draw_twin
 
@@ -177,7 +179,7 @@ def _write_many(plan: _Plan, folder: Path, count: int, as_json: bool) -> None:
 
     def blocks_of(number: int) -> "Iterator[Recording]":
         twin = draw_twin(plan.twin, variation, plan.seed, number)
-        phase = stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
+        phase = random_stream(plan.seed, "phase", number).uniform(0, 6.283185307179586)
         return twin.blocks(plan.duration, plan.sample_rate, phase=phase, recording_id=folder.name)
 
     with progress("simulating") as bar:
@@ -229,7 +231,7 @@ def synthesize(
     """
     import swashtwin.synthesis as synthesis
     from swashtwin.calibration import load_calibration
-    from swashtwin.foundation import parse, plural
+    from swashtwin.foundation import parse_quantity, plural
     from swashtwin.learning import save_windows
     from swashtwin.recordings import load_recordings
 
@@ -244,8 +246,10 @@ def synthesize(
             count=count,
             like=load_recordings(like),
             seed=seed,
-            speed=None if speed is None else parse(speed, "rad/s", name="--speed"),
-            pressure=None if pressure is None else parse(pressure, "Pa", name="--pressure"),
+            speed=None if speed is None else parse_quantity(speed, "rad/s", name="--speed"),
+            pressure=None
+            if pressure is None
+            else parse_quantity(pressure, "Pa", name="--pressure"),
             window=window,
         )
         fidelity = windows.fidelity

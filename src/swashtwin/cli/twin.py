@@ -22,7 +22,7 @@ from swashtwin.cli.options import (
     present,
     read_words,
 )
-from swashtwin.foundation import parse, plural
+from swashtwin.foundation import parse_quantity, plural
 
 if TYPE_CHECKING:
     from swashtwin.calibration import RecordingPlan, SeverityTrend
@@ -61,8 +61,8 @@ def plan_next(
     """
     from swashtwin.calibration import load_calibration, plan_recording
 
-    speed = [parse(part, "rad/s", name="--speeds") for part in read_words(speeds)]
-    pressure = [parse(part, "Pa", name="--pressures") for part in read_words(pressures)]
+    speed = [parse_quantity(part, "rad/s", name="--speeds") for part in read_words(speeds)]
+    pressure = [parse_quantity(part, "Pa", name="--pressures") for part in read_words(pressures)]
     sets = [read_words(text) for text in sensors or ()]
     calibrated = load_calibration(calibration)
     with progress("expected widths"):

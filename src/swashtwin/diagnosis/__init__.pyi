@@ -3,7 +3,7 @@
 from .alarm_scores import AlarmScores as AlarmScores
 from .anomaly_detector import AnomalyDetector as AnomalyDetector
 from .attribution import Band as Band
-from .attribution import hertz as hertz
+from .attribution import format_frequency as format_frequency
 from .diagnosing import diagnose as diagnose
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
@@ -15,7 +15,7 @@ from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier
 from .prior_head import order_levels as order_levels
 from .prior_making import make_prior as make_prior
-from .reasons import few_machines as few_machines
+from .reasons import describe_single_machine_faults as describe_single_machine_faults
 from .saving import load_classifier as load_classifier
 from .saving import load_model as load_model
 from .saving import save_classifier as save_classifier

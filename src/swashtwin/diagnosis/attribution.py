@@ -62,12 +62,12 @@ def signal_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tup
             edge = (order + 0.5) * shaft
             bands.append(Band(f"order {order}", (order - 0.5) * shaft, edge, order))
     else:
-        bands.append(Band(f"below {hertz(edge)}", 0.0, edge))
+        bands.append(Band(f"below {format_frequency(edge)}", 0.0, edge))
     while edge < nyquist:
         above = min(edge * 2 ** (1 / 3), nyquist)
         if above * 2 ** (1 / 6) > nyquist:
             above = nyquist
-        bands.append(Band(f"{hertz(edge)} to {hertz(above)}", edge, above))
+        bands.append(Band(f"{format_frequency(edge)} to {format_frequency(above)}", edge, above))
         edge = above
     return tuple(bands)
 
@@ -87,7 +87,7 @@ _WHOLE = {
 }
 
 
-def hertz(frequency: float) -> str:
+def format_frequency(frequency: float) -> str:
     """Frequency in words, with two digits of kHz or three of Hz."""
     return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
 

@@ -31,7 +31,7 @@ from swashtwin.diagnosis.classifier_input import (
 from swashtwin.diagnosis.diagnosing import diagnose, make_known, recording_probability
 from swashtwin.diagnosis.estimator import Estimator
 from swashtwin.diagnosis.prior_classifier import PriorClassifier
-from swashtwin.diagnosis.reasons import few_machines
+from swashtwin.diagnosis.reasons import describe_single_machine_faults
 from swashtwin.diagnosis.resemblance import NO_CONFIDENCE, find_resemblance
 from swashtwin.diagnosis.saving import load_both, save_classifier
 from swashtwin.diagnosis.verdict import Diagnosis
@@ -235,7 +235,11 @@ class FaultClassifier(Estimator):
         self.validation_ = (
             () if validation is None else tuple(np.unique(validation.recording_id).tolist())
         )
-        few = [few_machines(fitted.training_reference)] if as_recordings(X) is not None else []
+        few = (
+            [describe_single_machine_faults(fitted.training_reference)]
+            if as_recordings(X) is not None
+            else []
+        )
         self.notes_ = (*notes, *unlike, *copy_notes(windows), *filter(None, (of_prior, *few)))
         if training.classes != tuple(str(name) for name in getattr(self, "classes_", ())):
             self.classes_ = np.array(training.classes, dtype=np.str_)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swashtwin.foundation import VERSION, load_extra, replacing
+from swashtwin.foundation import VERSION, atomic_write, load_extra
 from swashtwin.learning import FittedClassifier, SolvedNetwork, onnx_model
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def export_onnx(classifier: FittedClassifier, path: Path | str) -> Path:
         model = torch_model(classifier, network)
     for name, value in _facts(classifier).items():
         model.metadata_props.add(key=name, value=json.dumps(value))
-    with replacing(Path(path)) as temporary:
+    with atomic_write(Path(path)) as temporary:
         temporary.write_bytes(model.SerializeToString())
     return Path(path)
 

@@ -10,8 +10,8 @@ from swashtwin.foundation import (
     InputError,
     from_table,
     read_artifact,
-    refuse_misfits,
     to_table,
+    translate_load_errors,
     write_artifact,
 )
 
@@ -59,7 +59,7 @@ def load_prior(path: Path | str, form: type[P], kind: str) -> P:
         path = shipped[str(path)]
     advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
     card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
-    with refuse_misfits(path, kind):
+    with translate_load_errors(path, kind):
         levels, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
         arrays: dict[str, Any] = {
             "levels": levels,

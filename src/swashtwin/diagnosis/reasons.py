@@ -96,7 +96,7 @@ def single_machine_classes(reference: TrainingReference) -> tuple[str, ...]:
     return tuple(sorted(label for label, names in machines.items() if len(names) < 2))
 
 
-def few_machines(reference: TrainingReference | None) -> str:
+def describe_single_machine_faults(reference: TrainingReference | None) -> str:
     """That another machine's faults cannot be expected to be named, in words; empty where they
     can.
     """

@@ -16,8 +16,8 @@ from swashtwin.foundation import (
     artifact_kind,
     as_path,
     load_artifact,
-    refuse_misfits,
     save_artifact,
+    translate_load_errors,
 )
 from swashtwin.learning import (
     N_FACTS,
@@ -160,7 +160,7 @@ def load_both(path: Path | str) -> tuple[FittedClassifier, Resemblance | None]:
     advice = "swashtwin train, or its method save, writes a classifier"
     card = load_artifact(path, _Card, KIND, _VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     name = card.network.name[:60]
-    with refuse_misfits(path, KIND):
+    with translate_load_errors(path, KIND):
         try:
             network_class(name)
         except InputError as cause:

@@ -14,7 +14,7 @@ import numpy as np
 from fastapi import Body
 
 from swashtwin.explorer.workspace import Name, Workspace
-from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, file_name, rpm
+from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, safe_file_name
 from swashtwin.pump import (
     FAULT_KINDS,
     LETTERS,
@@ -377,7 +377,7 @@ class TwinRoom:
 
     def _written(self, name: str, suffix: str, write: Callable[[Path], object]) -> str:
         stem = name.strip().removesuffix(suffix)
-        if not stem or file_name(stem) != stem:
+        if not stem or safe_file_name(stem) != stem:
             raise InputError(
                 f"{name[:100]!r} cannot name a file; use letters, digits, '-', '_' and '.'."
             )

@@ -5,9 +5,9 @@ from .artifacts import from_table as from_table
 from .artifacts import load_artifact as load_artifact
 from .artifacts import parse_json as parse_json
 from .artifacts import read_artifact as read_artifact
-from .artifacts import refuse_misfits as refuse_misfits
 from .artifacts import save_artifact as save_artifact
 from .artifacts import to_table as to_table
+from .artifacts import translate_load_errors as translate_load_errors
 from .artifacts import write_artifact as write_artifact
 from .errors import ArtifactError as ArtifactError
 from .errors import DataError as DataError
@@ -24,12 +24,12 @@ from .errors import spell_for_index as spell_for_index
 from .errors import spell_for_python as spell_for_python
 from .files import TEXT as TEXT
 from .files import as_path as as_path
-from .files import file_name as file_name
+from .files import atomic_write as atomic_write
 from .files import first_difference as first_difference
-from .files import open_pieces as open_pieces
 from .files import read_text as read_text
-from .files import replacing as replacing
 from .files import require_disk_space as require_disk_space
+from .files import resume_folder as resume_folder
+from .files import safe_file_name as safe_file_name
 from .files import sha256_of as sha256_of
 from .files import write_text as write_text
 from .packages import VERSION as VERSION
@@ -38,7 +38,7 @@ from .packages import compiled as compiled
 from .packages import load_extra as load_extra
 from .packages import require_modules as require_modules
 from .processes import MEMORY_VARIABLE as MEMORY_VARIABLE
-from .processes import end_with as end_with
+from .processes import exit_with_parent as exit_with_parent
 from .processes import keep_freed_memory as keep_freed_memory
 from .processes import memory_limit as memory_limit
 from .processes import one_thread as one_thread
@@ -46,7 +46,7 @@ from .processes import parallel as parallel
 from .processes import require_memory as require_memory
 from .processes import return_memory as return_memory
 from .seeding import derive_seed as derive_seed
-from .seeding import stream as stream
+from .seeding import random_stream as random_stream
 from .texts import csv_text as csv_text
 from .texts import escape_controls as escape_controls
 from .texts import finite_values as finite_values
@@ -61,6 +61,6 @@ from .units import celsius as celsius
 from .units import deg as deg
 from .units import is_unit as is_unit
 from .units import mm as mm
-from .units import parse as parse
+from .units import parse_quantity as parse_quantity
 from .units import rpm as rpm
 from .units import um as um

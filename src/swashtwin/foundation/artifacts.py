@@ -26,7 +26,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
-from swashtwin.foundation.files import replacing
+from swashtwin.foundation.files import atomic_write
 
 T = TypeVar("T")
 
@@ -257,7 +257,7 @@ def load_artifact(
         refuses.
     """
     card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
-    with refuse_misfits(path, kind):
+    with translate_load_errors(path, kind):
         return from_table(
             card,
             form,
@@ -300,7 +300,7 @@ def write_artifact(
         "card": card,
         "sha256": _checksum(kind, version, card, saved),
     }
-    with replacing(Path(path)) as temporary:
+    with atomic_write(Path(path)) as temporary:
         save_file(saved, temporary, metadata={_KEY: json.dumps(note, sort_keys=True)})
     return Path(path)
 
@@ -378,7 +378,7 @@ def artifact_kind(path: Path | str) -> str:
 
 
 @contextmanager
-def refuse_misfits(path: Path | str, kind: str) -> Iterator[None]:
+def translate_load_errors(path: Path | str, kind: str) -> Iterator[None]:
     """Within it, building an object from a card turns every misfit into an `ArtifactError` of one
     line.
     """

@@ -50,7 +50,7 @@ for a moment.
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Temporary path beside `path` that takes its place when the block ends well, and vanishes when
     it does not.
 
@@ -135,7 +135,7 @@ def _replace(temporary: Path, path: Path) -> None:
 
 def write_text(path: Path, text: str) -> Path:
     """`path`, after `text` was written to it whole."""
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, **TEXT)
     return Path(path)
 
@@ -164,7 +164,7 @@ def read_text(path: Path) -> str:
         ) from cause
 
 
-def file_name(text: str) -> str:
+def safe_file_name(text: str) -> str:
     """`text` as a name, without its suffix, that every system takes for a file.
 
     Characters that lead out of a folder, hide a file or have a meaning in a shell become ``_``. A
@@ -172,14 +172,14 @@ def file_name(text: str) -> str:
 
     Examples
     --------
-    >>> file_name("pump A/3"), file_name("a:b"), file_name("con"), file_name("..")
+    >>> safe_file_name("pump A/3"), safe_file_name("a:b"), safe_file_name("con"), safe_file_name("..")
     ('pump_A_3', 'a_b', 'con_', '_')
     """
     name = re.sub(r"[^\w.+-]", "_", text)[:_LONGEST_NAME].strip(".")
     return _DEVICE.sub(r"\g<0>_", name) or "_"
 
 
-def open_pieces(folder: Path, manifest: str, settings: Mapping[str, Any]) -> None:
+def resume_folder(folder: Path, manifest: str, settings: Mapping[str, Any]) -> None:
     """Take up a folder that was filled piece by piece under equal settings, or start one.
 
     Parameters

@@ -33,11 +33,15 @@ def parallel(jobs: int, **options: Any) -> "Parallel":
     from joblib import Parallel  # which loads numpy, and the shell's help needs none
 
     return Parallel(
-        n_jobs=jobs, backend="loky", initializer=end_with, initargs=(os.getpid(),), **options
+        n_jobs=jobs,
+        backend="loky",
+        initializer=exit_with_parent,
+        initargs=(os.getpid(),),
+        **options,
     )
 
 
-def end_with(parent: int) -> None:
+def exit_with_parent(parent: int) -> None:
     """End this process once its parent has ended, whatever it does at that time.
 
     Parameters

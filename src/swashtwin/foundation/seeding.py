@@ -25,12 +25,12 @@ def derive_seed(seed: int, *purpose: object) -> int:
     return int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big") >> 1
 
 
-def stream(seed: int, *purpose: object) -> np.random.Generator:
+def random_stream(seed: int, *purpose: object) -> np.random.Generator:
     """NumPy generator of the stream that `purpose` names.
 
     Examples
     --------
-    >>> bool(stream(3, "phase").random() == stream(3, "phase").random())
+    >>> bool(random_stream(3, "phase").random() == random_stream(3, "phase").random())
     True
     """
     return np.random.default_rng(derive_seed(seed, *purpose))

@@ -1,13 +1,13 @@
 """SI inside, the units of the trade at the edge.
 
 The only module that knows a number may be anything but SI. Code writes ``MPa(15)``; text (TOML
-files, the command line) writes ``"15 MPa"`` and is read by `parse`, which refuses a bare number.
+files, the command line) writes ``"15 MPa"`` and is read by `parse_quantity`, which refuses a bare number.
 
 Examples
 --------
 >>> MPa(15)
 15000000.0
->>> parse("31 mm", "m")
+>>> parse_quantity("31 mm", "m")
 0.031
 """
 
@@ -174,7 +174,7 @@ def is_unit(text: str) -> bool:
     return text in _COMMON or _unit(text) is not None
 
 
-def parse(text: object, unit: str, *, name: str = "value") -> float:
+def parse_quantity(text: object, unit: str, *, name: str = "value") -> float:
     """SI number of a quantity written with its unit.
 
     Radians and turns count as a dimension: ``"860 rpm"`` is no frequency, ``"14 1/s"`` no angular
@@ -197,9 +197,9 @@ def parse(text: object, unit: str, *, name: str = "value") -> float:
 
     Examples
     --------
-    >>> parse("15 Mpa", "Pa"), round(parse("25 Hz", "rad/s"), 6)
+    >>> parse_quantity("15 Mpa", "Pa"), round(parse_quantity("25 Hz", "rad/s"), 6)
     (15000000.0, 157.079633)
-    >>> parse("860 rpm", "Hz", name="sample_rate")
+    >>> parse_quantity("860 rpm", "Hz", name="sample_rate")
     Traceback (most recent call last):
     ...
     swashtwin.foundation.errors.UnitError: sample_rate = '860 rpm' is an angular speed; write it as "14.3333 Hz".

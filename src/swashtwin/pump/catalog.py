@@ -19,9 +19,9 @@ from swashtwin.foundation import (
     MissingFileError,
     UnitError,
     as_path,
-    file_name,
-    parse,
+    parse_quantity,
     read_text,
+    safe_file_name,
     write_text,
 )
 from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor, pump_text
@@ -91,8 +91,10 @@ def _quantity(entry: Any, unit: str, path: str, kind: Any, sources: dict[str, st
         )
         raise DataError(f"{path} = {value!r} must be {wanted}.")
     if isinstance(value, list):
-        return tuple(parse(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value))
-    number = parse(value, unit, name=path)
+        return tuple(
+            parse_quantity(text, unit, name=f"{path}[{i}]") for i, text in enumerate(value)
+        )
+    number = parse_quantity(value, unit, name=path)
     if kind is int and number != int(number):
         raise InputError(f"{path} ({number:g}) must be a whole number.")
     return kind(number)
@@ -241,7 +243,7 @@ def new_pump(
     DataError, UnitError
         Pump `like` is damaged.
     """
-    if not re.fullmatch(r"\w[\w.-]*", name) or file_name(name) != name:
+    if not re.fullmatch(r"\w[\w.-]*", name) or safe_file_name(name) != name:
         raise InputError(f"{name!r} cannot name a pump; use letters, digits, '-', '_' and '.'.")
     original = load_pump(like)
     text, origin = _text_of(like)

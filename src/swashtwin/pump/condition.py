@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from swashtwin.foundation import InputError, parse
+from swashtwin.foundation import InputError, parse_quantity
 
 SPEED_TOLERANCE = 0.02
 """Relative difference up to which two speeds belong to the same operating point: the slip of a
@@ -144,7 +144,7 @@ def read_condition(
     }
     return OperatingCondition(
         **{
-            name: parse(text, unit, name=name)
+            name: parse_quantity(text, unit, name=name)
             for name, (text, unit) in stated.items()
             if text is not None
         }

@@ -15,7 +15,7 @@ from importlib.metadata import entry_points
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from swashtwin.foundation import InputError, deg, mm, parse, um
+from swashtwin.foundation import InputError, deg, mm, parse_quantity, um
 from swashtwin.pump.labels import canonical_label
 
 _F = TypeVar("_F", bound="Fault")
@@ -393,7 +393,7 @@ def read_fault(kind: str, **dimensions: str) -> Fault | None:
         if get_origin(form) is Literal:
             values[key] = text
         elif form in (float, int):
-            number = parse(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
+            number = parse_quantity(text, fault.units.get(key, "1"), name=f"{name}'s {key}")
             if form is int and number != int(number):
                 raise InputError(f"{name}'s {key} = {text!r} must be a whole number.")
             values[key] = int(number) if form is int else number

@@ -29,7 +29,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
-from swashtwin.foundation import InputError, UnitError, parse
+from swashtwin.foundation import InputError, UnitError, parse_quantity
 from swashtwin.pump.condition import OperatingCondition
 from swashtwin.pump.parameters import Oil, Pump, Rated, RotatingGroup, with_numbers
 
@@ -118,7 +118,7 @@ def read_nameplate(
     """
     volume = _CUBIC.sub(lambda match: f"{match[1] or 'cm'}^3", _PER_TURN.sub("", displacement))
     try:
-        size = parse(volume, "m^3", name="displacement")
+        size = parse_quantity(volume, "m^3", name="displacement")
     except UnitError as cause:
         raise UnitError(
             f'displacement = {displacement!r} is no volume per revolution; write it as "45 cm3/rev" or "45 mL".'
@@ -126,10 +126,10 @@ def read_nameplate(
     return Nameplate(
         size,
         pistons,
-        parse(speed, "rad/s", name="speed"),
-        parse(pressure, "Pa", name="pressure"),
-        None if swash_angle is None else parse(swash_angle, "rad", name="swash_angle"),
-        None if mass is None else parse(mass, "kg", name="mass"),
+        parse_quantity(speed, "rad/s", name="speed"),
+        parse_quantity(pressure, "Pa", name="pressure"),
+        None if swash_angle is None else parse_quantity(swash_angle, "rad", name="swash_angle"),
+        None if mass is None else parse_quantity(mass, "kg", name="mass"),
     )
 
 

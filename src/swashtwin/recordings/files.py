@@ -18,9 +18,9 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     SwashTwinError,
-    open_pieces,
-    replacing,
+    atomic_write,
     require_disk_space,
+    resume_folder,
 )
 from swashtwin.recordings.formats.isolation import read_in_subprocess
 from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, require_plausible_rates
@@ -160,7 +160,7 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
     """
     path = Path(path)
     suffix = _require_suffix(path, WRITABLE, "written")
-    with replacing(path) as partial_file:
+    with atomic_write(path) as partial_file:
         _writer(suffix).write(recording, partial_file)
     return path
 
@@ -186,7 +186,7 @@ def write_blocks(blocks: Iterable[Recording], path: str | Path) -> Recording:
     """
     path = Path(path)
     writer = _writer(_require_suffix(path, (".h5", ".hdf5"), "written block by block"))
-    with replacing(path) as partial_file:
+    with atomic_write(path) as partial_file:
         writer.write_stream(iter(blocks), partial_file)
     return read_header(path)
 
@@ -257,7 +257,7 @@ def write_store(
         if progress:
             progress(done // 1_000_000, size // 1_000_000)
 
-    with replacing(path) as partial_file:
+    with atomic_write(path) as partial_file:
         write_many(list(recordings), partial_file, written)
     return path
 
@@ -326,7 +326,7 @@ def write_series(
     from swashtwin.recordings.index import INDEX_NAME, write_index
 
     folder = Path(folder).resolve()
-    open_pieces(folder, _MANIFEST, settings)
+    resume_folder(folder, _MANIFEST, settings)
     count = max(count, len(list(folder.glob(f"{folder.name}-[0-9][0-9][0-9][0-9].h5"))))
     files = [folder / f"{folder.name}-{number:04d}.h5" for number in range(count)]
     missing = [number for number, file in enumerate(files) if not file.is_file()]

@@ -10,7 +10,7 @@ from operator import itemgetter
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from swashtwin.foundation import DataError, InputError, UnitError, parse
+from swashtwin.foundation import DataError, InputError, UnitError, parse_quantity
 from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings.recording import Recording
 
@@ -95,7 +95,7 @@ def stated_speed(recording: Recording) -> float | None:
     if recording.condition is not None:
         return recording.condition.shaft_frequency
     try:
-        return parse(recording.attributes["speed"], "rad/s") / (2 * math.pi)
+        return parse_quantity(recording.attributes["speed"], "rad/s") / (2 * math.pi)
     except (KeyError, UnitError):
         return None
 
@@ -112,7 +112,7 @@ def stated_pressure(recording: Recording) -> float:
     if recording.condition is not None:
         return recording.condition.discharge_pressure
     try:
-        return parse(str(recording.attributes["discharge_pressure"]), "Pa")
+        return parse_quantity(str(recording.attributes["discharge_pressure"]), "Pa")
     except (KeyError, UnitError):
         return math.nan
 

@@ -22,7 +22,7 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     from_table,
-    parse,
+    parse_quantity,
     plain_text,
     read_text,
     sha256_of,
@@ -428,7 +428,7 @@ def _apply(table: dict[str, Any], change: FactChange, path: Path, *, undo: bool)
         Entry.from_mapping({**defaults, **entry}, where)
         if (
             change.fact in QUANTITIES
-            and parse(change.after, QUANTITIES[change.fact], name=change.fact) <= 0
+            and parse_quantity(change.after, QUANTITIES[change.fact], name=change.fact) <= 0
         ):
             raise DataError(f"{where}: {change.fact} = {change.after!r} must be above zero.")
     if change.fact == "label" and "classes" in table:

@@ -15,7 +15,7 @@ from swashtwin.foundation import (
     DataError,
     InputError,
     as_path,
-    parse,
+    parse_quantity,
     plural,
     require_memory,
     sha256_of,
@@ -192,7 +192,7 @@ def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -
     in_index = (
         None
         if entry.sample_rate is None
-        else parse(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
+        else parse_quantity(entry.sample_rate, "Hz", name=f"{where}: sample_rate")
     )
     in_file = rate_in_file(raw, chosen, where)
     if in_index is None and in_file is None:
@@ -249,7 +249,7 @@ def _condition(
     A speed, or pressures, alone go to the attributes.
     """
     values = {
-        field: parse(text, QUANTITIES[key], name=f"{where}: {key}")
+        field: parse_quantity(text, QUANTITIES[key], name=f"{where}: {key}")
         for key, field in PUMP_KEYS.items()
         if (text := getattr(entry, key)) is not None
     }
@@ -291,7 +291,7 @@ def resampled(samples: Samples, rate: float, wanted: str, where: str) -> tuple[S
     wanted : the new one, such as ``"12 kHz"``.
     where : how messages call the file.
     """
-    new = parse(wanted, "Hz", name=f"{where}: resample")
+    new = parse_quantity(wanted, "Hz", name=f"{where}: resample")
     if not RATES[0] <= new <= RATES[1]:
         raise DataError(
             f'{where}: resample = {wanted!r} is no rate of a measurement; write such as "12 kHz".'

@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, MissingFileError, parse, plain_text
+from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text
 from swashtwin.recordings.channel_checks import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import open_raw, stem_of, suffix_of, suffixes
@@ -96,11 +96,11 @@ def propose_index(
     }
     Entry.from_mapping({"file": "every file", **defaults}, "the facts of every file")
     for name in QUANTITIES.keys() & defaults.keys():
-        parse(defaults[name], QUANTITIES[name], name=name)
+        parse_quantity(defaults[name], QUANTITIES[name], name=name)
     if "unit" in defaults:
         require_sample_unit(defaults["unit"])
     if pressure_unit is not None:
-        parse(f"1 {pressure_unit}", "Pa", name="pressure_unit")
+        parse_quantity(f"1 {pressure_unit}", "Pa", name="pressure_unit")
     stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
     found = sorted(
         path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from swashtwin.foundation import DataError, UnitError, parse
+from swashtwin.foundation import DataError, UnitError, parse_quantity
 from swashtwin.recordings.formats.raw import (
     Options,
     RawFile,
@@ -67,7 +67,11 @@ class _Sensitivity(NamedTuple):
         """
         kind = str(self.per)[-1]  # V, A or C
         try:
-            return self.factor * parse(f"1 {unit}", kind) / parse(f"1 {self.per}", kind)
+            return (
+                self.factor
+                * parse_quantity(f"1 {unit}", kind)
+                / parse_quantity(f"1 {self.per}", kind)
+            )
         except UnitError:
             return None
 

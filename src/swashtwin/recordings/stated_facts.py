@@ -16,7 +16,7 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     UnitError,
-    parse,
+    parse_quantity,
     read_text,
 )
 from swashtwin.pump import is_healthy
@@ -219,7 +219,7 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
         if (key in PRESSURES and re.fullmatch(_NUMBER, text))
         or (
             is_quantity(text, key)
-            and not (key == "pressure" and parse(text, "Pa") < _LEAST_PRESSURE)
+            and not (key == "pressure" and parse_quantity(text, "Pa") < _LEAST_PRESSURE)
         )
     }
 
@@ -234,7 +234,7 @@ def contradictions(entry: Entry, header: Mapping[str, str]) -> str:
         for key, text in header.items()
         if is_quantity(stated[key], key)
         and not math.isclose(
-            *(parse(each, QUANTITIES[key]) for each in (stated[key], text)), rel_tol=0.03
+            *(parse_quantity(each, QUANTITIES[key]) for each in (stated[key], text)), rel_tol=0.03
         )
     )
 
@@ -242,7 +242,7 @@ def contradictions(entry: Entry, header: Mapping[str, str]) -> str:
 def is_quantity(text: object, key: str) -> bool:
     """Whether a text is a quantity above zero that an entry may state under a key."""
     try:
-        return parse(text, QUANTITIES[key]) > 0
+        return parse_quantity(text, QUANTITIES[key]) > 0
     except UnitError:
         return False
 

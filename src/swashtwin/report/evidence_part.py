@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from swashtwin.diagnosis import Band, Evidence, hertz
+from swashtwin.diagnosis import Band, Evidence, format_frequency
 from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table
@@ -149,7 +149,7 @@ def _name_bands(panel: Axes, positions: np.ndarray, bands: tuple[Band, ...]) -> 
         names |= {
             index: str(bands[index].order) for index in members if bands[index].order in _NAMED
         }
-        names |= {index: f"from {hertz(bands[index].low)}" for index in octaves[1::3]}
+        names |= {index: f"from {format_frequency(bands[index].low)}" for index in octaves[1::3]}
     names |= {index: band.name for index, band in enumerate(bands) if band.part == "whole"}
     upright = any(band.order is None and band.low > 0 for band in bands)
     panel.set_xticks(positions[list(names)], list(names.values()), rotation=90 if upright else 0)

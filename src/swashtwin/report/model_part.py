@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from swashtwin.diagnosis import AlarmScores, AnomalyDetector, few_machines
+from swashtwin.diagnosis import AlarmScores, AnomalyDetector, describe_single_machine_faults
 from swashtwin.foundation import plural
 from swashtwin.learning import LEVELS, Choice, FittedClassifier, Scores
 from swashtwin.plot import confusion, figure_style, words
@@ -49,7 +49,11 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
         ),
         results={"trainings": [summary]},
         verdict=f"A model of {len(classifier.classes)} classes, from {plural(len(classifier.manifest), 'recording')}",
-        certainty=(basis, *filter(None, (few_machines(classifier.training_reference),)), _NO_TEST),
+        certainty=(
+            basis,
+            *filter(None, (describe_single_machine_faults(classifier.training_reference),)),
+            _NO_TEST,
+        ),
         actions=(
             "Test it on recordings that had no part in it: swashtwin evaluate MODEL INDEX --report FOLDER.",
             "Then diagnose new recordings: swashtwin diagnose MODEL FILE --report page.html.",

@@ -15,10 +15,10 @@ from swashtwin.foundation import (
     TEXT,
     VERSION,
     InputError,
+    atomic_write,
     escape_controls,
     json_text,
     plural,
-    replacing,
 )
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, facts_of
@@ -112,7 +112,7 @@ def write_report(
         texts[folder / "figures" / f"{drawing.name}.csv"] = drawing.csv
     with ExitStack() as stack:
         for path, text in texts.items():
-            stack.enter_context(replacing(path)).write_text(text, **TEXT)
+            stack.enter_context(atomic_write(path)).write_text(text, **TEXT)
     return folder / "report.html"
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float
 
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, random_stream
 from swashtwin.signals.spectra import inverse_transform, transform
 
 NoiseKind = Literal["white", "pink", "hum"]
@@ -52,7 +52,7 @@ def add_noise(
     """
     power = signal.var(axis=-1, keepdims=True)
     scale = np.sqrt(power * 10 ** (-snr_db / 10))
-    rng = stream(seed, "noise" if kind == "white" else kind, float(snr_db), *purpose)
+    rng = random_stream(seed, "noise" if kind == "white" else kind, float(snr_db), *purpose)
     return signal + scale * unit_noise(signal.shape, rng, kind, sample_rate)
 
 

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from swashtwin.calibration import DEFAULT_BAND
-from swashtwin.foundation import InputError, celsius, stream
+from swashtwin.foundation import InputError, celsius, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.physics import Twin
 from swashtwin.pump import PRESSURE_TOLERANCE, is_healthy, values_match
@@ -57,7 +57,7 @@ def draw_twin(twin: Twin, variation: Variation, seed: int, index: int) -> Twin:
     """`twin` with its condition, fault and interface values as `variation` spreads them, drawn by
     seed and index.
     """
-    rng = stream(seed, "variation", twin.label, index)
+    rng = random_stream(seed, "variation", twin.label, index)
     condition = replace(
         twin.condition,
         speed=twin.condition.speed * (1 + variation.speed * rng.uniform(-1, 1)),

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float, Shaped
 
 from swashtwin.calibration import Calibration, FaultLaw, Posterior
-from swashtwin.foundation import InputError, derive_seed, stream
+from swashtwin.foundation import InputError, derive_seed, random_stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_healthy, is_same_class, values_match
@@ -280,12 +280,14 @@ def simulate_windows(
         for i in chunk:
             one, own = draw_twin(sources[i], variation, seed, i), laws[i % len(twins)]
             if own is not None:
-                one = one.with_fault(own.of(one.fault, stream(seed, "law", one.label, i).normal()))
+                one = one.with_fault(
+                    own.of(one.fault, random_stream(seed, "law", one.label, i).normal())
+                )
             varied.append(one)
         with torch.no_grad():
             batch = accelerations(varied)
         for i, source, lines in zip(chunk, varied, batch.lines.numpy(), strict=True):
-            rng = stream(seed, "window", twins[0].label, i)
+            rng = random_stream(seed, "window", twins[0].label, i)
             angle = rng.uniform(0, 2 * np.pi) + source.condition.speed * time
             read = lines[sensors[i % len(twins)]][:, np.isin(batch.orders, source.orders)]
             window = synchronous_signal(read, source.orders, angle)

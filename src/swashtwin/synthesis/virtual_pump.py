@@ -12,7 +12,7 @@ from jaxtyping import Bool, Complex, Float, Int, Shaped
 from joblib import delayed
 
 from swashtwin import physics
-from swashtwin.foundation import InputError, SwashTwinError, parallel, stream
+from swashtwin.foundation import InputError, SwashTwinError, parallel, random_stream
 from swashtwin.pump import (
     CLASSES,
     BoreDefect,
@@ -445,7 +445,7 @@ def _changes_of_pump(
     do not converge.
     """
     torch.set_num_threads(1)
-    rng = stream(seed, "pump prior", number)
+    rng = random_stream(seed, "pump prior", number)
     drawing = draw_drawing(rng) if number % 2 else prior.pump
     bands = OrderBands(drawing.rotating_group.piston_count)
     highest = int(bands.highest * bands.piston_count) + 1

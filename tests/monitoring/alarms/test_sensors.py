@@ -10,7 +10,7 @@ import scipy.signal
 import scipy.stats
 from small_machine import Machine
 
-from swashtwin.foundation import stream
+from swashtwin.foundation import random_stream
 from swashtwin.monitoring.alarms.monitor import PointMonitor, PointState
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
@@ -42,7 +42,7 @@ def saturated(signal: np.ndarray) -> np.ndarray:
 
 def loose(signal: np.ndarray) -> np.ndarray:
     """The plug moves: steps that decay within half a second."""
-    rng, length = stream(0, "plug"), signal.shape[1]
+    rng, length = random_stream(0, "plug"), signal.shape[1]
     kick = np.where(rng.random(length) < 5 / length, rng.normal(0, 40 * signal.std(), length), 0.0)
     return signal + np.convolve(kick, np.exp(-np.arange(length) / (length / 5)))[:length]
 
@@ -55,7 +55,7 @@ def noise(decibel: float, hum: float = 0.0) -> Callable[[np.ndarray], np.ndarray
     def changed(signal: np.ndarray) -> np.ndarray:
         mains = hum * np.sin(2 * np.pi * 50 * np.arange(signal.shape[1]) / 25600)
         return signal.std() * (
-            10 ** (decibel / 20) * stream(0, "noise").normal(size=signal.shape) + mains
+            10 ** (decibel / 20) * random_stream(0, "noise").normal(size=signal.shape) + mains
         )
 
     return changed

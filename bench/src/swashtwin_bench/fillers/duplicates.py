@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int64
 
-from swashtwin.foundation import derive_seed, stream
+from swashtwin.foundation import derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.signals import add_noise
 from swashtwin.synthesis import require_count
@@ -78,6 +78,6 @@ def draw_indices(
     sources: Int64[np.ndarray, " source"], label: str, count: int, seed: int
 ) -> Int64[np.ndarray, " window"]:
     """`count` of `sources` in random order; no window repeats before all were drawn."""
-    rng = stream(seed, "sources", label)
+    rng = random_stream(seed, "sources", label)
     rounds = -(-count // len(sources))
     return np.concatenate([rng.permutation(sources) for _ in range(rounds)])[:count]

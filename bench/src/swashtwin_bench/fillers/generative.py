@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Float64, Int64
 from torch import Tensor, nn
 
-from swashtwin.foundation import TorchStream, derive_seed, stream
+from swashtwin.foundation import TorchStream, derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.duplicates import draw_indices
@@ -82,7 +82,7 @@ class Batches:
 
     def draw(self, steps: int, size: int) -> Int64[np.ndarray, "step window"]:
         """Indices of the windows of each step."""
-        rng = stream(self.seed, "batches")
+        rng = random_stream(self.seed, "batches")
         return rng.choice(len(self.share), size=(steps, size), p=self.share)
 
 
@@ -147,7 +147,7 @@ class Generative(ABC):
             conditions_measured,
         )
         signal = cut_extensions(
-            extensions, measured, indices, stream(seed, self.name, "angle", label, pressure)
+            extensions, measured, indices, random_stream(seed, self.name, "angle", label, pressure)
         )
         return fill_cell(
             signal,

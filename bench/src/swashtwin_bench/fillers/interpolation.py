@@ -7,7 +7,7 @@ from imblearn import over_sampling
 from jaxtyping import Float
 from scipy.spatial.distance import cdist
 
-from swashtwin.foundation import DataError, derive_seed, stream
+from swashtwin.foundation import DataError, derive_seed, random_stream
 from swashtwin.learning import WindowSet
 from swashtwin.synthesis import require_count
 from swashtwin_bench.fillers.filler import fill_cell, sources_of
@@ -112,4 +112,4 @@ def _between(
                     f"{name} finds no window of another class near the {pool} of the cell."
                 ) from cause
             neighborhood = min(2 * neighborhood, pool - 1)
-    return synthetic[stream(seed, "kept").permutation(len(synthetic))[:count]]
+    return synthetic[random_stream(seed, "kept").permutation(len(synthetic))[:count]]

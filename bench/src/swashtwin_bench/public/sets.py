@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.model_selection import GroupKFold
 
-from swashtwin.foundation import DataError, InputError, parse
+from swashtwin.foundation import DataError, InputError, parse_quantity
 from swashtwin.recordings import Recording
 from swashtwin_bench.public.readers.cwru import read_cwru
 from swashtwin_bench.public.readers.named_files import (
@@ -123,7 +123,7 @@ def _of_attribute(name: str) -> Callable[[Recording], str]:
 def cavitation_splits(recordings: Sequence[Recording]) -> list[Split]:
     """Each nominal speed of the pump in turn."""
     group = _of_attribute("speed_nominal")
-    speeds = sorted(set(map(group, recordings)), key=lambda text: parse(text, "rad/s"))
+    speeds = sorted(set(map(group, recordings)), key=lambda text: parse_quantity(text, "rad/s"))
     return [Split("pump_cavitation/speed", tuple(recordings), group, _held_out(speeds), 0.38)]
 
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from swashtwin.diagnosis import AnomalyDetector
-from swashtwin.foundation import stream
+from swashtwin.foundation import random_stream
 from swashtwin.learning import wilson_interval
 from swashtwin.pump import CLASSES, is_healthy
 from swashtwin.recordings import Recording
@@ -118,7 +118,7 @@ def _odd(kind: str, recording: Recording, seed: int) -> Recording:
     another set pressure.
     """
     rng, signal, rate = (
-        stream(seed, kind, recording.recording_id),
+        random_stream(seed, kind, recording.recording_id),
         recording.signal.copy(),
         recording.sample_rate,
     )

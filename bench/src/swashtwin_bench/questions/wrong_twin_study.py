@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from swashtwin.calibration import Calibration, calibrate, is_warning
-from swashtwin.foundation import VERSION, MPa, SwashTwinError, rpm, stream
+from swashtwin.foundation import VERSION, MPa, SwashTwinError, random_stream, rpm
 from swashtwin.learning import wilson_interval
 from swashtwin.physics import Twin
 from swashtwin.pump import Interfaces, OperatingCondition, load_pump
@@ -182,7 +182,7 @@ def figures(calibration: Calibration, truth: np.ndarray) -> dict[str, Any]:
 
 
 def _simulated_pump(seed: int, number: int) -> tuple[list[Recording], np.ndarray]:
-    rng = stream(seed, STUDY, number)
+    rng = random_stream(seed, STUDY, number)
     twin = study_twin()
     truth = twin.values.numpy() * np.exp(SPREAD * rng.standard_normal(6))
     true = twin.with_interfaces(Interfaces.from_values(truth))

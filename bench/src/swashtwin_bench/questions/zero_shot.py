@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swashtwin.diagnosis import PriorClassifier
-from swashtwin.foundation import DataError, stream
+from swashtwin.foundation import DataError, random_stream
 from swashtwin.pump import CLASSES, group_by_condition
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Work
@@ -125,7 +125,7 @@ def split_zero_shot(
             f"the zero-shot study needs at least {held_out + 1} specimens, {held_out} of them held out; the "
             f"recordings name {len(specimens)} ({', '.join(specimens)})."
         )
-    rng = stream(seed, "zero-shot", "split")
+    rng = random_stream(seed, "zero-shot", "split")
     unseen = set(rng.permutation(specimens)[:held_out].tolist())
     healthy: set[str] = set()
     faulty: set[str] = set()
@@ -154,7 +154,7 @@ def few_healthy(healthy: Sequence[Recording], count: int, seed: int) -> list[Rec
     """`count` recordings of each pump and operating point, all where there are fewer; fewer are
     among more.
     """
-    rng, chosen = stream(seed, "few healthy"), []
+    rng, chosen = random_stream(seed, "few healthy"), []
     for specimen in sorted({str(recording.specimen) for recording in healthy}):
         own = [
             (item, item.condition)
@@ -305,7 +305,7 @@ def prior_trials(
         PRIOR: own,
         **{left_out(label): adapted(_without(shipped, label)) for label in classes[1:]},
     }
-    rng = stream(seed, "few-shot")
+    rng = random_stream(seed, "few-shot")
     draws = {label: rng.permutation(names).tolist() for label, names in pool.items() if names}
     for count in SHOTS:
         names = [name for drawn in draws.values() for name in drawn[:count]]

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.foundation import MPa, celsius, deg, stream, um
+from swashtwin.foundation import MPa, celsius, deg, random_stream, um
 from swashtwin.pump import (
     BoreDefect,
     DamScratch,
@@ -87,7 +87,9 @@ def trend_recordings(
     for name, fault in named_faults:
         run = run_of(name, pump, pressure, seed, None)
         if isinstance(fault, BoreDefect):
-            fault = replace(fault, half_width=deg(stream(seed, "trend", name).uniform(36, 44)))
+            fault = replace(
+                fault, half_width=deg(random_stream(seed, "trend", name).uniform(36, 44))
+            )
         runs.append(replace(run, fault=fault))
     signals = measure(runs, duration, SAMPLE_RATE, [(seed, name) for name, _ in named_faults])
     for (name, fault), run, signal in zip(named_faults, runs, signals, strict=True):
@@ -177,7 +179,7 @@ def _conditions(
     """What holds at each recording: a slow swing, a wandering of days, and scatter from recording
     to recording.
     """
-    rng = stream(seed, "plant", name)
+    rng = random_stream(seed, "plant", name)
     count = course.recordings
     day = np.arange(count) / PER_DAY
 

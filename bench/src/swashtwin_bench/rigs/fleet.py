@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin.foundation import deg, mm, stream, um
+from swashtwin.foundation import deg, mm, random_stream, um
 from swashtwin.pump import (
     PARAMETERS,
     BoreDefect,
@@ -104,7 +104,7 @@ class Specimen:
         """The same pump after reassembly, which changing a part needs: films and sensors do not sit
         as before.
         """
-        rng = stream(seed, "assembly", recording)
+        rng = random_stream(seed, "assembly", recording)
         gain = self.housing.gain + _cross_talk(rng, 0.1, len(self.housing.gain))
         housing = replace(self.housing, gain=gain)
         return replace(
@@ -145,7 +145,7 @@ def _housing(rng: np.random.Generator, sensors: int) -> Housing:
 
 def draw_specimen(nominal: Pump, name: str, seed: int) -> Specimen:
     """Pump `name` of the fleet of `seed`."""
-    rng = stream(seed, "specimen", name)
+    rng = random_stream(seed, "specimen", name)
     factors = np.array(FLEET_FACTORS) * np.exp(rng.normal(0, DISPERSION, len(PARAMETERS)))
     masses = replace(
         nominal.masses, rotor_eccentricity=nominal.masses.rotor_eccentricity * rng.lognormal(0, 0.4)
@@ -196,10 +196,10 @@ def draw_fault(
     purpose : addresses the random stream of one recording.
     is_deep : the recess is the paper's, of the same depth in every pump.
     """
-    rng = stream(seed, "fault", label, *purpose)
+    rng = random_stream(seed, "fault", label, *purpose)
     spread = float(np.exp(rng.normal(0, 0.2)))
     if label == "swash_plate":
-        angle = deg(270 + stream(seed, "recess", specimen).normal(0, 0.5))
+        angle = deg(270 + random_stream(seed, "recess", specimen).normal(0, 0.5))
         return replace(PAPER_RECESS if is_deep else RECESS.scaled(spread), angle=angle)
     if label == "piston":
         return PistonWear(clearance=um(60) * spread, piston=int(rng.integers(7)))

@@ -10,7 +10,7 @@ import scipy.signal
 import torch
 from jaxtyping import Complex, Float
 
-from swashtwin.foundation import InputError, SwashTwinError, stream
+from swashtwin.foundation import InputError, SwashTwinError, random_stream
 from swashtwin.physics import (
     HarmonicBalance,
     LoadCase,
@@ -203,7 +203,7 @@ def shaft_angle(
 
 def _random_numbers(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one recording, the shaft's angle first."""
-    return stream(seed, "reading", name)
+    return random_stream(seed, "reading", name)
 
 
 STEPS = (1792, 2688, 4032, 8064)

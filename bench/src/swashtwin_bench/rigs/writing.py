@@ -17,10 +17,10 @@ from swashtwin.foundation import (
     InputError,
     MPa,
     celsius,
-    open_pieces,
     parallel,
+    random_stream,
+    resume_folder,
     rpm,
-    stream,
     write_text,
 )
 from swashtwin.pump import CLASSES, Fault, OperatingCondition, Pump, load_pump
@@ -147,7 +147,7 @@ def run_of(
     """Measurement `name` of a reassembled pump at a set pressure [Pa] and speed [rad/s]: the
     condition that held.
     """
-    rng = stream(seed, "condition", name)
+    rng = random_stream(seed, "condition", name)
     condition = OperatingCondition(
         speed=speed * rng.uniform(0.997, 1.003),
         discharge_pressure=pressure * rng.uniform(0.97, 1.03),
@@ -187,7 +187,7 @@ def _second_run(slot: _Slot, specimen: Specimen, seed: int, *, is_deep: bool = F
     assert isinstance(specimen, version_two.SecondSpecimen)
     purpose = slot.name if specimen.is_reassembled else f"{slot.specimen}_{slot.label}"
     fault = version_two.draw_fault(slot.label, slot.specimen, seed, purpose, is_deep=is_deep)
-    rng = stream(seed, "condition of version 2", slot.name)
+    rng = random_stream(seed, "condition of version 2", slot.name)
     condition = OperatingCondition(
         speed=slot.speed * (1 - rng.uniform(0.002, 0.008) * slot.pressure / MPa(15)),
         discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.96, 1.04),
@@ -202,7 +202,7 @@ def _third_run(slot: _Slot, specimen: Specimen, seed: int) -> Run:
     """
     assert isinstance(specimen, version_three.ThirdSpecimen)
     purpose = f"{slot.specimen}_{slot.label}_{(slot.repeat - 1) // 3}"
-    rng = stream(seed, "condition of version 3", slot.name)
+    rng = random_stream(seed, "condition of version 3", slot.name)
     condition = OperatingCondition(
         speed=slot.speed * (1 - specimen.slip * slot.pressure / MPa(15) * rng.uniform(0.7, 1.1)),
         discharge_pressure=slot.pressure * specimen.gauge * rng.uniform(0.965, 1.035),
@@ -414,7 +414,7 @@ def build_rig(
     slots = _slots(plan, version, sensors)
     settings = {"rig_version": version, "seed": seed, "size": asdict(plan), "format": "h5"}
     settings |= {} if sensors == 3 else {"sensors": sensors}
-    open_pieces(folder, MANIFEST_NAME, settings)
+    resume_folder(folder, MANIFEST_NAME, settings)
     files = [Path(slot.specimen) / f"{slot.name}.h5" for slot in slots]
     path_of = {slot.name: folder / file for slot, file in zip(slots, files, strict=True)}
     missing = [slot for slot in slots if not path_of[slot.name].is_file()]

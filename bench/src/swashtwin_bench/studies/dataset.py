@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from swashtwin.calibration import Calibration, Calibrator, Nuisances, calibrate, load_calibration
-from swashtwin.foundation import DataError, file_name, stream
+from swashtwin.foundation import DataError, random_stream, safe_file_name
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin
 from swashtwin.pump import (
@@ -59,7 +59,7 @@ class CalibrationTask:
         ]
         law = () if self.law is None else (self.law,)
         text = repr((FORMAT, starts, data, self.method, self.nuisances, self.seed, *law))
-        return f"{file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        return f"{safe_file_name(f'{self.specimen}-{self.label}')}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def run_calibration(task: CalibrationTask, out: Path | None) -> Calibration:
@@ -237,7 +237,7 @@ def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[Windo
     pool = measured + test
     label, pressure = pool.label, pool.cell_pressure
     in_training = np.arange(len(pool)) < len(measured)
-    rng = stream(seed, "random windows")
+    rng = random_stream(seed, "random windows")
     tested = zip(label[len(measured) :].tolist(), pressure[len(measured) :].tolist(), strict=True)
     for name, value in sorted(set(tested)):
         cell = np.flatnonzero((label == name) & (pressure == value))

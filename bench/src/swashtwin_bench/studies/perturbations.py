@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from swashtwin.foundation import stream
+from swashtwin.foundation import random_stream
 from swashtwin.learning import WindowSet, at_other_speeds, with_gains
 from swashtwin.recordings import Recording
 from swashtwin.signals import NoiseKind, add_noise
@@ -40,7 +40,10 @@ class Perturbation:
     def of_recording(self, recording: Recording, repeat: int) -> Recording:
         """The recording so changed; what is drawn is drawn by recording, size and repeat."""
         signal, name = recording.signal, recording.recording_id
-        rng, window = stream(repeat, self.kind, self.size, name), signal[None].astype(np.float32)
+        rng, window = (
+            random_stream(repeat, self.kind, self.size, name),
+            signal[None].astype(np.float32),
+        )
         if self.kind == "gain":
             changed = with_gains(window, self.size, rng)[0]
         elif self.kind == "speed":

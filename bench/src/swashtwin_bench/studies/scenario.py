@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.calibration import IPINN, Calibrator, Nuisances
-from swashtwin.foundation import DataError, InputError, MPa, deg, mm, stream, um
+from swashtwin.foundation import DataError, InputError, MPa, deg, mm, random_stream, um
 from swashtwin.pump import (
     PRESSURE_TOLERANCE,
     BoreDefect,
@@ -203,7 +203,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
         The recordings cannot be split so: too few specimens or repeats, a fact missing.
     """
     familiar, unseen = scenario.levels
-    rng = stream(seed, "scenario", "split")
+    rng = random_stream(seed, "scenario", "split")
     specimens = sorted({str(r.specimen) for r in recordings})
     least = scenario.held_out + 1
     if len(specimens) < least:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
-from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, stream
+from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, random_stream
 from swashtwin.learning.choice.choice import (
     CANDIDATES,
     DISTURBED_TRAINING,
@@ -157,7 +157,7 @@ class _Views:
     def __init__(self, measured: WindowSet, synthetic: WindowSet, seed: int) -> None:
         self.windows, self.measured, self.synthetic = measured + synthetic, measured, synthetic
         self._normalization = Normalization.fit("set", self.windows)
-        noise, moved = (stream(seed, "trial", view) for view in _VIEWS[1:])
+        noise, moved = (random_stream(seed, "trial", view) for view in _VIEWS[1:])
         noisy = measured.signal.copy()
         scale = np.sqrt(noisy.var(axis=-1, keepdims=True) * 10 ** (-SNR / 10))
         for index, kind in enumerate(_KINDS):

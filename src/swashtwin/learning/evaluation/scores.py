@@ -15,7 +15,7 @@ from swashtwin.foundation import (
     LeakError,
     finite_values,
     plural,
-    stream,
+    random_stream,
     to_table,
 )
 from swashtwin.learning.training.confidence import likeliest_class, pooled_probabilities
@@ -201,7 +201,7 @@ def accuracy_interval(
     """
     correct, total = np.bincount(group, weights=right), np.bincount(group)
     wilson = wilson_interval(float(right.mean()), total.size)
-    times = stream(seed, "bootstrap").multinomial(
+    times = random_stream(seed, "bootstrap").multinomial(
         total.size, np.full(total.size, 1 / total.size), size=draws
     )
     low, high = np.percentile((times @ correct) / (times @ total), [2.5, 97.5])

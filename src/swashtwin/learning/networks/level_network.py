@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
-from swashtwin.foundation import DataError, InputError, stream
+from swashtwin.foundation import DataError, InputError, random_stream
 from swashtwin.learning.healthy.levels import Level
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
 from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
@@ -338,7 +338,7 @@ def fit_hidden(
     weights given hold already, and after it dropout of a share of the `size` units; in each step
     noise of deviation `noise` is added to the levels; all kinds of these share the draws.
     """
-    rng = stream(seed, "hidden layer")
+    rng = random_stream(seed, "hidden layer")
     n, n_levels = levels.shape[-2:]
     alike = (*levels.shape[:-2], 1, 1)
     weights = {

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float64, Int64
 
-from swashtwin.foundation import derive_seed, stream
+from swashtwin.foundation import derive_seed, random_stream
 from swashtwin.learning.choice.choosing import FoldAnswers, made_without
 from swashtwin.learning.recordings.recording_levels import (
     RecordingLevels,
@@ -92,7 +92,7 @@ class _Tables:
         first = np.array([int(members[0]) for members in rows])
         self.table = RecordingTable.measured(layout, windows)
         self.target, self.synthetic = windows.target[first], windows.synthetic[first]
-        rng = stream(seed, "noise on recordings")
+        rng = random_stream(seed, "noise on recordings")
         rate = windows.sample_rate
         noisy = levels_of(
             layout,

@@ -19,9 +19,9 @@ from swashtwin.foundation import (
     first_difference,
     load_artifact,
     one_thread,
-    refuse_misfits,
+    random_stream,
     save_artifact,
-    stream,
+    translate_load_errors,
 )
 from swashtwin.learning.networks.network import Network
 from swashtwin.learning.training.classifier import TOGETHER, Normalization
@@ -92,9 +92,9 @@ def train_epochs(
             random.restart(derive_seed(seed, "dropout", number))
             with random:
                 signal = epoch_signal(number)
-            order = torch.from_numpy(stream(seed, "order", number).permutation(len(windows))).to(
-                device
-            )
+            order = torch.from_numpy(
+                random_stream(seed, "order", number).permutation(len(windows))
+            ).to(device)
             loss, accuracy = steps.epoch(signal, order)
             if not math.isfinite(loss):
                 raise InputError(
@@ -220,7 +220,7 @@ def load_checkpoint(
     for name, moment in saved.moments.items():
         index, word = name.split(".", 1)
         states.setdefault(int(index), {})[word] = torch.as_tensor(moment)
-    with refuse_misfits(path, _KIND):
+    with translate_load_errors(path, _KIND):
         network.load_state_dict(
             {name: torch.as_tensor(weight) for name, weight in saved.weights.items()}
         )

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float32, Int
 
-from swashtwin.foundation import InputError, stream
+from swashtwin.foundation import InputError, random_stream
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.signals import NoiseKind, unit_noise
 
@@ -194,7 +194,7 @@ def transform_windows(
     for purpose, (width, share, change) in transforms.items():
         if width is None:
             continue
-        rng = stream(seed, purpose, epoch)
+        rng = random_stream(seed, purpose, epoch)
         which = np.flatnonzero(rng.random(len(windows)) < share)
         if not len(which):
             continue

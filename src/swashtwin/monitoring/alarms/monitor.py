@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis import LevelChange, level_changes
-from swashtwin.foundation import DataError, InputError, from_table, plural, stream, to_table
+from swashtwin.foundation import DataError, InputError, from_table, plural, random_stream, to_table
 from swashtwin.monitoring.alarms.baseline import (
     PointBaseline,
     level_names,
@@ -367,7 +367,7 @@ class PointMonitor:
     ) -> PointJudgment:
         baseline, test = state.baseline, state.test
         score, is_large = baseline.score(levels), baseline.is_large(levels)
-        tie = stream(0, "alarm", self.machine, point, test.n_scores).random()
+        tie = random_stream(0, "alarm", self.machine, point, test.n_scores).random()
         p_value = test.p_value(score, is_large, tie)
         if not state.pump.is_active:
             test = test.after(score, is_large, p_value if is_large else 1.0)

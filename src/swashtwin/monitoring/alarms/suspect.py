@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
-from swashtwin.foundation import DataError, SwashTwinError, end_with
+from swashtwin.foundation import DataError, SwashTwinError, exit_with_parent
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, PointBaseline
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.pump import FAULT_KINDS, is_healthy, load_pump
@@ -320,7 +320,7 @@ def _answered(
 def serve() -> None:
     """Answer the question of the standard input; what another process runs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the watch
-    end_with(os.getppid())
+    exit_with_parent(os.getppid())
     question: HealthyOrders | FaultSize = pickle.load(sys.stdin.buffer)
     try:
         answer: PriorClassifier | dict[str, Any] | str = question.answer()

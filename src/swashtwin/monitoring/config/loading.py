@@ -18,10 +18,10 @@ from swashtwin.foundation import (
     MissingFileError,
     SwashTwinError,
     UnitError,
-    file_name,
     from_table,
-    parse,
+    parse_quantity,
     read_text,
+    safe_file_name,
     write_text,
 )
 from swashtwin.monitoring.config.settings import (
@@ -111,7 +111,7 @@ def _read(kind: type, value: str, folder: Path, environment: Mapping[str, str]) 
         )
     if issubclass(kind, Quantity):
         try:
-            number = parse(value, kind.unit, name="it")
+            number = parse_quantity(value, kind.unit, name="it")
         except UnitError as cause:
             raise ValueError(str(cause).rstrip(".")) from cause
         if not (math.isfinite(number) and number > 0):
@@ -173,8 +173,10 @@ def _check(config: WatchConfig) -> None:
 
 
 def _check_machine(machine: Machine) -> None:
-    if file_name(machine.name) != machine.name:
-        raise InputError(f"the name also names a folder; write it as {file_name(machine.name)!r}.")
+    if safe_file_name(machine.name) != machine.name:
+        raise InputError(
+            f"the name also names a folder; write it as {safe_file_name(machine.name)!r}."
+        )
     for name, path in (("model", machine.model), ("calibration", machine.calibration)):
         if path is not None and not path.is_file():
             raise MissingFileError(f"{name}: {path} is no file.")

@@ -23,8 +23,8 @@ from swashtwin.foundation import (
     InputError,
     MissingFileError,
     SwashTwinError,
-    file_name,
     require_modules,
+    safe_file_name,
 )
 from swashtwin.monitoring.history.tables import Judgment, Machine, Row, Version
 from swashtwin.recordings import Recording, load_recordings, write_store
@@ -218,8 +218,8 @@ class Waveforms:
             The disk is full.
         """
         moment = moment.astimezone(UTC)
-        name = f"{moment:%Y%m%dT%H%M%S}_{file_name(content)[:16]}.h5"
-        relative = f"{file_name(machine)}/{moment:%Y-%m}/{name}"
+        name = f"{moment:%Y%m%dT%H%M%S}_{safe_file_name(content)[:16]}.h5"
+        relative = f"{safe_file_name(machine)}/{moment:%Y-%m}/{name}"
         path = self.folder / relative
         while True:
             try:

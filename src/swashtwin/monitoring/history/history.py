@@ -12,7 +12,7 @@ import numpy as np
 from sqlalchemy import delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
-from swashtwin.foundation import TEXT, InputError, file_name, replacing, spreadsheet_text
+from swashtwin.foundation import TEXT, InputError, atomic_write, safe_file_name, spreadsheet_text
 from swashtwin.monitoring.config.settings import Retention, WatchConfig
 from swashtwin.monitoring.history.database import Database, Waveforms, json_text, lock_machine
 from swashtwin.monitoring.history.reading import Names, Reads
@@ -168,7 +168,7 @@ class History:
             progress(name)
             counts[name] = -1  # the header is no row
             with (
-                replacing(folder / f"{name}.csv") as temporary,
+                atomic_write(folder / f"{name}.csv") as temporary,
                 temporary.open("w", **TEXT) as file,
             ):
                 writer = csv.writer(file, lineterminator="\n")
@@ -194,7 +194,7 @@ class History:
                     *(f"{channel} {name}" for channel, name in names),
                 ]
                 save(
-                    f"indicators/{file_name(machine.name)}",
+                    f"indicators/{safe_file_name(machine.name)}",
                     header,
                     _indicators(session, machine.name, names),
                 )

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, SwashTwinError, parse, read_text
+from swashtwin.foundation import DataError, InputError, SwashTwinError, parse_quantity, read_text
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import (
     QUANTITIES,
@@ -113,7 +113,7 @@ def _tagged(row: Mapping[str, str | None]) -> dict[str, str]:
         if text:
             with suppress(ValueError):  # it has a unit
                 text = f"{float(text)!r} {unit}"
-            parse(text, QUANTITIES[name][1], name=name)
+            parse_quantity(text, QUANTITIES[name][1], name=name)
             facts[name] = text
     return facts
 
@@ -254,9 +254,9 @@ def _with_condition(
             notes = (str(cause),)
     for name, text in texts.items():
         key, unit = QUANTITIES[name]
-        values[key] = parse(text, unit, name=name)
+        values[key] = parse_quantity(text, unit, name=name)
     if "speed" in recording.attributes:
-        values["speed"] = parse(recording.attributes["speed"], "rad/s", name="speed")
+        values["speed"] = parse_quantity(recording.attributes["speed"], "rad/s", name="speed")
     try:
         if {"speed", "discharge_pressure"} <= values.keys():
             return recording.replace(condition=OperatingCondition(**values)), notes

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from swashtwin.foundation import DataError, InputError, escape_controls, parse, plain_text
+from swashtwin.foundation import DataError, InputError, escape_controls, parse_quantity, plain_text
 from swashtwin.recordings import RATES, require_sample_unit
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
@@ -117,7 +117,7 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
                 f"{name} = {_short(text)} must be text of at most {_LONGEST} characters."
             )
         if name in QUANTITIES:
-            value = parse(text, QUANTITIES[name][1], name=name)
+            value = parse_quantity(text, QUANTITIES[name][1], name=name)
             if not math.isfinite(value) or value <= 0:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
             if name == "rate" and not RATES[0] <= value <= RATES[1]:

@@ -18,7 +18,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import NamedTuple
 
-from swashtwin.foundation import file_name, replacing
+from swashtwin.foundation import atomic_write, safe_file_name
 from swashtwin.monitoring.config.settings import FolderSource
 from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery, Standing
 
@@ -54,7 +54,7 @@ class FolderWatch:
         self.standing = Standing(source.name, source.kind)
         self._source = source
         self._accept = accept
-        self._taken = TakenFiles(folder / "taken" / f"{file_name(source.name)}.txt")
+        self._taken = TakenFiles(folder / "taken" / f"{safe_file_name(source.name)}.txt")
         self._waiting: dict[str, tuple[Stamp, float]] = {}
         """Files that are not taken yet, and since when [s] each has stood still."""
         self._is_settling = False
@@ -257,7 +257,7 @@ class TakenFiles:
         if not paths or self._lines < 2 * len(self._files.keys() & paths) + 1000:
             return
         self._files = {path: known for path, known in self._files.items() if path in paths}
-        with replacing(self._path) as temporary:
+        with atomic_write(self._path) as temporary:
             temporary.write_text("".join(map(self._line, self._files)), encoding="utf-8")
         self._lines = len(self._files)
 

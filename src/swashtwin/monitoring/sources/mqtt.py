@@ -22,7 +22,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, InputError, file_name, parse, plural, require_modules
+from swashtwin.foundation import (
+    DataError,
+    InputError,
+    parse_quantity,
+    plural,
+    require_modules,
+    safe_file_name,
+)
 from swashtwin.monitoring.config.settings import Broker, MqttSource
 from swashtwin.monitoring.sources.delivery import (
     LARGEST,
@@ -137,7 +144,11 @@ def samples_recording(
     factors, unit = scale(raw, replace(options, sensitivity=sensitivity), channels, "the message")
     scaled = samples * np.array(factors)[:, None]
     return Recording(
-        scaled, parse(facts["rate"], "Hz", name="rate"), name, channels=tuple(channels), unit=unit
+        scaled,
+        parse_quantity(facts["rate"], "Hz", name="rate"),
+        name,
+        channels=tuple(channels),
+        unit=unit,
     )
 
 
@@ -170,7 +181,7 @@ class MqttWatch:
         self.standing = Standing(source.name, source.kind)
         self._source = source
         self._accept = accept
-        self._session = source.client or f"{client}-{file_name(source.name)}"
+        self._session = source.client or f"{client}-{safe_file_name(source.name)}"
         self._client = broker_client(source, self._session, manual_ack=True)
         self._client.on_connect = self._on_connect
         self._client.on_subscribe = self._on_subscribe

@@ -31,7 +31,7 @@ from swashtwin.foundation import (
     MEMORY_VARIABLE,
     DataError,
     SwashTwinError,
-    end_with,
+    exit_with_parent,
     keep_freed_memory,
     memory_limit,
 )
@@ -231,7 +231,7 @@ if hasattr(os, "register_at_fork"):
 def serve() -> None:
     """Answer requests from the standard input until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks
-    end_with(os.getppid())
+    exit_with_parent(os.getppid())
     warnings.simplefilter("ignore")
     keep_freed_memory()
     with os.fdopen(os.dup(1), "wb") as answers, open(os.devnull, "w", encoding="utf-8") as nowhere:

@@ -17,7 +17,7 @@ from swashtwin.foundation import (
     UnitError,
     is_unit,
     memory_limit,
-    parse,
+    parse_quantity,
 )
 from swashtwin.pump import OperatingCondition
 
@@ -246,7 +246,7 @@ def acceleration_factor(unit: str) -> float | None:
     if unit.strip() == "1":
         return None
     try:
-        return parse(f"1 {unit}", "m/s^2")
+        return parse_quantity(f"1 {unit}", "m/s^2")
     except UnitError as cause:
         if not is_unit(unit.strip()):
             raise UnitError(

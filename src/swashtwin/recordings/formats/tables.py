@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.foundation import DataError, UnitError, parse
+from swashtwin.foundation import DataError, UnitError, parse_quantity
 from swashtwin.recordings.formats.raw import (
     SAMPLE_UNITS,
     Column,
@@ -146,7 +146,7 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                 ):
                     continue
                 try:
-                    value = parse(
+                    value = parse_quantity(
                         f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base
                     )
                 except UnitError:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import MPa, deg, mm, rpm, stream, um
+from swashtwin.foundation import MPa, deg, mm, random_stream, rpm, um
 from swashtwin.pump import CLASSES, Fault, Nameplate, Pump, scaled_pump
 from swashtwin_bench.rigs.fleet import Housing, Specimen
 
@@ -133,7 +133,7 @@ def draw_fault(label: str, pistons: int, seed: int, purpose: str) -> Damage | No
     ----------
     purpose : addresses the random stream, of all recordings that share one damaged part.
     """
-    rng = stream(seed, "fault of version 3", label, purpose)
+    rng = random_stream(seed, "fault of version 3", label, purpose)
     if label == "compound":
         one, other = (
             draw_fault(str(part), pistons, seed, purpose)
@@ -191,7 +191,7 @@ class ThirdSpecimen(Specimen):
 
     def reassemble(self, seed: int, recording: str) -> "ThirdSpecimen":
         """The same pump as put together and bolted down for what `recording` names."""
-        rng, housing = stream(seed, "assembly of version 3", recording), self.housing
+        rng, housing = random_stream(seed, "assembly of version 3", recording), self.housing
         off = lambda value, deviation: value * np.exp(rng.normal(0, deviation, value.shape))  # noqa: E731
         gain = housing.gain * np.exp(rng.normal(0, 0.05, (len(housing.gain), 1)))
         frequency, damping_ratio = off(housing.frequency, 0.006), off(housing.damping_ratio, 0.1)
@@ -216,10 +216,12 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> ThirdSpecimen:
 
     Its `pump` is what a user makes of the nameplate: the nominal pump scaled, not this one.
     """
-    design = DESIGNS[(int(stream(seed, "fleet of version 3").integers(2)) + ord(name[0])) % 2]
+    design = DESIGNS[
+        (int(random_stream(seed, "fleet of version 3").integers(2)) + ord(name[0])) % 2
+    ]
     rng, built = (
-        stream(seed, "specimen of version 3", name),
-        stream(0, "design of version 3", design.name),
+        random_stream(seed, "specimen of version 3", name),
+        random_stream(0, "design of version 3", design.name),
     )
     count, sensors, flexible = (
         design.nameplate.piston_count,

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin.foundation import celsius, deg, stream, um
+from swashtwin.foundation import celsius, deg, random_stream, um
 from swashtwin.signals import inverse_transform, line_frequencies, transform
 from swashtwin_bench.rigs.measuring import Run, digitized
 from swashtwin_bench.rigs.version_three.fleet import PATHS, ThirdSpecimen, damage_of
@@ -47,7 +47,7 @@ def measure(
         specimen = run.specimen
         assert isinstance(specimen, ThirdSpecimen)
         rng, oil, n = (
-            stream(seed, "reading of version 3", name),
+            random_stream(seed, "reading of version 3", name),
             oil_of(run, specimen),
             round(duration * sample_rate),
         )

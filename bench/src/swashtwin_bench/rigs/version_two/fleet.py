@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Complex, Float
 
-from swashtwin.foundation import deg, mm, stream, um
+from swashtwin.foundation import deg, mm, random_stream, um
 from swashtwin.pump import (
     PARAMETERS,
     BoreDefect,
@@ -103,7 +103,7 @@ class SecondSpecimen(Specimen):
 
     def reassemble(self, seed: int, recording: str) -> "SecondSpecimen":
         """The same pump as put together for what `recording` names."""
-        rng = stream(seed, "assembly of version 2", recording)
+        rng = random_stream(seed, "assembly of version 2", recording)
         off = rng.normal(0, 0.08, (3, 3)) * (1 - np.eye(3))
         return replace(
             self,
@@ -127,8 +127,8 @@ def draw_specimen(nominal: Pump, name: str, seed: int) -> SecondSpecimen:
     Of neighbors in the alphabet one has the first sensor set and one the second; of every four, two
     are reassembled.
     """
-    rng = stream(seed, "specimen of version 2", name)
-    turn = int(stream(seed, "fleet of version 2").integers(4)) + ord(name[0])
+    rng = random_stream(seed, "specimen of version 2", name)
+    turn = int(random_stream(seed, "fleet of version 2").integers(4)) + ord(name[0])
     sensors = tuple(SENSOR_PLACES)[turn % 2]
     positions = SENSOR_PLACES[sensors]
     plate, masses, group = nominal.valve_plate, nominal.masses, nominal.rotating_group
@@ -192,9 +192,9 @@ source.
 """
 
 
-_RESIDUES = stream(0, "housing of version 2").normal(0, 0.08, (3, len(HOUSING_MODES)))
+_RESIDUES = random_stream(0, "housing of version 2").normal(0, 0.08, (3, len(HOUSING_MODES)))
 """Share of each mode in each sensor, fleet mean."""
-_MODE_SHARES = stream(0, "places of version 2").normal(
+_MODE_SHARES = random_stream(0, "places of version 2").normal(
     0, 0.6, (len(SOURCES), 3, len(HOUSING_MODES))
 )
 """How far an impact of each source excites each mode in each sensor, fleet mean: pumps of one type
@@ -236,10 +236,10 @@ def draw_fault(
         reassembled.
     is_deep : the recess has the paper's dimensions; where it lies is drawn.
     """
-    rng = stream(seed, "fault of version 2", label, purpose)
+    rng = random_stream(seed, "fault of version 2", label, purpose)
     spread = float(np.exp(rng.normal(0, SEVERITY_SPREAD)))
     if label == "swash_plate":
-        machining = stream(seed, "recess of version 2", specimen)
+        machining = random_stream(seed, "recess of version 2", specimen)
         angle, length, width = (
             deg(machining.uniform(205, 335)),
             mm(machining.uniform(24, 36)),

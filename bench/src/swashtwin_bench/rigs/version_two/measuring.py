@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from swashtwin.foundation import stream
+from swashtwin.foundation import random_stream
 from swashtwin.physics import LoadCase, force_lines
 from swashtwin.pump import OperatingCondition
 from swashtwin.signals import inverse_transform, line_frequencies, synchronous_signal
@@ -42,7 +42,7 @@ def measure(
 
 def _random_numbers(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one recording, the shaft's angle first."""
-    return stream(seed, "reading of version 2", name)
+    return random_stream(seed, "reading of version 2", name)
 
 
 def _drifting_angle(

@@ -147,7 +147,7 @@ def test_no_name_leads_out_of_the_index(client: TestClient, name: str) -> None:
         answer = client.get(path, params={"name": name, "start": 0, "count": 10})
         assert answer.status_code == 422
         assert "root:" not in answer.text
-    assert client.get("/static/%2e%2e/%2e%2e/application.py").status_code == 404
+    assert client.get("/static/%2e%2e/%2e%2e/explorer_page.py").status_code == 404
 
 
 def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:

@@ -50,7 +50,7 @@ class Setting:
     """A twin as the page's sliders say."""
 
     start: str
-    """Name of one of `TwinRoom.starts`."""
+    """Name of one of `TwinWorkbench.starts`."""
     values: list[float] | None = None
     """The six values in the order of `pump.PARAMETERS`; None takes those of the start."""
     scales: dict[str, float] = field(default_factory=dict)
@@ -85,7 +85,7 @@ class _StoppedError(Exception):
     """Somebody stopped the calibration."""
 
 
-class TwinRoom:
+class TwinWorkbench:
     """Twins of one workspace: pumps, calibrations beside its recordings, and what was calibrated
     here.
     """

@@ -12,12 +12,12 @@ from .config.settings import WatchConfig as WatchConfig
 from .history.database import HistoryError as HistoryError
 from .history.history import History as History
 from .history.history import record_event as record_event
-from .page.access import Access as Access
-from .page.access import add_token as add_token
-from .page.access import add_user as add_user
-from .page.access import remove_entry as remove_entry
-from .page.server import Guard as Guard
+from .page.guard import Guard as Guard
 from .page.server import serving_page as serving_page
+from .page.sessions import Access as Access
+from .page.users import add_token as add_token
+from .page.users import add_user as add_user
+from .page.users import remove_entry as remove_entry
 from .service.judging import Outcome as Outcome
 from .service.running import WatchStatus as WatchStatus
 from .service.running import run_watch as run_watch

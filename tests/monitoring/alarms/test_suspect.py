@@ -21,7 +21,7 @@ from swashtwin.monitoring import History, PointMonitor, PointState, WatchConfig,
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, read_baseline
 from swashtwin.monitoring.alarms.suspect import FaultSize, Suspect, Suspects, UnadaptedError
 from swashtwin.monitoring.config.settings import Machine
-from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import judging
 from swashtwin.recordings import Recording, write_recording
 
@@ -110,7 +110,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     }
     assert of_recording["learning"] is None
     assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
-    page = TestClient(build_app(config, history), base_url="http://127.0.0.1:8642")
+    page = TestClient(build_watch_page(config, history), base_url="http://127.0.0.1:8642")
     shown = page.get("/alarms/1").text
     assert (
         shown.index("Suspect: piston")

@@ -19,7 +19,7 @@ from swashtwin.foundation import MPa, rpm
 from swashtwin.monitoring.config.loading import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service.judging import Pipeline
 from swashtwin.monitoring.service.running import WatchStatus
 from swashtwin.monitoring.sources.delivery import Delivery, Standing
@@ -154,7 +154,7 @@ def watch_status() -> WatchStatus:
 @pytest.fixture
 def application(plant: Plant) -> FastAPI:
     """The page of the plant on this computer, without logins."""
-    return build_app(plant.config, plant.history, status=watch_status)
+    return build_watch_page(plant.config, plant.history, status=watch_status)
 
 
 @pytest.fixture(scope="session")
@@ -162,7 +162,7 @@ def shared_application(filled_folder: Path) -> Iterator[FastAPI]:
     """The page of a plant that no test changes."""
     config = load_watch_config(filled_folder / "watch.toml")
     history = History.open("", config.folder)
-    yield build_app(config, history, status=watch_status)
+    yield build_watch_page(config, history, status=watch_status)
     history.close()
 
 

@@ -8,8 +8,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.page.application import build_app
-from swashtwin.monitoring.page.server import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service.running import WatchStatus
 from swashtwin.monitoring.sources.delivery import check_facts
 
@@ -39,7 +39,7 @@ def spool() -> Spool:
 @pytest.fixture
 def sender(plant, spool: Spool) -> TestClient:
     """A program that sends recordings."""
-    return TestClient(build_app(plant.config, plant.history, upload=spool), base_url=HOST)
+    return TestClient(build_watch_page(plant.config, plant.history, upload=spool), base_url=HOST)
 
 
 def test_machines_come_with_state_newest_recording_and_alarms(reader: TestClient) -> None:
@@ -129,7 +129,7 @@ def test_what_a_kill_left_of_an_upload_is_gone_at_the_next_start(plant) -> None:
     left = plant.config.folder / "uploads" / "c0ffee"
     left.parent.mkdir(parents=True, exist_ok=True)
     left.write_bytes(b"half")
-    build_app(plant.config, plant.history)
+    build_watch_page(plant.config, plant.history)
     assert not left.exists()
 
 
@@ -218,7 +218,7 @@ def test_metrics_tell_state_evidence_counts_and_health(reader: TestClient) -> No
 def test_health_fails_with_a_problem_of_the_watch(plant) -> None:
     status = WatchStatus(datetime.now(UTC), 0, 0, (), 1, {}, ("m is not reached",))
     client = TestClient(
-        build_app(plant.config, plant.history, status=lambda: status), base_url=HOST
+        build_watch_page(plant.config, plant.history, status=lambda: status), base_url=HOST
     )
     answer = client.get("/health")
     assert answer.status_code == 503

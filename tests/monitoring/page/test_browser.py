@@ -13,8 +13,8 @@ from mqtt_broker import free_port
 
 from swashtwin.monitoring.config.loading import load_watch_config
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.page.application import build_app
 from swashtwin.monitoring.page.server import serving_page
+from swashtwin.monitoring.page.watch_page import build_watch_page
 
 pytestmark = MARKS
 
@@ -29,7 +29,7 @@ def served(
     config = load_watch_config(folder / "watch.toml")
     history = History.open("", config.folder)
     port = free_port()
-    with serving_page(build_app(config, history), "127.0.0.1", port):
+    with serving_page(build_watch_page(config, history), "127.0.0.1", port):
         yield f"http://127.0.0.1:{port}", history
     history.close()
 

@@ -54,9 +54,9 @@ def test_the_overview_shows_the_most_urgent_machine_first_and_those_of_a_state_o
 def test_a_machine_that_sent_nothing_yet_is_shown(plant, client: TestClient) -> None:
     machine = replace(plant.config.machines[0], name="pump-8")
     config = replace(plant.config, machines=(*plant.config.machines, machine))
-    from swashtwin.monitoring.page.application import build_app
+    from swashtwin.monitoring.page.watch_page import build_watch_page
 
-    client = TestClient(build_app(config, plant.history), base_url="http://127.0.0.1")
+    client = TestClient(build_watch_page(config, plant.history), base_url="http://127.0.0.1")
     assert "No recording yet" in client.get("/machines/pump-8").text
     assert "pump-8" in client.get("/?state=empty").text
 

@@ -17,19 +17,13 @@ from starlette.testclient import TestClient
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.monitoring.config.settings import PageSettings
-from swashtwin.monitoring.page import access as access_module
-from swashtwin.monitoring.page.access import (
-    COOKIE,
-    FREE_ATTEMPTS,
-    Access,
-    Throttle,
-    UserFile,
-    add_token,
-    add_user,
-    remove_entry,
-)
-from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page import sessions
+from swashtwin.monitoring.page import users as users_module
+from swashtwin.monitoring.page.sessions import COOKIE, Access
 from swashtwin.monitoring.page.site import local_path
+from swashtwin.monitoring.page.throttle import FREE_ATTEMPTS, Throttle
+from swashtwin.monitoring.page.users import UserFile, add_token, add_user, remove_entry
+from swashtwin.monitoring.page.watch_page import build_watch_page
 
 PASSWORD = "correct horse battery"
 HOST = "http://127.0.0.1:8642"
@@ -42,7 +36,7 @@ PROGRAMS = ("/api/machines", "/api/recordings", "/api/openapi.json", "/metrics")
 def users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A file with one person, whose hash takes the least time and memory that there are."""
     monkeypatch.setattr(
-        access_module, "_HASHER", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+        users_module, "_HASHER", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
     )
     path = tmp_path / "users.json"
     add_user(path, "ada", PASSWORD)
@@ -54,7 +48,7 @@ def guarded(plant, users: Path) -> Iterator[TestClient]:
     """The page of the plant with logins."""
     config = replace(plant.config, page=replace(plant.config.page, users=users))
     with TestClient(
-        build_app(config, plant.history), base_url=HOST, follow_redirects=False
+        build_watch_page(config, plant.history), base_url=HOST, follow_redirects=False
     ) as client:
         yield client
 
@@ -64,7 +58,10 @@ def proxied(plant, users: Path) -> TestClient:
     """The page of the plant with logins, asked by a proxy."""
     config = replace(plant.config, page=replace(plant.config.page, users=users, proxy="10.0.0.1"))
     return TestClient(
-        build_app(config, plant.history), HOST, follow_redirects=False, client=("10.0.0.1", 5000)
+        build_watch_page(config, plant.history),
+        HOST,
+        follow_redirects=False,
+        client=("10.0.0.1", 5000),
     )
 
 
@@ -167,13 +164,13 @@ def test_a_login_changes_the_cookie_which_no_script_sees_and_a_logout_ends_it(
 def test_a_session_ends_at_its_latest_however_often_it_is_used(
     guarded: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    start, longest = 1000.0, access_module.LONGEST_SESSION_SECONDS
-    monkeypatch.setattr(access_module.time, "monotonic", lambda: start)
+    start, longest = 1000.0, sessions.LONGEST_SESSION_SECONDS
+    monkeypatch.setattr(sessions.time, "monotonic", lambda: start)
     log_in(guarded)
-    for age in np.arange(0.0, longest, access_module.SESSION_SECONDS / 2):
-        monkeypatch.setattr(access_module.time, "monotonic", lambda age=age: start + age)
+    for age in np.arange(0.0, longest, sessions.SESSION_SECONDS / 2):
+        monkeypatch.setattr(sessions.time, "monotonic", lambda age=age: start + age)
         assert guarded.get("/log").status_code == 200
-    monkeypatch.setattr(access_module.time, "monotonic", lambda: start + longest + 1)
+    monkeypatch.setattr(sessions.time, "monotonic", lambda: start + longest + 1)
     assert guarded.get("/log").status_code == 303
 
 

@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from swashtwin.monitoring.page import server
-from swashtwin.monitoring.page.application import build_app
+from swashtwin.monitoring.page.watch_page import build_watch_page
 
 pytestmark = pytest.mark.nightly
 
@@ -23,7 +23,7 @@ def port(plant, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     monkeypatch.setattr(server, "MOST_CONNECTIONS", 50)
     monkeypatch.setattr(server, "ANSWER_SECONDS", 1.0)
     number = free_port()
-    application = build_app(plant.config, plant.history, upload=lambda *_: "id")
+    application = build_watch_page(plant.config, plant.history, upload=lambda *_: "id")
     application.router.routes.insert(
         0, Route("/static/large", lambda _: Response(bytes(5_000_000)))
     )

@@ -24,7 +24,7 @@ from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.tables import Alarm, Judgment
-from swashtwin.monitoring.page.access import COOKIE, Access, Visitor
+from swashtwin.monitoring.page.sessions import COOKIE, Access, Visitor
 from swashtwin.monitoring.service.running import WatchStatus
 
 RECORDING_STATES: Mapping[str, str] = MappingProxyType(

@@ -102,11 +102,11 @@ class Watch:
 
     def run(self, stop: threading.Event, started: Callable[[str], None]) -> None:
         """Watch until `stop` is set."""
-        from swashtwin.monitoring.page.application import build_app
         from swashtwin.monitoring.page.server import serving_page
+        from swashtwin.monitoring.page.watch_page import build_watch_page
 
         page = self.config.page
-        application = build_app(self.config, self.history, self.upload, self.status)
+        application = build_watch_page(self.config, self.history, self.upload, self.status)
         with serving_page(application, page.host, page.port):
             tasks: dict[str, Callable[[], None]] = {
                 f"source {source.standing.name}": partial(source.run, self._stop)

@@ -14,19 +14,21 @@ from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.page.access import Access
-from swashtwin.monitoring.page.actions import change_routes, upload_routes, visit_routes
-from swashtwin.monitoring.page.api import machine_answers, metric_routes, record_answers
+from swashtwin.monitoring.page.actions import change_routes, visit_routes
+from swashtwin.monitoring.page.api import machine_answers, record_answers
+from swashtwin.monitoring.page.guard import Guard
 from swashtwin.monitoring.page.pages import page_routes
-from swashtwin.monitoring.page.server import Guard
+from swashtwin.monitoring.page.prometheus import metric_routes
+from swashtwin.monitoring.page.sessions import Access
 from swashtwin.monitoring.page.site import Site, Upload
+from swashtwin.monitoring.page.uploads import upload_routes
 from swashtwin.monitoring.service.running import WatchStatus
 
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 _ANY = ("0.0.0.0", "::", "")
 
 
-def build_app(
+def build_watch_page(
     config: WatchConfig,
     history: History,
     upload: Upload | None = None,

@@ -54,7 +54,7 @@ def packed(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-class Figures:
+class RecordingViews:
     """Figures of one workspace; the last spectra are kept."""
 
     def __init__(self, workspace: Workspace) -> None:

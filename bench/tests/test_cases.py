@@ -39,7 +39,7 @@ def confusions(study: StudyResult) -> list[Any]:
     """
     tests = study.tests(training_set="measured")
     return [
-        (each["factors"], row["level"], row["confusion"])
+        (each["factors"], row["split"], row["confusion"])
         for each, row in tests
         if each["seed"] == 0
     ]
@@ -51,7 +51,7 @@ def test_the_rows_are_those_of_the_schema(result: StudyResult) -> None:
         (c, name, at) for c in (DEFAULT, "extra_trees") for name in SETS for at in ("L2", "L4")
     ]
     assert [
-        (row["classifier"], row["training_set"], row["level"]) for row in table["rows"]
+        (row["classifier"], row["training_set"], row["split"]) for row in table["rows"]
     ] == expected
     for row in table["rows"]:
         for name in ("accuracy", "recall", "f1", "g_mean", "recording_accuracy", "scarce_recall"):
@@ -72,9 +72,9 @@ def test_sets_hold_what_they_say(result: StudyResult) -> None:
         ) == (9, 3)
     for name in ("measured", "L2", "L4"):
         assert "of them synthetic" not in result.cells[name]
-    for level in ("L2", "L4"):
-        assert len({count for name, count in result.cells[level].items() if "15 MPa" in name}) == 1
-        assert len(result.cells[level]) == 5
+    for split in ("L2", "L4"):
+        assert len({count for name, count in result.cells[split].items() if "15 MPa" in name}) == 1
+        assert len(result.cells[split]) == 5
 
 
 def test_every_training_pump_is_calibrated_away_from_the_tests(
@@ -304,7 +304,7 @@ def test_rows_of_no_synthetic_window_are_compared_with_those_of_every_number() -
             name,
             0,
             0.5,
-            levels=("L2",),
+            splits=("L2",),
             factors={"classifier": DEFAULT, "training_set": name, "synthetic": budget},
         )
         for name, budget in (

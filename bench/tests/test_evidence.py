@@ -23,6 +23,6 @@ def test_every_table_is_whole(one: evidence.Evidence) -> None:
 
 def test_rows_of_a_study_become_a_table() -> None:
     rows = json.loads(
-        '[{"level": "L2", "accuracy": {"mean": 0.95, "std": 0.01, "values": []}, "matrix": [[1]]}]'
+        '[{"split": "L2", "accuracy": {"mean": 0.95, "std": 0.01, "values": []}, "matrix": [[1]]}]'
     )
-    assert evidence.table_of(rows) == (["level", "accuracy"], [["L2", "0.950 ± 0.010"]])
+    assert evidence.table_of(rows) == (["split", "accuracy"], [["L2", "0.950 ± 0.010"]])

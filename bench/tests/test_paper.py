@@ -102,7 +102,7 @@ def test_every_experiment_of_the_paper_runs(results: dict[str, StudyTable]) -> N
     for name, networks in plans.CLASSIFIERS.items():
         assert {row["classifier"] for row in results[f"paper-{name}"].rows()} == set(networks)
     assert {row["perturbation"] for row in results["paper-noise"].rows()} == {"clean", "5 dB"}
-    assert {(row["windows"], row["level"]) for row in results["paper-case2"].rows()} == {
+    assert {(row["windows"], row["split"]) for row in results["paper-case2"].rows()} == {
         ("by recording", "L2"), ("by recording", "L4"), ("at random", "L0"), ("at random", "L4"),
     }  # fmt: skip
     assert {row["classifier"] for row in results["paper-recess"].rows()} == {
@@ -305,6 +305,6 @@ def test_a_figure_of_the_paper_beside_another_network_says_whose_it_is(
     name: str, classifier: str, expected: str
 ) -> None:
     assert (
-        paper_words(name, {"classifier": classifier, "training_set": "measured", "level": "L2"})
+        paper_words(name, {"classifier": classifier, "training_set": "measured", "split": "L2"})
         == expected
     )

@@ -124,10 +124,10 @@ def test_noisy_tests_have_a_row_for_each_ratio_with_the_mean_over_their_draws(
         ),
         recordings,
     )
-    assert [(row["level"], row["perturbation"]) for row in study.rows()] == [
-        (level, test) for level in ("L2", "L4") for test in ("clean", "hum 5 dB")
+    assert [(row["split"], row["perturbation"]) for row in study.rows()] == [
+        (split, test) for split in ("L2", "L4") for test in ("clean", "hum 5 dB")
     ]
-    accuracies = [row["accuracy"] for _, row in study.tests(level="L2", perturbation="hum 5 dB")]
+    accuracies = [row["accuracy"] for _, row in study.tests(split="L2", perturbation="hum 5 dB")]
     assert len(accuracies) == 2
     assert study.rows()[1]["accuracy"]["values"] == pytest.approx([np.mean(accuracies)])
 
@@ -153,7 +153,7 @@ def test_the_papers_recipe_has_the_papers_counts_and_both_ways_to_split() -> Non
             plan.scenario.scarce_windows,
             plan.scenario.scarce_windows + plan.scenario.synthetic,
         ) == (in_cell, 200)
-        assert {name: plan.scenario_of(name).levels[0] for name in plan.variants} == {
+        assert {name: plan.scenario_of(name).splits[0] for name in plan.variants} == {
             "by recording": "L2",
             "at random": "L0",
         }

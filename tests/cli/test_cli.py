@@ -99,7 +99,7 @@ def test_evaluate_tests_on_what_the_model_has_not_seen(
         for recording in load_recordings(rig)
         if recording.recording_id in set(chain["split"]["test_recordings"])
     ]
-    assert answer["level"] == "L2"
+    assert answer["split"] == "L2"
     assert "all 4 recordings" in one_line(
         run("evaluate", chain["train"]["model"], chain["split"]["train"], code=3)
     )

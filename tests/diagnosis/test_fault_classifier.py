@@ -127,8 +127,8 @@ def test_the_score_is_the_accuracy_of_the_predictions(classifier):
     assert classifier.score(iter(new)) == classifier.score(new)
     assert classifier.score(windows) == np.mean(classifier.predict(windows) == windows.label)
     assert classifier.score(new, ["piston"] * 6) == 0.5
-    scores = classifier.evaluate(new, level="L2")
-    assert scores.to_dict() == evaluate(classifier.fitted_, windows, level="L2").to_dict()
+    scores = classifier.evaluate(new, split="L2")
+    assert scores.to_dict() == evaluate(classifier.fitted_, windows, split="L2").to_dict()
 
 
 def test_a_recording_with_a_part_in_the_training_is_not_scored(classifier):

@@ -104,7 +104,7 @@ PROSE = frozenset(
         "fact_sources",
         "skipped",
         "meaning",
-        "level_meaning",
+        "split_meaning",
         "origin",
     }
     | {"source", "title", "compared_with", "what", "why"}

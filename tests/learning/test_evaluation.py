@@ -13,7 +13,7 @@ from imblearn.metrics import geometric_mean_score
 from sklearn.metrics import balanced_accuracy_score
 
 from swashtwin.foundation import DataError, InputError, LeakError, MPa, rpm
-from swashtwin.learning import WindowSet, evaluate, g_mean, level_between, pooled_probabilities
+from swashtwin.learning import WindowSet, evaluate, g_mean, pooled_probabilities, split_between
 from swashtwin.learning.evaluation.scores import accuracy_interval, g_mean_laplace
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.pump import OperatingCondition
@@ -64,7 +64,7 @@ def sure(predicted, n_classes: int = 3, confidence: float = 0.9) -> np.ndarray:
 def test_scores_of_a_confusion_worked_by_hand():
     target = [0] * 4 + [1] * 4 + [2] * 2
     predicted = [0, 0, 0, 1, 1, 1, 0, 0, 2, 2]
-    scores = evaluate(Oracle(sure(predicted)), measured(target), level="L2")
+    scores = evaluate(Oracle(sure(predicted)), measured(target), split="L2")
     assert scores.confusion.tolist() == [[3, 1, 0], [2, 2, 0], [0, 0, 2]]
     assert scores.accuracy == pytest.approx(0.7)
     assert dict(scores.recall) == {"normal": 0.75, "swash_plate": 0.5, "piston": 1.0}
@@ -208,8 +208,8 @@ def test_what_cannot_be_scored_is_refused():
         evaluate(Oracle(sure([0])), measured([0]).subset(np.array([], dtype=np.int64)))
     with pytest.raises(InputError, match="does not know 'loose'"):
         evaluate(Oracle(sure([0])), measured([0], classes=("normal", "loose")))
-    with pytest.raises(InputError, match="level 'L9' is none of L0, L1"):
-        evaluate(Oracle(sure([0])), measured([0]), level="L9")
+    with pytest.raises(InputError, match="split 'L9' is none of L0, L1"):
+        evaluate(Oracle(sure([0])), measured([0]), split="L9")
 
 
 def test_the_level_follows_from_machines_and_operating_points() -> None:
@@ -225,8 +225,8 @@ def test_the_level_follows_from_machines_and_operating_points() -> None:
     def some(specimen: str | None, condition: OperatingCondition | None) -> Recording:
         return Recording(np.zeros((1, 8)), 1000.0, "t", specimen=specimen, condition=condition)
 
-    assert level_between(reference, [some("A", at_5), some("A", None)]) == "L2"
-    assert level_between(reference, [some("A", at_15)]) == "L3"
-    assert level_between(reference, [some("B", at_5)]) == "L4"
-    assert level_between(reference, [some("A", at_5), some("B", at_5)]) is None
-    assert level_between(reference, [some(None, at_5)]) is None
+    assert split_between(reference, [some("A", at_5), some("A", None)]) == "L2"
+    assert split_between(reference, [some("A", at_15)]) == "L3"
+    assert split_between(reference, [some("B", at_5)]) == "L4"
+    assert split_between(reference, [some("A", at_5), some("B", at_5)]) is None
+    assert split_between(reference, [some(None, at_5)]) is None

@@ -19,7 +19,7 @@ from stub_runs import ORIGIN, run, scored
 from swashtwin.calibration import Calibration, FaultLaw, GaussNewton, Nuisances, calibrate
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import InputError, MPa, mm, rpm
-from swashtwin.learning import LEVELS
+from swashtwin.learning import SPLITS
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect
 from swashtwin.recordings import Recording
@@ -237,7 +237,7 @@ def test_a_diagnosis_alone_makes_a_report(diagnosis, tmp_path):
 
 
 def test_a_number_that_cannot_be_is_a_dash_with_its_reason(tmp_path):
-    scores = scored(0.7, labels=("normal", "piston"), level=None)
+    scores = scored(0.7, labels=("normal", "piston"), split=None)
     page = write_report(scores, folder=tmp_path).read_text(encoding="utf-8")
     reason = "no test window of swash plate, cylinder block, valve plate"
     assert f'<td title="{reason}">—</td>' in page
@@ -271,9 +271,9 @@ def test_results_are_json_that_any_reader_takes(folder):
 
 def test_the_page_of_a_study_says_where_its_recordings_come_from_and_what_its_levels_mean(page):
     assert page.index('class="notice"') < page.index(ORIGIN) < page.index("<h2>")
-    for level in ("L2", "L4"):
-        assert re.search(rf'<th scope="row">{level}</th>\s*<td>{LEVELS[level]}</td>', page)
-    assert LEVELS["L0"] not in page
+    for split in ("L2", "L4"):
+        assert re.search(rf'<th scope="row">{split}</th>\s*<td>{SPLITS[split]}</td>', page)
+    assert SPLITS["L0"] not in page
     assert page.count("was calibrated at 10 MPa and simulated at 15 MPa") == 1
 
 

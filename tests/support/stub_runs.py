@@ -49,13 +49,13 @@ def windows(labels: tuple[str, ...] = CLASSES) -> WindowSet:
 
 
 def scored(
-    skill: float, seed: int = 0, level: str | None = "L2", labels: tuple[str, ...] = CLASSES
+    skill: float, seed: int = 0, split: str | None = "L2", labels: tuple[str, ...] = CLASSES
 ) -> Scores:
-    return evaluate(Guesser(skill, seed), windows(labels), level=level)
+    return evaluate(Guesser(skill, seed), windows(labels), split=split)
 
 
 def run(
-    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", levels: tuple[str, ...] = ("L2", "L4"),
+    name: str, seed: int, skill: float, classifier: str = "spectral_bitcn", splits: tuple[str, ...] = ("L2", "L4"),
     study: str = "case1", **changes: Any,
 ) -> dict[str, Any]:  # fmt: skip
     """A run of the training set `name`, whose classifier is right with the probability `skill`."""
@@ -68,15 +68,15 @@ def run(
         "tests": {},
     }
     task = Task(study, seed, factors, settings, "data", "quick")
-    scores = {level: scored(skill, seed, level) for level in levels}
+    scores = {split: scored(skill, seed, split) for split in splits}
     rows = [
-        {"level": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])}
+        {"split": at, "repeat": 0, **score_row(each, each.recall["swash_plate"])}
         for at, each in scores.items()
     ]
     return {
         "format": FORMAT, "key": task.key, **asdict(task), "rows": rows, "classes": list(CLASSES),
         "history": [asdict(Epoch(i, 1.5 / i, 1 - 0.8 / i)) for i in range(1, 6)] if is_network else [], "values": {},
-        "roles": {"train": ["trained on"], **{level: ["tested on"] for level in levels}},
+        "roles": {"train": ["trained on"], **{split: ["tested on"] for split in splits}},
         "sha256": {"train": "0" * 64},
         "cells": {"train": {"swash_plate @ 15 MPa": 6}, "L2": {"swash_plate @ 15 MPa": 15}}, "calibrations": [],
         "origin": ORIGIN, "command": "swashtwin bench study case1 --seeds 0,1", "wall_s": 1.0, "cpu_s": 1.0,
@@ -86,9 +86,9 @@ def run(
 
 def features(name: str) -> dict[str, list[Any]]:
     points = random_stream(0, name).normal(size=(40, 4)) + 3 * np.repeat(np.arange(5), 8)[:, None]
-    levels = np.tile(np.repeat(["L2", "L4"], 4), 5)
+    splits = np.tile(np.repeat(["L2", "L4"], 4), 5)
     return {
         "values": points.tolist(),
         "label": np.repeat(CLASSES, 8).tolist(),
-        "level": levels.tolist(),
+        "split": splits.tolist(),
     }

@@ -212,13 +212,13 @@ def _recalls(demo: Demo) -> str:
     kinds of test.
     """
     recall = {
-        (row["training_set"], row["level"]): float(row["scarce_recall"]["mean"])
+        (row["training_set"], row["split"]): float(row["scarce_recall"]["mean"])
         for row in demo.study.rows()
         if row["classifier"] == demo.study.main_classifier
     }
     return ", and ".join(
-        f"{percent(recall[WITH, level])} right with them and {percent(recall[WITHOUT, level])} without on {pumps}"
-        for level, pumps in (
+        f"{percent(recall[WITH, split])} right with them and {percent(recall[WITHOUT, split])} without on {pumps}"
+        for split, pumps in (
             (_UNSEEN, "unseen pumps"),
             (_FAMILIAR, "other recordings of the training pumps"),
         )

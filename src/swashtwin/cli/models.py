@@ -42,9 +42,9 @@ def evaluate(
         chosen, seen = learning.unseen_recordings(trained.manifest, recordings)
         if isinstance(trained, FaultClassifier):
             reference = trained.fitted_.training_reference
-            level = None if reference is None else learning.level_between(reference, chosen)
+            split = None if reference is None else learning.split_between(reference, chosen)
             test = trained.cut_windows(chosen)
-            scores = trained.evaluate(test, level=level)
+            scores = trained.evaluate(test, split=split)
             if trained.fitted_.confidence is not None:
                 confidence = learning.score_confidence(trained.fitted_, test)
         else:
@@ -112,7 +112,9 @@ def _show_scores(scores: "Scores", confidence: "ConfidenceScores | None") -> Non
              "false_alarm_rate", "missed_fault_rate", "macro_auroc", "calibration_error")  # fmt: skip
     rows = [(_name(name), getattr(scores, name), scores.reasons.get(name, "")) for name in names]
     count = plural(scores.n_recordings, "recording")
-    title = f"{plural(scores.n_windows, 'window')} of {count}, level {scores.level or 'not stated'}"
+    title = (
+        f"{plural(scores.n_windows, 'window')} of {count}, split {scores.split or 'not specified'}"
+    )
     table(title, ("score", "value", ""), rows)
     low, high = scores.accuracy_interval
     say(f"95 % interval of the accuracy, over the recordings: {low:.3f} to {high:.3f}")

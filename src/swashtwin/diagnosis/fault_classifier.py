@@ -287,7 +287,7 @@ class FaultClassifier(Estimator):
         return float(np.average(self.predict(X) == np.asarray(y), weights=sample_weight))
 
     def evaluate(
-        self, X: Any, y: Any = None, *, level: str | None = None, seed: int = 0
+        self, X: Any, y: Any = None, *, split: str | None = None, seed: int = 0
     ) -> "learning.Scores":
         """All scores on recordings, or on a window set, that had no part in the training.
 
@@ -295,7 +295,7 @@ class FaultClassifier(Estimator):
         ----------
         X : recordings with labels, or a window set.
         y : class of each recording; its own label by default.
-        level : level of generalization of the test, ``"L0"`` to ``"L5"`` (`LEVELS`); only the
+        split : split of the test, ``"L0"`` to ``"L5"`` (`SPLITS`); only the
             caller knows it.
         seed : seed of the bootstrap of the interval.
 
@@ -308,14 +308,14 @@ class FaultClassifier(Estimator):
         """
         self._require_fitted()
         if isinstance(X, WindowSet):
-            return learning.evaluate(self.fitted_, X, level=level, seed=seed)
+            return learning.evaluate(self.fitted_, X, split=split, seed=seed)
         recordings = as_recordings(X)
         if recordings is None:
             raise InputError(
                 "evaluate takes recordings or a window set; an array is scored with score(X, y)."
             )
         return learning.evaluate(
-            self.fitted_, self.cut_windows(relabeled(recordings, y)), level=level, seed=seed
+            self.fitted_, self.cut_windows(relabeled(recordings, y)), split=split, seed=seed
         )
 
     def cut_windows(self, recordings: Sequence[Recording]) -> WindowSet:

@@ -13,13 +13,13 @@ from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confi
 from .evaluation.confidence import learn_confidence as learn_confidence
 from .evaluation.confidence import recording_answers as recording_answers
 from .evaluation.confidence import score_confidence as score_confidence
-from .evaluation.scores import LEVELS as LEVELS
+from .evaluation.scores import SPLITS as SPLITS
 from .evaluation.scores import Classifier as Classifier
 from .evaluation.scores import Scores as Scores
 from .evaluation.scores import evaluate as evaluate
 from .evaluation.scores import g_mean as g_mean
-from .evaluation.scores import level_between as level_between
 from .evaluation.scores import recalls as recalls
+from .evaluation.scores import split_between as split_between
 from .evaluation.scores import unseen_recordings as unseen_recordings
 from .evaluation.scores import wilson_interval as wilson_interval
 from .features import band_energies as band_energies

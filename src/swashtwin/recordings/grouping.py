@@ -15,7 +15,7 @@ from swashtwin.pump import PRESSURE_TOLERANCE, merge_close_values
 from swashtwin.recordings.recording import Recording
 
 GROUPS = ("recording", "specimen", "condition")
-"""Groups of every data set: each is a level of generalization (L2, L4, L3)."""
+"""Groups of every data set: each gives one split (L2, L4, L3)."""
 GROUP_SPEED_TOLERANCE = 0.03
 """Relative difference of speeds of the same condition: more than elsewhere, since conditions that
 are joined wrongly make a test harder, and conditions that are separated wrongly make it leak.

@@ -8,7 +8,7 @@ import numpy as np
 
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, describe_single_machine_faults
 from swashtwin.foundation import plural
-from swashtwin.learning import LEVELS, Choice, FittedClassifier, Scores
+from swashtwin.learning import SPLITS, Choice, FittedClassifier, Scores
 from swashtwin.plot import confusion, figure_style, words
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
@@ -176,8 +176,8 @@ def scores_part(scores: Scores, key: str) -> Part:
         else "no interval"
     )
     distance = (
-        f"Level of generalization: {scores.level} ({LEVELS[scores.level]})."
-        if scores.level
+        f"Split: {scores.split} ({SPLITS[scores.split]})."
+        if scores.split
         else "How far the test lies from the training was not stated."
     )
     counted = (
@@ -193,9 +193,11 @@ def scores_part(scores: Scores, key: str) -> Part:
         for name, label in _METRICS.items()
     )
     caption = "Windows of each actual class in percent; rows add up to 100."
-    matrices = {(scores.level or "", ""): scores.confusion}
+    matrices = {(scores.split or "", ""): scores.confusion}
     blocks = (
-        Table("Scores over the test windows.", ("", scores.level or "level not stated"), metrics),
+        Table(
+            "Scores over the test windows.", ("", scores.split or "split not specified"), metrics
+        ),
         Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
         confusion_drawing(f"{key}_confusion", matrices, scores.classes, caption=caption),

@@ -168,24 +168,24 @@ def _experiments(results: Mapping[str, StudyTable]) -> Iterator[tuple[str, Study
 
 
 def _result(study: StudyTable) -> str:
-    """The last row of the paper's network that the paper prints a figure for, at each level; and
+    """The last row of the paper's network that the paper prints a figure for, at each split; and
     how others differ.
     """
     if not isinstance(study, StudyResult):
         return study.answer[0]
     rows = [row for row in study.rows() if row["classifier"] == MAIN]
-    of_paper = [row for row in rows if row["level"] == "L2" and paper_words(study.study, row)]
+    of_paper = [row for row in rows if row["split"] == "L2" and paper_words(study.study, row)]
     if not of_paper:
         return "the paper prints no figure of what was run."
     row = of_paper[-1]
     same = [each for each in rows if _test_of(each, study) == _test_of(row, study)]
-    levels = ", ".join(f"{each['accuracy']['mean']:.3f} at {each['level']}" for each in same)
+    splits = ", ".join(f"{each['accuracy']['mean']:.3f} at {each['split']}" for each in same)
     count = len(row["accuracy"]["values"])
-    sentence = f"{_test_of(row, study)}: accuracy {levels}; n = {count}; the paper: {paper_words(study.study, row)}."
+    sentence = f"{_test_of(row, study)}: accuracy {splits}; n = {count}; the paper: {paper_words(study.study, row)}."
     near = [
         pair
         for pair in study.differences()
-        if pair.factor == "classifier" and pair.first["level"] == "L2"
+        if pair.factor == "classifier" and pair.first["split"] == "L2"
     ]
     near = [
         pair for pair in near if pair.first.get("perturbation", "") == row.get("perturbation", "")
@@ -197,9 +197,9 @@ def _result(study: StudyTable) -> str:
 
 
 def _test_of(row: Mapping[str, Any], study: StudyResult) -> str:
-    """Training set and test of a row in words, without its level and how its windows were dealt."""
+    """Training set and test of a row in words, without its split and how its windows were dealt."""
     return ", ".join(
-        in_words(n, row[n]) for n in study.factors if n not in ("classifier", "level", "windows")
+        in_words(n, row[n]) for n in study.factors if n not in ("classifier", "split", "windows")
     )
 
 

@@ -1,7 +1,7 @@
 """Zero-shot: a pump prior that saw no measured fault, beside measured faults, on recordings of the
 virtual rig.
 
-Every class of fault in the prior is synthetic; the tests are measured recordings, level L5. Each
+Every class of fault in the prior is synthetic; the tests are measured recordings, split L5. Each
 machine has healthy recordings from its first days, which others are compared with; they are never
 tested on. Measured faults also teach: a few of each beside the prior, or all of them alone (an
 oracle).
@@ -71,15 +71,15 @@ def left_out(label: str) -> str:
     return f"{PRIOR} without {label.replace('_', ' ')}"
 
 
-LEVELS = {
+SPLITS = {
     "no measured fault": "L5",
     f"measured faults, {SAME}": "L2",
     f"measured faults, {UNSEEN}": "L4",
 }
-"""Level of generalization of the rows, by what teaches and what tests them."""
+"""Split of the rows, by what teaches and what tests them."""
 
 _NOTES = (
-    "Rows that no measured fault teaches are level L5. Rows that measured faults teach (the oracle, a few of each "
+    "Rows that no measured fault teaches are split L5. Rows that measured faults teach (the oracle, a few of each "
     "fault) are L2 on the same pumps and L4 on others. The pump prior has learned from healthy recordings of the same "
     "pumps, so its normals are L2 there.",
 )
@@ -220,7 +220,7 @@ def zero_shot(
         },
         origin=fleets[0][2],
         notes=_NOTES,
-        details={"classes": list(CLASSES), "splits": roles, "level": LEVELS},
+        details={"classes": list(CLASSES), "splits": roles, "split": SPLITS},
     )
     return replace(study, answer=_answer(study, settings.healthy))
 

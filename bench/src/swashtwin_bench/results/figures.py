@@ -47,7 +47,7 @@ MOST_PANELS = 20
 """t-SNE panels drawn at most, in rows of `_ACROSS`."""
 
 _ACROSS = 4
-_LEVEL_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
+_SPLIT_MARKERS = {"L0": "x", "L1": "s", "L2": "o", "L3": "D", "L4": "^", "L5": "P"}
 _MARKERS = "osD^vP*XhpdH<>8"
 _DASHES = ("-", "--", ":", "-.")
 
@@ -59,7 +59,7 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
     varying = [
         name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1
     ]
-    rows = sorted(study.rows(), key=lambda row: str(row.get("level", "")))[:MOST_ROWS]
+    rows = sorted(study.rows(), key=lambda row: str(row.get("split", "")))[:MOST_ROWS]
     names = [
         ", ".join(in_words(name, row[name]) for name in varying or study.factors[:1])
         for row in rows
@@ -94,7 +94,7 @@ def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
     many training sets; none where nothing is varied.
     """
     further = [
-        name for name in study.factors if name not in ("classifier", "training_set", "level")
+        name for name in study.factors if name not in ("classifier", "training_set", "split")
     ]
     if not further:
         return []
@@ -114,9 +114,9 @@ def curve_drawings(study: StudyResult, key: str) -> list[Drawing]:
 
 @figure_style()
 def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, name: str) -> Drawing:
-    values, levels = (
+    values, splits = (
         list(dict.fromkeys(row[factor] for row in rows)),
-        sorted({row["level"] for row in rows}),
+        sorted({row["split"] for row in rows}),
     )
     series = list(dict.fromkeys((row["classifier"], row["training_set"]) for row in rows))
     classifiers, sets = (list(dict.fromkeys(pair[i] for pair in series)) for i in (0, 1))
@@ -126,7 +126,7 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
         else (sets, classifiers)
     )
     colors = series_colors(leading)
-    figure, axes = panels(len(SHOWN), len(levels), 1.2 + 2.7 * len(SHOWN), sharex=True, sharey=True)
+    figure, axes = panels(len(SHOWN), len(splits), 1.2 + 2.7 * len(SHOWN), sharex=True, sharey=True)
     looks: list[dict[str, Any]] = []
     titles: list[str] = []
     for pair in series:
@@ -137,12 +137,12 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
         named = [in_words(kind, value) for kind, value, choices in parts if len(choices) > 1]
         titles.append(", ".join(named) or in_words("classifier", pair[0]))
     for line, metric in zip(axes, SHOWN, strict=True):
-        for panel, level in zip(line, levels, strict=True):
+        for panel, split in zip(line, splits, strict=True):
             for pair, look in zip(series, looks, strict=True):
                 spreads = [
                     (values.index(row[factor]), row[metric]["mean"], row[metric]["std"] or 0.0)
                     for row in rows
-                    if (row["classifier"], row["training_set"], row["level"]) == (*pair, level)
+                    if (row["classifier"], row["training_set"], row["split"]) == (*pair, split)
                     if row[metric]["mean"] is not None
                 ]
                 if spreads:
@@ -156,7 +156,7 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
                         elinewidth=0.8,
                         **look,
                     )
-            panel.set(title=level, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
+            panel.set(title=split, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
         line[0].set_ylabel(f"{study.metrics[metric]} [1]")
     for panel in axes[-1]:
         panel.set_xlabel(words(factor))
@@ -231,24 +231,24 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
 
 
 def confusion_of(study: StudyResult, key: str) -> Drawing:
-    """Confusion matrices of a few rows, the first and the best, for each level; all seeds added."""
-    rows = {tuple(value for name, value in row.items() if name in study.factors and name != "level"): row
+    """Confusion matrices of a few rows, the first and the best, for each split; all seeds added."""
+    rows = {tuple(value for name, value in row.items() if name in study.factors and name != "split"): row
             for row in sorted(study.rows(), key=lambda row: -(row["accuracy"]["mean"] or 0.0))}  # fmt: skip
-    first = tuple(value for name, value in study.trials[0].factors.items() if name != "level")
+    first = tuple(value for name, value in study.trials[0].factors.items() if name != "split")
     chosen = list(dict.fromkeys([first, *rows]))[:MOST_MATRICES]
     titles = dict(
         zip(
             chosen,
-            _distinct([name for name in study.factors if name != "level"], chosen),
+            _distinct([name for name in study.factors if name != "split"], chosen),
             strict=True,
         )
     )
     matrices: dict[tuple[str, str], np.ndarray] = {}
-    for run, row in sorted(study.tests(), key=lambda test: test[1]["level"]):
+    for run, row in sorted(study.tests(), key=lambda test: test[1]["split"]):
         factors = {**run["factors"], **{name: row[name] for name in TESTS if name in row}}
-        column = titles.get(tuple(value for name, value in factors.items() if name != "level"))
+        column = titles.get(tuple(value for name, value in factors.items() if name != "split"))
         if column is not None:
-            cell = (row["level"], column)
+            cell = (row["split"], column)
             matrices[cell] = matrices.get(cell, 0) + np.array(row["confusion"])
     seeds = plural(len(study.seeds), "seed")
     caption = f"Windows of each actual class in percent, over {seeds} together; rows add up to 100."
@@ -290,7 +290,7 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     titles = _distinct(list(runs[0]["factors"]), [tuple(run["factors"].values()) for run in runs])
     classes = list(study.classes)
     colors = series_colors(classes)
-    levels = sorted({level for run in runs for level in run["features"]["level"]})
+    splits = sorted({split for run in runs for split in run["features"]["split"]})
     down = math.ceil(len(runs) / _ACROSS)
     figure, axes = panels(down, min(len(runs), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
     rows: list[dict[str, Any]] = []
@@ -301,15 +301,15 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         picked = _spread_evenly(
             len(features["label"]), MOST_POINTS if down == 1 else MOST_POINTS // 3
         )
-        points, label, level = (
+        points, label, split = (
             _tsne(features["values"][picked]),
             features["label"][picked],
-            features["level"][picked],
+            features["split"][picked],
         )
         for name in classes:
-            for level_name in levels:
-                selected = (label == name) & (level == level_name)
-                marker = _LEVEL_MARKERS.get(level_name, "o")
+            for split_name in splits:
+                selected = (label == name) & (split == split_name)
+                marker = _SPLIT_MARKERS.get(split_name, "o")
                 ax.plot(
                     *points[selected].T,
                     marker,
@@ -319,14 +319,14 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
                     markeredgewidth=0.3,
                 )
         ax.set(title=textwrap.fill(title, 28), xticks=[], yticks=[])
-        rows += [{**run["factors"], "level": level[i], "label": label[i], "x": x, "y": y}
+        rows += [{**run["factors"], "split": split[i], "label": label[i], "x": x, "y": y}
                  for i, (x, y) in enumerate(points)]  # fmt: skip
     marks = [Line2D([], [], marker="o", linestyle="", color=colors[name]) for name in classes]
     marks += [
-        Line2D([], [], marker=_LEVEL_MARKERS.get(level, "o"), linestyle="", color="#888888")
-        for level in levels
+        Line2D([], [], marker=_SPLIT_MARKERS.get(split, "o"), linestyle="", color="#888888")
+        for split in splits
     ]
-    names = [words(name) for name in classes] + levels
+    names = [words(name) for name in classes] + splits
     figure.legend(marks, names, loc="outside lower center", ncols=len(names))
     caption = (
         f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from swashtwin.learning import LEVELS
+from swashtwin.learning import SPLITS
 from swashtwin.plot import words
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.report import (
@@ -134,11 +134,11 @@ def _rows_table(study: StudyTable) -> Table:
 def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
     """Tables of scores and of differences."""
     blocks: list[Any] = [
-        _levels_table(sorted({trial.factors["level"] for trial in study.trials})),
+        _splits_table(sorted({trial.factors["split"] for trial in study.trials})),
         scores_table(study),
     ]
     reasons = {
-        f"{row['level']}, {METRICS[metric]}: {reason}": None
+        f"{row['split']}, {METRICS[metric]}: {reason}": None
         for run, row in study.tests()
         for metric in METRICS
         if (reason := _why([(run, row)], metric))
@@ -152,7 +152,7 @@ def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
     if is_reported(study.study):
         blocks.append(
             "The paper's figures (DOI 10.1177/00202940261419020) were measured on another rig and stand beside the "
-            "level nearest to what the paper tested, L2; they are no target that these scores could meet or miss. "
+            "split nearest to what the paper tested, L2; they are no target that these scores could meet or miss. "
             "Its G-means are of another definition: 0.9748 at an accuracy of 0.98 and 0.9029 at 0.9240 are below "
             "0.9791 and 0.9088, the least that the geometric mean of five recalls can be on its 5 × 50 test "
             "windows."
@@ -164,13 +164,13 @@ def scores_table(study: StudyResult) -> Table:
     """Mean and standard deviation over the seeds, with the paper's figures in the same table."""
     with_paper = is_reported(study.study)
     rows = []
-    for row in sorted(study.rows(), key=lambda row: str(row["level"])):
+    for row in sorted(study.rows(), key=lambda row: str(row["split"])):
         factors = {name: row[name] for name in study.factors}
         tests = study.tests(**factors)
         named = ", ".join(
             [
-                row["level"],
-                *(in_words(name, value) for name, value in factors.items() if name != "level"),
+                row["split"],
+                *(in_words(name, value) for name, value in factors.items() if name != "split"),
             ]
         )
         cells = [_score_cell(row[metric], _why(tests, metric)) for metric in METRICS]
@@ -180,7 +180,7 @@ def scores_table(study: StudyResult) -> Table:
         count = Cell(str(len(row["accuracy"]["values"])))
         paper = [Cell(paper_words(study.study, factors))] if with_paper else []
         rows.append((Cell(named), count, *cells, *paper))
-    header = ("level, classifier, training set", "seeds", *METRICS.values())
+    header = ("split, classifier, training set", "seeds", *METRICS.values())
     return Table(
         f"Mean ± standard deviation over a row's seeds, of {len(study.seeds)} in all; an accuracy of a single test has "
         "its 95 % interval over the test's recordings. Test windows are measured only. Accuracy by recording: each "
@@ -293,12 +293,12 @@ def _training_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     return tuple(blocks)
 
 
-def _levels_table(levels: Sequence[str]) -> Table:
-    """Meaning of the levels of generalization on the page."""
+def _splits_table(splits: Sequence[str]) -> Table:
+    """Meaning of the splits on the page."""
     return Table(
         "How far the test data lie from the training data.",
-        ("level", "test data are"),
-        tuple((level, LEVELS.get(level, "not described")) for level in levels),
+        ("split", "test data are"),
+        tuple((split, SPLITS.get(split, "not described")) for split in splits),
     )
 
 
@@ -316,7 +316,7 @@ def _cells_table(study: StudyResult) -> Table:
     total = [sum(count for name, count in of.items() if " @ " in name) for of in cells.values()]
     rows.append((Cell("all"), *(Cell(str(count)) for count in total)))
     header = [
-        f"test {name}" if name.split(", ")[0] in LEVELS else in_words("training_set", name)
+        f"test {name}" if name.split(", ")[0] in SPLITS else in_words("training_set", name)
         for name in cells
     ]
     caption = (

@@ -52,7 +52,7 @@ def is_reported(study: str) -> bool:
 
 
 def paper_words(study: str, row: Mapping[str, str]) -> str:
-    """What the paper prints for a row; nothing at farther levels than L2, and of trees that the
+    """What the paper prints for a row; nothing at farther splits than L2, and of trees that the
     paper does not have.
 
     Beside a network that the paper does not have, such as ours, it says whose figure it is. The
@@ -65,7 +65,7 @@ def paper_words(study: str, row: Mapping[str, str]) -> str:
         if of == name and keys.items() <= row.items()
     ]
     if (
-        row["level"] not in ("L0", "L2")
+        row["split"] not in ("L0", "L2")
         or not matching
         or classifier in ("extra_trees", "logistic", "ridge", "svm")
     ):

@@ -2,7 +2,7 @@
 
 Its JSON is a `StudyTable`'s with ``size``, ``differences``, ``cells``, ``splits``,
 ``fingerprints``, ``calibrations`` and ``runs`` beside; rows hold the factors that name them
-(``classifier``, ``training_set``, ``level``,
+(``classifier``, ``training_set``, ``split``,
 ...) and ``{"mean", "std", "values"}`` over the seeds under each metric.
 """
 
@@ -37,7 +37,7 @@ FURTHER = {"discriminator": "AUROC measured/synthetic", "wall_s": "time of one r
 MOST_DIFFERENCES = 4
 """Differences in the answer for each test, of classifiers the nearest ones; the table has all."""
 
-TESTS = ("level", "perturbation")
+TESTS = ("split", "perturbation")
 """Factors that name a test."""
 
 Row = Mapping[str, str]
@@ -201,7 +201,7 @@ class StudyResult(StudyTable):
         if len({run["data"] for run in self.runs}) > 1:
             return None
         roles = next(run["roles"] for run in self.runs if run["factors"].items() <= row.items())
-        return len(roles[row["level"]]) / max(1, len(roles["train"]))
+        return len(roles[row["split"]]) / max(1, len(roles["train"]))
 
     def differences(self) -> list[Difference]:
         """Differences between the row that holds a factor's compared value and those that hold

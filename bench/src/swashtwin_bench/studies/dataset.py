@@ -98,7 +98,7 @@ class StudyDataset:
     measured: WindowSet
     """Measured training windows, the few of the scarce cells among them."""
     tests: Mapping[str, WindowSet]
-    """Measured test windows by level, every class alike."""
+    """Measured test windows by split, every class alike."""
     test_recordings: Mapping[str, tuple[Recording, ...]]
     """Recordings of the tests, where noise is to be added to them; else empty."""
     calibrations: Mapping[tuple[str, str], Calibration]
@@ -116,7 +116,7 @@ class StudyDataset:
 
     def roles(self) -> dict[str, list[str]]:
         """Recording ids by role."""
-        tests = {level: set(windows.recording_id.tolist()) for level, windows in self.tests.items()}
+        tests = {name: set(windows.recording_id.tolist()) for name, windows in self.tests.items()}
         train = set(self.measured.recording_id.tolist())
         roles = {
             "train": train,
@@ -131,9 +131,10 @@ class StudyDataset:
         recordings.
         """
         speeds = self.measured.speed
-        level = merge_close_values(speeds, SPEED_TOLERANCE)
+        speed_group = merge_close_values(speeds, SPEED_TOLERANCE)
         means = [
-            float(speeds[level == speed].mean()) for speed in np.unique(level[~np.isnan(level)])
+            float(speeds[speed_group == speed].mean())
+            for speed in np.unique(speed_group[~np.isnan(speed_group)])
         ]
         return [
             OperatingCondition(speed=speed, discharge_pressure=self.scenario.pressure)
@@ -198,8 +199,8 @@ def prepare(
             [r for r in recordings if r.recording_id in ids], scenario, measured
         )
     tests = {
-        level: cut_test([by_id[i] for i in sorted(ids)], scenario, measured)
-        for level, ids in split.tests.items()
+        name: cut_test([by_id[i] for i in sorted(ids)], scenario, measured)
+        for name, ids in split.tests.items()
     }
     if RANDOM_WINDOWS in tests:
         measured, tests[RANDOM_WINDOWS] = deal_windows(measured, tests[RANDOM_WINDOWS], seed)
@@ -209,8 +210,8 @@ def prepare(
         measured=measured,
         tests=tests,
         test_recordings={
-            level: tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
-            for level, windows in tests.items()
+            test_name: tuple(by_id[name] for name in sorted(set(windows.recording_id.tolist())))
+            for test_name, windows in tests.items()
             if noisy_tests
         },
         calibrations=by_task,
@@ -225,7 +226,7 @@ def deal_windows(measured: WindowSet, test: WindowSet, seed: int) -> tuple[Windo
     """(training windows, test windows): the same windows, dealt anew in each class and pressure of
     the test.
 
-    Level L0, as many papers split. Each cell keeps its numbers of training and of test windows;
+    Split L0, as many papers do. Each cell keeps its numbers of training and of test windows;
     only which window is which is drawn. So the scores differ from those of the split by recording
     by the leak alone.
 

@@ -54,14 +54,14 @@ class Perturbation:
             )
         return recording.replace(signal=changed)
 
-    def of_test(self, dataset: StudyDataset, level: str, repeat: int) -> WindowSet:
-        """The test windows of a level, cut from recordings so changed (docs/explanation/method.md,
+    def of_test(self, dataset: StudyDataset, split: str, repeat: int) -> WindowSet:
+        """The test windows of a split, cut from recordings so changed (docs/explanation/method.md,
         "Noise").
         """
         changed = [
-            self.of_recording(recording, repeat) for recording in dataset.test_recordings[level]
+            self.of_recording(recording, repeat) for recording in dataset.test_recordings[split]
         ]
-        return cut_again(changed, dataset.tests[level])
+        return cut_again(changed, dataset.tests[split])
 
 
 def noises(kind: NoiseKind, *snrs: float) -> tuple[Perturbation, ...]:

@@ -255,7 +255,7 @@ def train_and_test(
     task: Task, plan: Plan, dataset: StudyDataset, synthetic: WindowSet, values: Mapping[str, float], out: Path | None,
     *, keep_model: bool,
 ) -> dict[str, Any]:  # fmt: skip
-    """What one task comes to: train on the measured and the synthetic windows, test at every level.
+    """What one task comes to: train on the measured and the synthetic windows, test at every split.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def train_and_test(
 @dataclass(frozen=True, eq=False)
 class _Unlisted:
     """A classifier that names none of its training recordings, so that other windows of them may be
-    tested on: only for level L0, which shows how much of a score is leak.
+    tested on: only for split L0, which shows how much of a score is leak.
     """
 
     classifier: Classifier
@@ -322,14 +322,14 @@ class _Unlisted:
 
 
 def _rows(classifier: Classifier, plan: Plan, dataset: StudyDataset) -> Iterator[dict[str, Any]]:
-    for level, clean in dataset.tests.items():
-        tested = _Unlisted(classifier) if level == RANDOM_WINDOWS else classifier
+    for split, clean in dataset.tests.items():
+        tested = _Unlisted(classifier) if split == RANDOM_WINDOWS else classifier
         for perturbation in (None, *plan.perturbations):
             varied = {"perturbation": str(perturbation or CLEAN)} if plan.perturbations else {}
             for repeat in range(plan.draws if perturbation else 1):
-                test = perturbation.of_test(dataset, level, repeat) if perturbation else clean
-                scores = evaluate(tested, test, level=level)
-                yield {"level": level, **varied, "repeat": repeat,
+                test = perturbation.of_test(dataset, split, repeat) if perturbation else clean
+                scores = evaluate(tested, test, split=split)
+                yield {"split": split, **varied, "repeat": repeat,
                        **score_row(scores, scarce_recall(scores, dataset.scenario))}  # fmt: skip
 
 
@@ -346,7 +346,7 @@ def scarce_recall(scores: Scores, scenario: Scenario) -> float:
 
 
 def _features(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, list[Any]]:
-    """Principal components of the last features of the test windows, with class and level of each,
+    """Principal components of the last features of the test windows, with class and split of each,
     for t-SNE.
     """
     tests = dataset.tests
@@ -355,5 +355,5 @@ def _features(classifier: FittedClassifier, dataset: StudyDataset) -> dict[str, 
     return {
         "values": np.round(PCA(count, svd_solver="full").fit_transform(features), 4).tolist(),
         "label": [label for test in tests.values() for label in test.label.tolist()],
-        "level": [level for level, test in tests.items() for _ in range(len(test))],
+        "split": [split for split, test in tests.items() for _ in range(len(test))],
     }

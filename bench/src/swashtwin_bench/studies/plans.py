@@ -153,7 +153,7 @@ def _with_random_windows(plan: Plan) -> Plan:
         varied="windows",
         variants={
             "by recording": {},
-            "at random": {"levels": (RANDOM_WINDOWS, plan.scenario.levels[1])},
+            "at random": {"splits": (RANDOM_WINDOWS, plan.scenario.splits[1])},
         },
         notes=(
             *plan.notes,
@@ -168,7 +168,7 @@ def case_two(size: str, recipe: str) -> Plan:
     """Case II, a condition that was never measured with the fault."""
     scenario = replace(SCENARIOS[recipe, size], **CASE_TWO[recipe, size])
     title = "Case II, missing condition: no measured window in the cell that twins fill"
-    note = "The filled cell itself is level L5: no measured window of this class was trained on at this pressure."
+    note = "The filled cell itself is split L5: no measured window of this class was trained on at this pressure."
     plan = _like_case_one(size, recipe, "case2", title, scenario=scenario, notes=(note,))
     return plan if recipe == OURS else _with_random_windows(plan)
 

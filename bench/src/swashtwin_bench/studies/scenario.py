@@ -95,7 +95,7 @@ class Scenario:
     """
     held_out: int = 2
     """Specimens that nothing is trained on."""
-    levels: tuple[str, str] = ("L2", "L4")
+    splits: tuple[str, str] = ("L2", "L4")
     """Levels of generalization of the tests: known specimens, and those held out. With
     `RANDOM_WINDOWS` in place of the nearer one its recordings stand in training and test.
     """
@@ -142,7 +142,7 @@ class Scenario:
             "windows_per_recording": self.windows,
             "test_windows": self.test_windows,
             "specimens_held_out": self.held_out,
-            "levels": list(self.levels),
+            "splits": list(self.splits),
             "faults": {
                 name: [_fault(fault) for fault in self.faults[name]] for name in self.scarce
             },
@@ -187,7 +187,7 @@ class ScenarioSplit:
     that it was tried on (docs/explanation/networks.md).
     """
     tests: Mapping[str, frozenset[str]]
-    """Recordings of each test, by its level."""
+    """Recordings of each test, by its split."""
 
 
 def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: int) -> ScenarioSplit:
@@ -202,7 +202,7 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
     DataError
         The recordings cannot be split so: too few specimens or repeats, a fact missing.
     """
-    familiar, unseen = scenario.levels
+    familiar, unseen = scenario.splits
     rng = random_stream(seed, "scenario", "split")
     specimens = sorted({str(r.specimen) for r in recordings})
     least = scenario.held_out + 1
@@ -235,8 +235,8 @@ def split_scenario(recordings: Sequence[Recording], scenario: Scenario, seed: in
             lenders_by_class[str(order[0].label)].append(ids[:count])
         else:
             train |= set(ids[:count])
-    for level, whose in ((familiar, "trained on"), (unseen, "held out")):
-        if not tests[level]:
+    for split, whose in ((familiar, "trained on"), (unseen, "held out")):
+        if not tests[split]:
             raise DataError(
                 f"the study tests at {scenario.pressure / 1e6:g} MPa, the pressure of the paper's cases, and the "
                 f"specimens that are {whose} have no recording to test there."

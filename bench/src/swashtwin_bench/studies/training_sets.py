@@ -119,7 +119,7 @@ def synthetic_auroc(dataset: StudyDataset, synthetic: WindowSet) -> float:
     0.5 is not at all, 1 always; NaN where there are too few windows or recordings. The measured
     windows are those of the nearer test, which no filler saw; nothing is chosen by it.
     """
-    test, scarce = dataset.tests[dataset.scenario.levels[0]], dataset.scenario.scarce
+    test, scarce = dataset.tests[dataset.scenario.splits[0]], dataset.scenario.scarce
     measured, synthetic = (
         test.subset(np.isin(test.label, scarce)),
         synthetic.subset(np.isin(synthetic.label, scarce)),

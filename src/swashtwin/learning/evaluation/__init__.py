@@ -1,3 +1,3 @@
-"""Scores of a classifier on recordings it has never seen, with the level of generalization beside
+"""Scores of a classifier on recordings it has never seen, with the split beside
 them.
 """

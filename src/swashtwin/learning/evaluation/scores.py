@@ -75,7 +75,7 @@ def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
         )
 
 
-LEVELS = {
+SPLITS = {
     "L0": "random windows of known recordings: a diagnosis of the leak, never a headline",
     "L1": "later time of the same recording, behind a guard gap: optimistic",
     "L2": "another recording of the same specimen and condition",
@@ -83,15 +83,15 @@ LEVELS = {
     "L4": "another specimen: a pump, bearing or actuator that was held out",
     "L5": "synthetic to measured: no measured window of that class (and condition) in training",
 }
-"""Meaning of each level of generalization, nearest first."""
+"""Meaning of each split, nearest first."""
 
 
-def level_between(reference: TrainingReference, recordings: Iterable[Recording]) -> str | None:
+def split_between(reference: TrainingReference, recordings: Iterable[Recording]) -> str | None:
     """Level of whole recordings that had no part in the training: ``"L2"``, ``"L3"`` or ``"L4"``.
 
-    None where they are of several levels, or the machine of a recording is not stated.
+    None where they are of several splits, or the machine of a recording is not stated.
     """
-    levels = set()
+    splits = set()
     for recording in recordings:
         if recording.specimen is None or not any(reference.specimen):
             return None
@@ -100,16 +100,16 @@ def level_between(reference: TrainingReference, recordings: Iterable[Recording])
         ]
         condition = recording.condition
         if not same:
-            levels.add("L4")
+            splits.add("L4")
         elif condition is None:
-            levels.add("L2")
+            splits.add("L2")
         else:
             speed, pressure = reference.condition[same].T
             is_trained = values_match(speed, condition.speed, SPEED_TOLERANCE) & values_match(
                 pressure, condition.discharge_pressure, PRESSURE_TOLERANCE
             )
-            levels.add("L2" if is_trained.any() else "L3")
-    return levels.pop() if len(levels) == 1 else None
+            splits.add("L2" if is_trained.any() else "L3")
+    return splits.pop() if len(splits) == 1 else None
 
 
 def recalls(confusion: Int[np.ndarray, "actual predicted"]) -> Float[np.ndarray, " actual"]:
@@ -235,8 +235,8 @@ class Scores:
     a reason.
     """
 
-    level: str | None
-    """Level of generalization, ``"L0"`` to ``"L5"`` (`LEVELS`), or None where the caller did not
+    split: str | None
+    """Split, ``"L0"`` to ``"L5"`` (`SPLITS`), or None where the caller did not
     state it.
     """
     classes: tuple[str, ...]
@@ -279,9 +279,9 @@ class Scores:
     """Why a number is NaN or rests on fewer classes than declared, by its name."""
 
     def __repr__(self) -> str:
-        level = f" at {self.level}" if self.level else ""
+        split = f" at {self.split}" if self.split else ""
         return (
-            f"<Scores{level}: accuracy {self.accuracy:.3f} over {plural(self.n_windows, 'window')}, "
+            f"<Scores{split}: accuracy {self.accuracy:.3f} over {plural(self.n_windows, 'window')}, "
             f"{self.recording_accuracy:.3f} over {plural(self.n_recordings, 'recording')}, "
             f"macro recall {self.macro_recall:.3f}, "
             f"classes {', '.join(self.classes)}>"
@@ -289,11 +289,11 @@ class Scores:
 
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON can hold it; NaN becomes None."""
-        return {**finite_values(to_table(self)), "level_meaning": LEVELS.get(self.level or "")}
+        return {**finite_values(to_table(self)), "split_meaning": SPLITS.get(self.split or "")}
 
 
 def evaluate(
-    classifier: Classifier, test: WindowSet, *, level: str | None = None, seed: int = 0
+    classifier: Classifier, test: WindowSet, *, split: str | None = None, seed: int = 0
 ) -> Scores:
     """Scores on measured recordings that had no part in the classifier.
 
@@ -302,7 +302,7 @@ def evaluate(
 
     Parameters
     ----------
-    level : level of generalization of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
+    split : split of the test set, ``"L0"`` to ``"L5"``; only the caller knows it.
     seed : seed of the bootstrap.
 
     Raises
@@ -313,9 +313,9 @@ def evaluate(
     DataError
         No test window, or one without label.
     InputError
-        A class that the classifier does not know, an unknown level, or windows of another layout.
+        A class that the classifier does not know, an unknown split, or windows of another layout.
     """
-    _require_honest(classifier, test, level)
+    _require_honest(classifier, test, split)
     probability = np.asarray(classifier.predict_proba(test), dtype=np.float64)
     classes = classifier.classes
     target = np.array([classes.index(name) for name in test.classes], dtype=np.int64)[test.target]
@@ -342,7 +342,7 @@ def evaluate(
     }
     interval = accuracy_interval(right, group, seed=seed)
     return Scores(
-        level=level,
+        split=split,
         classes=classes,
         n_windows=len(test),
         n_recordings=int(recording.size),
@@ -357,9 +357,9 @@ def evaluate(
     )
 
 
-def _require_honest(classifier: Classifier, test: WindowSet, level: str | None) -> None:
-    if level is not None and level not in LEVELS:
-        raise InputError(f"level {level!r} is none of {', '.join(LEVELS)}.")
+def _require_honest(classifier: Classifier, test: WindowSet, split: str | None) -> None:
+    if split is not None and split not in SPLITS:
+        raise InputError(f"split {split!r} is none of {', '.join(SPLITS)}.")
     test.require_any("to test on")
     test.require_labels("an evaluation")
     if test.synthetic.any():

@@ -182,7 +182,7 @@ def test_a_calibration_is_not_reused_for_recordings_with_other_facts(
         return [task.key for task in calibration_tasks(recordings, TINY, 0)]
 
     faster = [
-        replace(r, condition=r.condition and r.condition.replaced(speed=92.0)) for r in recordings
+        replace(r, condition=r.condition and r.condition.replace(speed=92.0)) for r in recordings
     ]
     assert not set(named(recordings)) & set(named(faster))
 

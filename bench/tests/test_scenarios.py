@@ -76,7 +76,7 @@ def test_the_law_starts_where_a_healthy_pump_was_recorded(recordings: list[Recor
     calibrated on.
     """
     faster = [
-        r.replace(condition=r.condition.replaced(speed=1.3 * r.condition.speed))
+        r.replace(condition=r.condition.replace(speed=1.3 * r.condition.speed))
         if r.label == "swash_plate"
         else r
         for r in recordings

@@ -21,7 +21,7 @@ MIXING = np.array([[1.1, 0.1, -0.15], [0.2, 0.9, 0.05], [-0.1, 0.1, 1.1]])
 
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+    return Twin(pump, at_15.replace(discharge_pressure=MPa(10)), bandwidth=2600)
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def stated_at(recording: Recording, factor: float) -> Recording:
     """The recording with its speed stated `factor` times as high."""
     assert recording.condition is not None
     return replace(
-        recording, condition=recording.condition.replaced(speed=factor * recording.condition.speed)
+        recording, condition=recording.condition.replace(speed=factor * recording.condition.speed)
     )
 
 

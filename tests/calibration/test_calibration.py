@@ -50,7 +50,7 @@ def calibration(twin: Twin, recording: Recording) -> Calibration:
     other = replace(
         recording,
         recording_id="other",
-        condition=twin.condition.replaced(discharge_pressure=MPa(10)),
+        condition=twin.condition.replace(discharge_pressure=MPa(10)),
     )
     return calibrate(twin, [other, recording], method=GaussNewton(starts=2), **SIX_VALUES)
 
@@ -94,7 +94,7 @@ def test_pressures_that_are_fitted_together_share_one_set_of_values_and_tell_mor
     twin: Twin,
 ) -> None:
     twins = [
-        twin.at(twin.condition.replaced(discharge_pressure=MPa(level))) for level in (15, 10, 5)
+        twin.at(twin.condition.replace(discharge_pressure=MPa(level))) for level in (15, 10, 5)
     ]
     recordings = [
         replace(

@@ -35,7 +35,7 @@ def recordings(pump: Pump, at_15: OperatingCondition) -> list[Recording]:
 
     def record(fault: SwashPlateDefect | None, pressure: float) -> Recording:
         name = f"{'recess' if fault else 'healthy'}_{pressure / 1e6:.0f}"
-        condition = at_15.replaced(discharge_pressure=pressure)
+        condition = at_15.replace(discharge_pressure=pressure)
         clean = twin.at(condition).with_fault(fault).simulate(2.0, 7680.0, recording_id=name)
         level = 20.0 if fault is None else 14.0  # the noise of the second is the louder one
         return replace(

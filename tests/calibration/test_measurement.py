@@ -44,14 +44,14 @@ def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(
     at_15 = twin.condition
     others = [
         replace(
-            recording, recording_id="10 MPa", condition=at_15.replaced(discharge_pressure=MPa(10))
+            recording, recording_id="10 MPa", condition=at_15.replace(discharge_pressure=MPa(10))
         ),
-        replace(recording, recording_id="fast", condition=at_15.replaced(speed=1.02 * at_15.speed)),
+        replace(recording, recording_id="fast", condition=at_15.replace(speed=1.02 * at_15.speed)),
         replace(recording, recording_id="normal", label="normal"),
         replace(recording, recording_id="unknown", condition=None),
     ]
     near = replace(
-        recording, recording_id="near", condition=at_15.replaced(discharge_pressure=MPa(15.8))
+        recording, recording_id="near", condition=at_15.replace(discharge_pressure=MPa(15.8))
     )
     measurement = measure(twin, [*others, near, recording])
     assert measurement.recording_ids == ("near", "rec-1")

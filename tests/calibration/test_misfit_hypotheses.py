@@ -133,7 +133,7 @@ def test_the_search_starts_again_from_a_mistake_and_ends_in_the_better_valley(tw
 def test_a_direction_of_the_mounting_that_was_not_searched_is_named(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    healthy = Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+    healthy = Twin(pump, at_15.replace(discharge_pressure=MPa(10)), bandwidth=2600)
     machine = recording_of(replace(healthy, scales=Scales(mount_y=1.5)), np.ones(6))
     notes = calibrate(healthy, [machine], method=QUICK, **SIX_VALUES).notes
     (warning,) = (note for note in notes if is_warning(note))

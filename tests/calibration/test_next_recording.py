@@ -31,7 +31,7 @@ def machine(pump: Pump, at_15: OperatingCondition) -> Twin:
     """A healthy pump at 860 rev/min and 10 MPa, with a fourth sensor."""
     cover = Sensor("cover_y", pump.sensors[0].position, (0.0, 1.0, 0.0))
     wider = replace(pump, sensors=(*pump.sensors, cover))
-    return Twin(wider, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+    return Twin(wider, at_15.replace(discharge_pressure=MPa(10)), bandwidth=2600)
 
 
 def recording_at(
@@ -39,7 +39,7 @@ def recording_at(
 ) -> Recording:
     """Noisy recording of 1.3 s."""
     there = machine.at(
-        machine.condition.replaced(speed=rpm(speed), discharge_pressure=MPa(pressure))
+        machine.condition.replace(speed=rpm(speed), discharge_pressure=MPa(pressure))
     )
     recording = there.simulate(
         1.3, 6400.0, phase=1.0 + seed, recording_id=f"{speed:g} {pressure:g} {seed}"

@@ -16,7 +16,7 @@ THICK = np.array([9e4 / 1.86e6, 1, 1, 1, 1, 1])
 
 @pytest.fixture(scope="module")
 def twin(pump: Pump, at_15: OperatingCondition) -> Twin:
-    return Twin(pump, at_15.replaced(discharge_pressure=MPa(10)), bandwidth=2600)
+    return Twin(pump, at_15.replace(discharge_pressure=MPa(10)), bandwidth=2600)
 
 
 @pytest.fixture(scope="module")

@@ -219,15 +219,15 @@ def changed(**values: object) -> Recording:
     ("test", "message"),
     [
         (
-            changed(condition=CONDITION.replaced(speed=rpm(2000))),
+            changed(condition=CONDITION.replace(speed=rpm(2000))),
             "2000 rev/min; the prior's virtual pumps run at 344",
         ),
         (
-            changed(condition=CONDITION.replaced(discharge_pressure=MPa(30))),
+            changed(condition=CONDITION.replace(discharge_pressure=MPa(30))),
             "30 MPa; the prior's virtual pumps run",
         ),
         (
-            changed(condition=CONDITION.replaced(discharge_pressure=MPa(15))),
+            changed(condition=CONDITION.replace(discharge_pressure=MPa(15))),
             "discharge pressure of 15 MPa",
         ),
         (changed(condition=None), "states no speed"),
@@ -270,7 +270,7 @@ def test_another_design_is_refused_and_the_shipped_prior_is_at_most_8_megabytes(
 
 def test_a_speed_that_no_healthy_recording_has_is_told() -> None:
     verdict = adapted().diagnose(
-        recording("normal", 9, condition=CONDITION.replaced(speed=rpm(1150)))
+        recording("normal", 9, condition=CONDITION.replace(speed=rpm(1150)))
     )
     assert "at another speed only" in verdict.notes[0]
 

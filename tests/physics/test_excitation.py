@@ -15,7 +15,7 @@ from swashtwin.physics import interface_factors, slipper_displacements
 from swashtwin.physics.excitation import (
     bore_lines,
     displacement_lines,
-    following,
+    followed_share,
     slipper_profile,
     stages,
 )
@@ -217,7 +217,7 @@ def test_half_of_a_recess_is_followed_at_its_corner(
 ) -> None:
     corner = 28 * at_15.shaft_frequency
     own, limited = (
-        following(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner]))
+        followed_share(replace(DEFECT, contact=contact, corner=value), np.array([1e-9, corner]))
         for value in (0.0, corner)
     )
     np.testing.assert_allclose(limited, [1, 0.5])

@@ -57,7 +57,7 @@ def test_the_damping_hole_limits_what_a_slipper_leaks(pump: Pump) -> None:
 def test_warm_oil_takes_two_thirds_of_the_films_damping_and_no_stiffness(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    cold, warm = (at_15.replaced(oil_temperature=celsius(warmth)) for warmth in (30, 60))
+    cold, warm = (at_15.replace(oil_temperature=celsius(warmth)) for warmth in (30, 60))
     thinner = math.exp(-0.0366 * 30)
     assert thinner == pytest.approx(1 / 3, rel=1e-3)
     assert film_factors(pump, cold, warm).values() == pytest.approx([thinner, 1, thinner, 1, 1, 1])
@@ -71,5 +71,5 @@ def test_pressure_stiffens_the_films_and_leaves_their_damping(
 ) -> None:
     piston_force = 0.08 * 3.5 * math.pi / 4 * mm(17) ** 2
     load = (piston_force * MPa(4.9) + 350) / (piston_force * MPa(14.9) + 350)
-    factors = film_factors(pump, at_15, at_15.replaced(discharge_pressure=MPa(5)))
+    factors = film_factors(pump, at_15, at_15.replace(discharge_pressure=MPa(5)))
     assert factors.values() == pytest.approx([1, 4.9 / 14.9, 1, load, 1, 1])

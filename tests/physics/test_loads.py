@@ -177,7 +177,7 @@ def test_every_fault_converges_far_from_the_papers_condition(
 def test_the_pump_delivers_its_displacement_less_its_leakage(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    hot = at_15.replaced(oil_temperature=celsius(60))
+    hot = at_15.replace(oil_temperature=celsius(60))
     batch = [
         LoadCase(pump, at_15),
         LoadCase(pump, hot),
@@ -258,7 +258,7 @@ def test_a_pump_of_nine_pistons_has_lines_at_nine_times_the_shaft_frequency(
 def test_a_pump_that_leaks_more_than_it_displaces_is_refused(
     pump: Pump, at_15: OperatingCondition
 ) -> None:
-    slow = at_15.replaced(speed=rpm(60), oil_temperature=celsius(90))
+    slow = at_15.replace(speed=rpm(60), oil_temperature=celsius(90))
     with pytest.raises(
         InputError, match=r"25scy14-1b, 60 rev/min, 15 MPa, .*leaks all it displaces"
     ):

@@ -32,7 +32,7 @@ def test_a_slip_of_the_unit_is_refused_with_its_remedy(
     at_15: OperatingCondition, changes: dict[str, float], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        at_15.replaced(**changes)
+        at_15.replace(**changes)
 
 
 @pytest.mark.parametrize(
@@ -43,14 +43,14 @@ def test_no_value_of_a_condition_is_zero_negative_or_infinite(
     at_15: OperatingCondition, name: str, value: float
 ) -> None:
     with pytest.raises(InputError, match=f"{name} .* must be a positive number"):
-        at_15.replaced(**{name: value})
+        at_15.replace(**{name: value})
 
 
 def test_conditions_match_within_the_tolerances(at_15: OperatingCondition) -> None:
-    assert at_15.matches(at_15.replaced(speed=at_15.speed * 1.019, discharge_pressure=MPa(15.9)))
-    assert not at_15.matches(at_15.replaced(speed=at_15.speed * 1.03))
-    assert not at_15.matches(at_15.replaced(discharge_pressure=MPa(16.1)))
-    assert at_15.matches(at_15.replaced(oil_temperature=celsius(60)))
+    assert at_15.matches(at_15.replace(speed=at_15.speed * 1.019, discharge_pressure=MPa(15.9)))
+    assert not at_15.matches(at_15.replace(speed=at_15.speed * 1.03))
+    assert not at_15.matches(at_15.replace(discharge_pressure=MPa(16.1)))
+    assert at_15.matches(at_15.replace(oil_temperature=celsius(60)))
 
 
 def test_an_unstated_value_matches_only_an_unstated_one() -> None:

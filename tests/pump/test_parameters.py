@@ -23,7 +23,7 @@ from swashtwin.pump import (
     new_pump,
     pump_numbers,
 )
-from swashtwin.pump.parameters import with_numbers
+from swashtwin.pump.parameters import map_numbers
 
 TEXT = (resources.files("swashtwin.pump") / "pumps" / "25scy14-1b.toml").read_text(encoding="utf-8")
 
@@ -91,7 +91,7 @@ def test_any_pump_comes_back_from_its_file_as_it_was(
             return tuple(number * next(supply) for number in value)
         return value * next(supply) if isinstance(value, float) else value
 
-    written = with_numbers(pump, varied)
+    written = map_numbers(pump, varied)
     back = load_pump(save(tmp_path, tomli_w.dumps(tables_of(written))))
     for (path, number, _), (_, expected, _) in zip(
         pump_numbers(back), pump_numbers(written), strict=True
@@ -134,7 +134,7 @@ def test_any_pump_comes_back_from_its_file_as_it_was(
         ('"0.8 mm"', '"18 mm"', InputError, r"orifice_diameter \(18 mm\) must be below pocket_diameter \(14 mm\)"),
         ('"358 deg"', '"372 deg"', InputError, r"kidneys overlap at top dead center: discharge_close .372 deg. .*370"),
         ('"8 deg"', '"80 deg"', InputError, r"groove of 80 deg .* cannot be milled"),
-        ('"0.92"', '"1.1"', InputError, r"balance_ratio \(1.1\) must be below 1: the oil would push"),
+        ('"0.92"', '"1.1"', InputError, r"balance_ratio \(1.1\) must be below 1: otherwise the oil pushes"),
         ('film_radius = { value = "26 mm"', 'film_radius = { value = "36 mm"', InputError,
          r"film_radius \(36 mm\) must lie on the valve plate"),
         ('"194 deg"', '"170 deg"', InputError,

@@ -15,8 +15,8 @@ from recording_files import noise
 from swashtwin.foundation import DataError, InputError, LeakError, MissingFileError, MPa, rpm
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
-    Options,
     RawFile,
+    ReadOptions,
     Recording,
     Recordings,
     load_recording,
@@ -323,7 +323,7 @@ def test_a_split_that_cannot_be_is_refused() -> None:
 # ---- a file format of one's own
 
 
-def read_counts(path: Path, options: Options) -> RawFile:
+def read_counts(path: Path, options: ReadOptions) -> RawFile:
     """Content of a made-up format: a line with the rate, then one line of numbers for each
     channel.
     """

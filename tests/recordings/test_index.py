@@ -406,7 +406,7 @@ def test_the_bearing_set_is_indexed_from_its_table(public_data: Path, tmp_path: 
     ("fact", "message"),
     [
         ({"sample_rate": "25600"}, "sample_rate = '25600' has no unit"),
-        ({"unit": "gg"}, "unit = 'gg' is none of"),
+        ({"unit": "gg"}, "unit = 'gg' must be one of"),
         ({"pressure": "15 MNa"}, "pressure = '15 MNa'"),
     ],
 )

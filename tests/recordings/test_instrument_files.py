@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from swashtwin.recordings import Recording, load_recording
-from swashtwin.recordings.formats.raw import RawFile
+from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.stated_facts import facts_of_header
 
 RATE = 10_000.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swashtwin.recordings import (
-    BLOCK,
+    BLOCK_SAMPLES,
     Recording,
     inspect_recordings,
     join_manifests,
@@ -70,7 +70,7 @@ def test_a_store_of_resampled_or_filtered_recordings_knows_what_was_recorded(tmp
 
 
 def test_blocks_do_not_change_a_hash_nor_does_the_sign_of_zero():
-    signal = np.zeros((1, BLOCK + 7))
+    signal = np.zeros((1, BLOCK_SAMPLES + 7))
     signal[0, 5] = 1.0
     negative = np.where(signal == 0, -0.0, signal)
     assert (
@@ -90,7 +90,7 @@ def test_a_channel_that_never_changes_makes_no_two_recordings_one():
 
 @pytest.mark.parametrize("step", [1.0, -3.0, 1 / 25600])
 def test_a_counter_or_a_time_makes_no_two_recordings_one(step):
-    ramp = np.round(step * np.arange(BLOCK + 9.0), 6)
+    ramp = np.round(step * np.arange(BLOCK_SAMPLES + 9.0), 6)
     noise = np.random.default_rng(0).normal(size=(2, ramp.size))
     first, second = (Recording(np.stack([ramp, row]), 1.0, "a", ("n", "y")) for row in noise)
     assert len(first.content_hashes()) == 1

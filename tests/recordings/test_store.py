@@ -52,7 +52,7 @@ def make(name: str, count: int = 5000, **changes: object) -> Recording:
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks of which a recording of these tests has several."""
     for module in ("recordings.recording", "recordings.formats.hdf5", "learning.windows.cutting"):
-        monkeypatch.setattr(f"swashtwin.{module}.BLOCK", 700)
+        monkeypatch.setattr(f"swashtwin.{module}.BLOCK_SAMPLES", 700)
 
 
 def assert_same(first: Recording, second: Recording) -> None:

@@ -186,7 +186,7 @@ def test_blocks_of_a_steady_twin_are_its_simulation_bit_for_bit(
     pump: Pump, at_15: OperatingCondition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     twin = Twin(pump, at_15, bandwidth=1000)
-    monkeypatch.setattr(model, "BLOCK", 1000)
+    monkeypatch.setattr(model, "BLOCK_SAMPLES", 1000)
     blocks = list(twin.blocks(0.8, 6400.0, phase=0.3, recording_id="r"))
     whole = twin.simulate(0.8, 6400.0, phase=0.3, recording_id="r")
     assert len(blocks) == 6

@@ -9,7 +9,7 @@ import pytest
 
 from swashtwin.foundation import DataError
 from swashtwin.recordings import (
-    Options,
+    ReadOptions,
     Recording,
     inspect_recordings,
     load_recording,
@@ -127,16 +127,20 @@ def test_time_stamps_give_the_rate(text: str, tmp_path: Path) -> None:
 def test_dates_of_two_orders_are_refused(tmp_path: Path) -> None:
     lines = rows_of("%m/%d/%Y %H:%M:%S.%ms,%n\n") + rows_of("09/25/2019 %H:%M:%S.%ms,%n\n")
     (tmp_path / "a.csv").write_text("t,x\n" + lines)
-    assert csv.read(tmp_path / "a.csv", Options()).attributes["date"].startswith("2019-09-11T08:00")
+    assert (
+        csv.read(tmp_path / "a.csv", ReadOptions())
+        .attributes["date"]
+        .startswith("2019-09-11T08:00")
+    )
     (tmp_path / "a.csv").write_text("t,x\n" + lines + rows_of("25/09/2019 %H:%M:%S.%ms,%n\n"))
     with pytest.raises(DataError, match="no one order of day, month and year"):
-        csv.read(tmp_path / "a.csv", Options())
+        csv.read(tmp_path / "a.csv", ReadOptions())
 
 
 def test_a_blank_first_stamp_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x\n,0\n" + rows_of("%Y-%m-%d %H:%M:%S.%ms,%n\n"))
     with pytest.raises(DataError, match="has no time at its first sample"):
-        csv.read(tmp_path / "a.csv", Options())
+        csv.read(tmp_path / "a.csv", ReadOptions())
 
 
 def test_time_stamps_run_over_midnight(tmp_path: Path) -> None:
@@ -243,11 +247,11 @@ def test_a_bomb_and_an_endless_line_are_refused(
     monkeypatch.setattr(csv, "_LONGEST_TEXT", 1 << 16)
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"x\n" + b"0\n" * (1 << 18)))
     with pytest.raises(DataError, match="unpacks to more than 300 times its size"):
-        csv.read(tmp_path / "a.csv.gz", Options())
+        csv.read(tmp_path / "a.csv.gz", ReadOptions())
     monkeypatch.setattr(csv, "_BYTES", 1 << 10)
     (tmp_path / "a.csv").write_text("1" * (1 << 13))
     with pytest.raises(DataError, match="has a line of more than"):
-        csv.read(tmp_path / "a.csv", Options())
+        csv.read(tmp_path / "a.csv", ReadOptions())
 
 
 def test_a_name_like_a_formula_is_no_formula_in_the_file(tmp_path: Path) -> None:

@@ -56,13 +56,13 @@ def test_a_pump_with_other_pistons_and_speed_is_refused_with_both_values(
 def test_another_speed_or_pressure_is_refused_unless_it_is_named_on_purpose(
     twin: Twin, same: Recording
 ) -> None:
-    faster = twin.condition.replaced(speed=rpm(1500))
+    faster = twin.condition.replace(speed=rpm(1500))
     with pytest.raises(
         InputError, match=r"the twin runs at 1500 rev/min and the recordings state 860 rev/min"
     ):
         require_same_machine(twin, [faster], [same])
     assert require_same_machine(twin, [faster], [same], speed=False) == ()
-    higher = twin.condition.replaced(discharge_pressure=MPa(28))
+    higher = twin.condition.replace(discharge_pressure=MPa(28))
     with pytest.raises(
         InputError, match=r"the twin runs at 28 MPa and the recordings state 15 MPa: .* calibrate"
     ):
@@ -108,7 +108,7 @@ def test_noise_shows_nothing_and_that_is_said(twin: Twin, same: Recording) -> No
 def test_training_refuses_synthetic_windows_of_another_speed(twin: Twin, same: Recording) -> None:
     measured = cut_windows([same], length=1024, allow_partial_revolution=True)
     synthetic = simulate_windows(
-        twin.at(twin.condition.replaced(speed=rpm(1500))),
+        twin.at(twin.condition.replace(speed=rpm(1500))),
         count=2,
         like=measured,
         seed=0,

@@ -70,7 +70,7 @@ def test_a_window_does_not_depend_on_those_made_beside_it(
     twin: Twin, measured: WindowSet, pump: Pump, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = replace(
-        twin, pump=replace(pump, name="other"), condition=twin.condition.replaced(speed=60.0)
+        twin, pump=replace(pump, name="other"), condition=twin.condition.replace(speed=60.0)
     )
     few, many = (
         simulate_windows([twin, other], count=count, like=measured, seed=0) for count in (3, 7)

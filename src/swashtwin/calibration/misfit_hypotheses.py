@@ -159,7 +159,7 @@ def _change_pressure(objective: Objective, before: float) -> Iterator[MisfitHypo
             condition = each.twin.condition
             pressure = factor * condition.discharge_pressure
             changed.append(
-                replace(each, twin=each.twin.at(condition.replaced(discharge_pressure=pressure)))
+                replace(each, twin=each.twin.at(condition.replace(discharge_pressure=pressure)))
             )
         refits.append((*_refit(replace(objective, comparisons=tuple(changed))), factor))
     point, misfit, factor = min(refits, key=lambda refit: refit[1])

@@ -128,7 +128,7 @@ def plan_recording(
     speeds = forecast.around("speed") if speeds is None else speeds
     pressures = forecast.around("discharge_pressure") if pressures is None else pressures
     conditions = [
-        forecast.present[0].condition.replaced(speed=speed, discharge_pressure=pressure)
+        forecast.present[0].condition.replace(speed=speed, discharge_pressure=pressure)
         for speed, pressure in product(speeds, pressures)
     ]
     if not (conditions and sets):

@@ -22,7 +22,7 @@ from swashtwin.calibration.spectrum_objective import Objective
 from swashtwin.calibration.unknowns import BOUND_MARGIN, CONSTANTS, VALUES, Unknowns, touched
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Twin
-from swashtwin.pump import LETTERS, PARAMETERS, Interfaces
+from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS, Interfaces
 
 Verdict = Literal["identified", "weak", "not identified", "at bound"]
 
@@ -161,7 +161,7 @@ def estimates_of(
     return tuple(
         estimated(
             name,
-            LETTERS[name],
+            PARAMETER_SYMBOLS[name],
             "N*s/m" if name.endswith("damping") else "N/m",
             nominal=float(space.nominal[i]),
             value=float(values[i]),
@@ -169,7 +169,7 @@ def estimates_of(
             prior_std=float(prior_std[i]),
             bounds=(float(space.lower[i]), float(space.upper[i])),
             in_doubt=in_doubt,
-            traded_with=LETTERS[PARAMETERS[partners[i]]]
+            traded_with=PARAMETER_SYMBOLS[PARAMETERS[partners[i]]]
             if correlation[i, partners[i]] > 0.9
             else None,
         )

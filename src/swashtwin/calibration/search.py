@@ -15,7 +15,7 @@ from swashtwin.calibration.spectrum_objective import Objective
 from swashtwin.calibration.unknowns import DEFAULT_FACTOR, VALUES, SearchSpace, touched
 from swashtwin.foundation import InputError, one_thread, random_stream
 from swashtwin.physics import HarmonicBalance, SteadySolver
-from swashtwin.pump import LETTERS, PARAMETERS
+from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS
 
 EXACT: SteadySolver = HarmonicBalance()
 """The solver of every method's default."""
@@ -225,7 +225,7 @@ def widening_search(
         widened |= letters
         space = objective.unknowns.space
         factor = np.array(
-            [DEFAULT_FACTOR if letter in letters else 1.0 for letter in LETTERS.values()]
+            [DEFAULT_FACTOR if letter in letters else 1.0 for letter in PARAMETER_SYMBOLS.values()]
         )
         wider = SearchSpace(space.nominal, space.lower / factor, space.upper * factor)
         objective = replace(
@@ -235,7 +235,7 @@ def widening_search(
         search = method.search(begun, seed=seed, progress=progress)
         simulations += search.simulations
     if widened:
-        note = f"{', '.join(letter for letter in LETTERS.values() if letter in widened)}: {WIDENED}"
+        note = f"{', '.join(letter for letter in PARAMETER_SYMBOLS.values() if letter in widened)}: {WIDENED}"
         search = replace(search, simulations=simulations, notes=(*search.notes, note))
     return objective, search
 
@@ -245,7 +245,7 @@ def _to_widen(objective: Objective, search: Search, names: Collection[str]) -> s
     space = objective.unknowns.space
     may_grow = space.upper / space.nominal < GREATEST_FACTOR * (1 - 1e-9)
     at_bound = touched(search.point, objective.unknowns)[VALUES]
-    letters = [LETTERS[name] for name in PARAMETERS]
+    letters = [PARAMETER_SYMBOLS[name] for name in PARAMETERS]
     return {
         letter for letter, grow, at in zip(letters, may_grow, at_bound, strict=True) if grow and at
     } & set(names)

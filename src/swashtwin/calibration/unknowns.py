@@ -19,7 +19,7 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError
 from swashtwin.physics import Scales, SensorPath, Twin, path_response
-from swashtwin.pump import LETTERS, PARAMETERS
+from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS
 
 DEFAULT_FACTOR = 10.0
 """The search reaches from a tenth of each nominal value to ten times it."""
@@ -82,7 +82,7 @@ def search_space(
     lower, upper = nominal / factor, nominal * factor
     names = {
         **{name: i for i, name in enumerate(PARAMETERS)},
-        **{LETTERS[n]: i for i, n in enumerate(PARAMETERS)},
+        **{PARAMETER_SYMBOLS[n]: i for i, n in enumerate(PARAMETERS)},
     }
     for name, (least, greatest) in bounds.items() if isinstance(bounds, Mapping) else ():
         if name not in names:
@@ -227,7 +227,7 @@ class Unknowns:
         """Letter of each value; ``mount``, ``gain cover_z``, ``mode 1 frequency``, ... of the
         others.
         """
-        return (*LETTERS.values(), *(name for name, _, _ in self._constants))
+        return (*PARAMETER_SYMBOLS.values(), *(name for name, _, _ in self._constants))
 
     @cached_property
     def start(self) -> Float[np.ndarray, " unknown"]:
@@ -408,5 +408,7 @@ def unstated(bounds: Mapping[str, tuple[float, float]] | float | None) -> tuple[
     if isinstance(bounds, int | float):
         return ()
     return tuple(
-        letter for name, letter in LETTERS.items() if not {name, letter} & set(bounds or ())
+        letter
+        for name, letter in PARAMETER_SYMBOLS.items()
+        if not {name, letter} & set(bounds or ())
     )

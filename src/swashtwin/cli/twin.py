@@ -269,10 +269,10 @@ def _derived(pump: "Pump") -> Iterator[tuple[str, float, str]]:
 
 
 def _in_trade_units(value: Any, unit: str) -> str:
-    from swashtwin.pump import in_trade_units
+    from swashtwin.pump import format_quantity
 
     return ", ".join(
-        in_trade_units(number, unit, 5)
+        format_quantity(number, unit, 5)
         for number in (value if isinstance(value, tuple) else (value,))
     )
 

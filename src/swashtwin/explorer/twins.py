@@ -17,7 +17,7 @@ from swashtwin.explorer.workspace import Name, Workspace
 from swashtwin.foundation import DataError, InputError, MPa, SwashTwinError, rpm, safe_file_name
 from swashtwin.pump import (
     FAULT_KINDS,
-    LETTERS,
+    PARAMETER_SYMBOLS,
     PARAMETERS,
     Fault,
     Interfaces,
@@ -134,7 +134,7 @@ class TwinWorkbench:
         return {
             "starts": names,
             "faults": faults,
-            "letters": [LETTERS[name] for name in PARAMETERS],
+            "letters": [PARAMETER_SYMBOLS[name] for name in PARAMETERS],
         }
 
     def _start(self, name: str) -> "tuple[Twin, Calibration | None]":
@@ -158,7 +158,7 @@ class TwinWorkbench:
             "speed": setting.rpm and setting.rpm * math.pi / 30,
             "discharge_pressure": setting.mpa and setting.mpa * 1e6,
         }
-        condition = condition.replaced(**{name: value for name, value in changes.items() if value})
+        condition = condition.replace(**{name: value for name, value in changes.items() if value})
         fault = twin.fault if setting.fault == "start" else _fault(setting)
         key = setting.start, id(calibration), condition, fault
         if self._last is None or self._last[0] != key:

@@ -7,8 +7,8 @@ from .excitation import AddedLeakage as AddedLeakage
 from .excitation import PortChange as PortChange
 from .excitation import added_leakage as added_leakage
 from .excitation import displacement_lines as displacement_lines
+from .excitation import find_recess as find_recess
 from .excitation import port_change as port_change
-from .excitation import recess_of as recess_of
 from .excitation import slipper_displacements as slipper_displacements
 from .fault_forcing import FaultAction as FaultAction
 from .fault_forcing import excitation_lines as excitation_lines

@@ -118,17 +118,17 @@ def _newton(step, constants, iterations, work, pressure, line_before):
         )
         line_own = 1 + line_compliance * (slope_sum + relief * (excess > 0))
         line_change = (pushed - line_residual) / (line_own - answered)
-        moved, least = 0.0, 1.0
+        cast_like, least = 0.0, 1.0
         for j in range(n_pistons):
             change = (-residual[j] - through[j] * line_change) / diagonal[j]
             damping[j] = 0.5 * damping[j] if change * before[j] < 0 else min(1.0, 1.5 * damping[j])
             before[j] = change
             after = max(pressure[j] + damping[j] * change, FLOOR)
-            moved = max(moved, abs(after - pressure[j]))
+            cast_like = max(cast_like, abs(after - pressure[j]))
             least = min(least, damping[j])
             pressure[j] = after
         line += least * line_change
-        if max(moved / least, abs(line_change)) < TOLERANCE:
+        if max(cast_like / least, abs(line_change)) < TOLERANCE:
             return line
     return math.nan
 

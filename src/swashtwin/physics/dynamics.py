@@ -147,7 +147,9 @@ def _column(factor: Tensor | float) -> Tensor | float:
     return factor[..., None, None] if isinstance(factor, Tensor) else factor
 
 
-def moved(tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]) -> Shaped[Tensor, "*shape"]:
+def cast_like(
+    tensor: Shaped[Tensor, "*shape"], like: Float[Tensor, "..."]
+) -> Shaped[Tensor, "*shape"]:
     """`tensor`, real or complex, on the device and in the precision of `like`."""
     return tensor.to(like.device, like.dtype.to_complex() if tensor.is_complex() else like.dtype)
 

@@ -42,12 +42,12 @@ an estimate.
 
 
 @singledispatch
-def recess_of(fault: Fault | None) -> SwashPlateDefect | None:
+def find_recess(fault: Fault | None) -> SwashPlateDefect | None:
     """The recess that a fault makes in the slippers' track; None, unless registered otherwise."""
     return None
 
 
-@recess_of.register(SwashPlateDefect)
+@find_recess.register(SwashPlateDefect)
 def _(fault: SwashPlateDefect) -> SwashPlateDefect:
     return fault
 
@@ -98,7 +98,7 @@ def stages(pump: Pump, defect: SwashPlateDefect) -> Stages:
     return Stages(rise=rise / radius, total=total / radius, depth=defect.effective_depth(slipper))
 
 
-def following(
+def followed_share(
     defect: SwashPlateDefect, frequency: Float[np.ndarray, " line"]
 ) -> Float[np.ndarray, " line"]:
     """Share of a recess that slippers follow at `frequency` [Hz]: 2^-(f / corner)^fall, half of it
@@ -112,7 +112,7 @@ def following(
     return np.exp(-((frequency / (math.inf if defect.strains_films else CONTACT_CUTOFF)) ** 2))
 
 
-def ridden(defect: SwashPlateDefect) -> SwashPlateDefect:
+def canonical_recess(defect: SwashPlateDefect) -> SwashPlateDefect:
     """The same recess but for how its force is felt: all such share one ride, and the same
     pressures.
     """
@@ -200,7 +200,7 @@ def displacement_lines(
 
     Neighboring slippers overlap in the paper's defect, and equal slippers leave only multiples of
     n: the lines of a healthy pump, weighted differently. `SwashPlateDefect.gain` is not applied
-    here; what slippers do not follow is left out where films are strained (`following`).
+    here; what slippers do not follow is left out where films are strained (`followed_share`).
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def displacement_lines(
     orders = _orders(n_lines)
     combined = combined_lines(pump, orders, scatter)
     if defect.strains_films:
-        combined = combined * following(defect, orders * condition.shaft_frequency)
+        combined = combined * followed_share(defect, orders * condition.shaft_frequency)
     return (
         combined
         * np.exp(-1j * orders * defect.angle)

@@ -16,13 +16,13 @@ import torch
 from jaxtyping import Complex, Float, Int
 from torch import Tensor
 
-from swashtwin.physics.dynamics import N_DOF, Dof, Structure, moved, off_axis_vector
+from swashtwin.physics.dynamics import N_DOF, Dof, Structure, cast_like, off_axis_vector
 from swashtwin.physics.excitation import (
     bore_lines,
+    canonical_recess,
     displacement_lines,
-    following,
-    recess_of,
-    ridden,
+    find_recess,
+    followed_share,
 )
 from swashtwin.physics.lost_contact import riding_lines
 from swashtwin.physics.periodic import PeriodicTerm
@@ -57,13 +57,13 @@ def motion_lines(
 ) -> Lines:
     """Lines 1...`n_lines` of a fault's displacement [m], which `fault_action` takes.
 
-    Unless registered otherwise, those of its recess (`recess_of`), or zero.
+    Unless registered otherwise, those of its recess (`find_recess`), or zero.
     """
-    recess = recess_of(fault)
+    recess = find_recess(fault)
     if recess is None:
         return np.zeros(n_lines, dtype=complex)
     if recess.contact == "lift_off":
-        return riding_lines(pump, condition, ridden(recess), n_lines)
+        return riding_lines(pump, condition, canonical_recess(recess), n_lines)
     return displacement_lines(pump, condition, recess, n_lines)
 
 
@@ -169,9 +169,9 @@ def fault_action(
 ) -> FaultAction:
     """Action of a fault whose displacement `lines` are given at `frequency` [rad/s], float64.
 
-    Unless registered otherwise, that of its recess (`recess_of`), or none.
+    Unless registered otherwise, that of its recess (`find_recess`), or none.
     """
-    recess, idle = recess_of(fault), no_action(structure, frequency, lines)
+    recess, idle = find_recess(fault), no_action(structure, frequency, lines)
     if recess is None:
         return idle
     slipper, motion = structure.slipper_vector, idle.motion
@@ -181,7 +181,7 @@ def fault_action(
             pump.masses.piston_slipper
             / tilt
             * frequency**2
-            * following(recess, frequency / (2 * np.pi))
+            * followed_share(recess, frequency / (2 * np.pi))
         )
         return replace(idle, direct=torch.as_tensor(recess.gain * inertia) * motion, pushes=True)
     factor = recess.gain * (share if recess.contact == "shared" else 1.0)
@@ -231,10 +231,10 @@ def fault_forces(
     [rad/s].
     """
     action = fault_action(fault, pump, structure, topology, frequency, lines).mapped(
-        lambda part: moved(part, values)
+        lambda part: cast_like(part, values)
     )
     return action.forces(
-        values, moved(structure.slipper_vector, values), values.new_ones(values.shape[:-1])
+        values, cast_like(structure.slipper_vector, values), values.new_ones(values.shape[:-1])
     )
 
 

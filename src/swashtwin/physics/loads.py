@@ -21,9 +21,9 @@ from swashtwin.physics.chambers import ATMOSPHERE, ITERATIONS, march
 from swashtwin.physics.dynamics import N_DOF, Dof
 from swashtwin.physics.excitation import (
     added_leakage,
+    canonical_recess,
+    find_recess,
     port_change,
-    recess_of,
-    ridden,
     slipper_profile,
 )
 from swashtwin.physics.films import (
@@ -122,7 +122,7 @@ def _over_angle(case: LoadCase, angle: np.ndarray, step_time: float) -> np.ndarr
     volume = group.dead_volume + group.piston_area * lift * (1 - np.cos(angle))
     swept = group.piston_area * lift * np.sin(angle)
     slipper = np.full_like(angle, slipper_leakage(pump, group.slipper_film, viscosity))
-    recess = recess_of(fault)
+    recess = find_recess(fault)
     if recess is not None and not recess.strains_films and recess.depth > 0:
         height, slope = slipper_profile(pump, recess, angle)
         volume = volume + group.piston_area * height / math.cos(group.swash_angle)
@@ -322,9 +322,9 @@ def _pressing(case: LoadCase) -> LoadCase:
     """The case without a fault that leaves its pressures alone: cases of equal pressures become
     equal.
     """
-    recess = recess_of(case.fault)
+    recess = find_recess(case.fault)
     if recess is not None and not recess.strains_films:
-        return replace(case, fault=ridden(recess))
+        return replace(case, fault=canonical_recess(recess))
     for effect in (port_change, added_leakage):
         if effect.dispatch(type(case.fault)) is not effect.dispatch(object):
             return case

@@ -24,8 +24,9 @@ from swashtwin.foundation import (
     safe_file_name,
     write_text,
 )
+from swashtwin.pump.geometry import require_sound_geometry
+from swashtwin.pump.nameplate import Nameplate, scaled_pump
 from swashtwin.pump.parameters import Bearings, Positions, Pump, Rated, Sensor, pump_text
-from swashtwin.pump.scaling import Nameplate, require_sound_geometry, scaled_pump
 
 FORMAT = 1
 

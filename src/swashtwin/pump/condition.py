@@ -100,9 +100,9 @@ class OperatingCondition:
         --------
         >>> from swashtwin.foundation.units import MPa, rpm
         >>> condition = OperatingCondition(speed=rpm(860), discharge_pressure=MPa(15))
-        >>> condition.matches(condition.replaced(speed=rpm(850), discharge_pressure=MPa(14.5)))
+        >>> condition.matches(condition.replace(speed=rpm(850), discharge_pressure=MPa(14.5)))
         True
-        >>> condition.matches(condition.replaced(speed=rpm(850)), speed=0.01)
+        >>> condition.matches(condition.replace(speed=rpm(850)), speed=0.01)
         False
         """
         return bool(
@@ -110,7 +110,7 @@ class OperatingCondition:
             and values_match(self.discharge_pressure, other.discharge_pressure, PRESSURE_TOLERANCE)
         )
 
-    def replaced(self, **changes: float) -> "OperatingCondition":
+    def replace(self, **changes: float) -> "OperatingCondition":
         """The same condition with some values changed."""
         return replace(self, **changes)
 

@@ -35,7 +35,7 @@ InterfaceValue = IntEnum(
 )
 """Index of each of the six values in the order of `PARAMETERS`."""
 
-LETTERS = MappingProxyType(
+PARAMETER_SYMBOLS = MappingProxyType(
     dict(zip(PARAMETERS, ("C_sw", "K_sw", "C_v", "K_v", "C_Hz", "K_Hz"), strict=True))
 )
 """The paper's letters. Its names contradict each other (C_v is its "cylinder damping"): this map is
@@ -358,13 +358,13 @@ _EXACT = (
 """What sets the displacement, which is that of the nameplate to all digits."""
 
 
-def in_trade_units(value: float, unit: str, digits: int = _DIGITS) -> str:
+def format_quantity(value: float, unit: str, digits: int = _DIGITS) -> str:
     """A number in SI as people of the trade write it, with its unit: millimeters, degrees, MPa,
     rpm, cm^3.
 
     Examples
     --------
-    >>> in_trade_units(0.026, "m"), in_trade_units(1.2e-5, "m"), in_trade_units(15e6, "Pa")
+    >>> format_quantity(0.026, "m"), format_quantity(1.2e-5, "m"), format_quantity(15e6, "Pa")
     ('26 mm', '12 um', '15 MPa')
     """
     if unit == "K":
@@ -388,11 +388,11 @@ def pump_numbers(pump: Pump) -> list[tuple[str, Any, str]]:
         numbers.append((path, value, unit))
         return value
 
-    with_numbers(pump, note)
+    map_numbers(pump, note)
     return numbers
 
 
-def with_number(pump: Pump, path: str, value: Any) -> Pump:
+def replace_number(pump: Pump, path: str, value: Any) -> Pump:
     """The pump with another value of the number at `path`.
 
     Raises
@@ -400,11 +400,11 @@ def with_number(pump: Pump, path: str, value: Any) -> Pump:
     InputError
         The part cannot be so.
     """
-    changed: Pump = with_numbers(pump, lambda at, before, unit: value if at == path else before)
+    changed: Pump = map_numbers(pump, lambda at, before, unit: value if at == path else before)
     return changed
 
 
-def with_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = "") -> Any:
+def map_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = "") -> Any:
     """The pump, or a part of it, with what `change` gives for the path, the value and the unit of
     each number.
     """
@@ -414,10 +414,10 @@ def with_numbers(part: Any, change: Callable[[str, Any, str], Any], path: str = 
         if "unit" in item.metadata:
             changes[item.name] = change(at, value, item.metadata["unit"])
         elif is_dataclass(value):
-            changes[item.name] = with_numbers(value, change, at)
+            changes[item.name] = map_numbers(value, change, at)
         elif item.name == "sensors":
             changes[item.name] = tuple(
-                with_numbers(sensor, change, f"{at}[{number}]")
+                map_numbers(sensor, change, f"{at}[{number}]")
                 for number, sensor in enumerate(value)
             )
     return replace(part, **changes)
@@ -444,7 +444,7 @@ def pump_text(pump: Pump, comment: str) -> str:
             lines += ["", f"[{section}]"]
         digits = 12 if path in _EXACT else _DIGITS
         numbers = [
-            in_trade_units(number, unit, digits)
+            format_quantity(number, unit, digits)
             for number in (value if isinstance(value, tuple) else (value,))
         ]
         quantity = json.dumps(numbers if isinstance(value, tuple) else numbers[0])

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, UnitError, from_table
-from swashtwin.recordings.formats.raw import Options, Text
+from swashtwin.recordings.formats.raw_file import ReadOptions, Text
 
 QUANTITIES = {
     "sample_rate": "Hz",
@@ -22,7 +22,7 @@ QUANTITIES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry(Options):
+class Entry(ReadOptions):
     """Facts of one file in an index; quantities are text with their unit."""
 
     file: str
@@ -49,9 +49,11 @@ class Entry(Options):
     """Further facts."""
 
     @property
-    def options(self) -> Options:
+    def options(self) -> ReadOptions:
         """How the file is read."""
-        return Options(**{field.name: getattr(self, field.name) for field in fields(Options)})
+        return ReadOptions(
+            **{field.name: getattr(self, field.name) for field in fields(ReadOptions)}
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], where: str) -> "Entry":

@@ -23,7 +23,12 @@ from swashtwin.foundation import (
     resume_folder,
 )
 from swashtwin.recordings.formats.isolation import read_in_subprocess
-from swashtwin.recordings.formats.raw import STORE_KIND, Options, RawFile, require_plausible_rates
+from swashtwin.recordings.formats.raw_file import (
+    STORE_KIND,
+    RawFile,
+    ReadOptions,
+    require_plausible_rates,
+)
 from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.samples import Columns, Samples
 
@@ -32,7 +37,7 @@ _FORMATS = {
     ".mat": "mat", ".wav": "wav", ".tdms": "tdms", ".uff": "uff", ".unv": "uff", ".h5": "hdf5", ".hdf5": "hdf5",
     ".parquet": "parquet", ".npz": "npz", ".mf4": "mdf", ".mdf": "mdf",
 }  # fmt: skip
-_registered: dict[str, "Callable[[Path, Options], RawFile]"] = {}
+_registered: dict[str, "Callable[[Path, ReadOptions], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
 WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 """Suffixes of the files that a recording can be written to."""
@@ -44,7 +49,7 @@ def suffixes() -> tuple[str, ...]:
     return tuple(dict.fromkeys((*_FORMATS, *_registered, *installed)))
 
 
-def register_format(suffix: str, read: Callable[[Path, Options], RawFile]) -> None:
+def register_format(suffix: str, read: Callable[[Path, ReadOptions], RawFile]) -> None:
     """Let files that end in `suffix` be read by `read`, in indexes and by `load_recording`.
 
     An installed package does the same without a call by an entry point of the group
@@ -53,7 +58,7 @@ def register_format(suffix: str, read: Callable[[Path, Options], RawFile]) -> No
     Parameters
     ----------
     suffix : such as ``".acq"``, in any case of letters.
-    read : called with the path of a file and the `Options` of its index entry; returns its content.
+    read : called with the path of a file and the `ReadOptions` of its index entry; returns its content.
         It may raise
         anything: a file that it cannot read is reported as damaged.
 
@@ -88,7 +93,7 @@ def stem_of(path: Path) -> str:
     return path.name[: -len(suffix)] if suffix else path.name
 
 
-def open_raw(path: Path, options: Options) -> RawFile:
+def open_raw(path: Path, options: ReadOptions) -> RawFile:
     """Content of a file; its columns stay in the file until they are sliced, where the format
     allows it.
 
@@ -130,7 +135,7 @@ def open_raw(path: Path, options: Options) -> RawFile:
     return raw
 
 
-def _reader(path: Path) -> Callable[[Path, Options], RawFile]:
+def _reader(path: Path) -> Callable[[Path, ReadOptions], RawFile]:
     """What reads a file: our own formats in another process, registered ones in this."""
     suffix = suffix_of(path)
     if suffix in _FORMATS:
@@ -265,7 +270,7 @@ def write_store(
 def stored_recordings(path: Path) -> list[Recording]:
     """Every recording of a store."""
     try:
-        contents = read_in_subprocess("hdf5", path, Options(), "read_store")
+        contents = read_in_subprocess("hdf5", path, ReadOptions(), "read_store")
         return [_recording(path, raw) for raw in contents.values()]
     except ArtifactError:
         raise
@@ -277,7 +282,7 @@ def stored_recordings(path: Path) -> list[Recording]:
 
 def read_header(path: Path) -> Recording:
     """Recording of a file of its own; its samples are read when they are asked for."""
-    return _recording(path, read_in_subprocess("hdf5", path, Options())[""])
+    return _recording(path, read_in_subprocess("hdf5", path, ReadOptions())[""])
 
 
 def is_store(path: Path) -> bool:

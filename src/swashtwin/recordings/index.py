@@ -28,11 +28,11 @@ from swashtwin.foundation import (
     sha256_of,
     write_text,
 )
-from swashtwin.pump import in_trade_units, is_same_class
+from swashtwin.pump import format_quantity, is_same_class
 from swashtwin.recordings.channel_checks import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import is_store, stem_of, suffix_of
-from swashtwin.recordings.formats.raw import Text
+from swashtwin.recordings.formats.raw_file import Text
 from swashtwin.recordings.loading import PUMP_KEYS, recording_of
 from swashtwin.recordings.recording import Recording, require_distinct
 from swashtwin.recordings.stated_facts import is_quantity
@@ -294,7 +294,7 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     }
     if recording.condition is not None:
         values = {key: getattr(recording.condition, field) for key, field in PUMP_KEYS.items()}
-        entry |= {key: in_trade_units(value, QUANTITIES[key], 15) for key, value in values.items()}
+        entry |= {key: format_quantity(value, QUANTITIES[key], 15) for key, value in values.items()}
     if recording.synthetic:
         entry["synthetic"] = True
     attributes = {

@@ -23,7 +23,13 @@ from swashtwin.foundation import (
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import open_raw, stem_of
-from swashtwin.recordings.formats.raw import RATES, Column, RawFile, file_stamp, require_unchanged
+from swashtwin.recordings.formats.columns import Column
+from swashtwin.recordings.formats.raw_file import (
+    SAMPLE_RATE_RANGE_HZ,
+    RawFile,
+    file_stamp,
+    require_unchanged,
+)
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples, hash_channels
 from swashtwin.recordings.scaling import scale, vibration_columns
@@ -292,7 +298,7 @@ def resampled(samples: Samples, rate: float, wanted: str, where: str) -> tuple[S
     where : how messages call the file.
     """
     new = parse_quantity(wanted, "Hz", name=f"{where}: resample")
-    if not RATES[0] <= new <= RATES[1]:
+    if not SAMPLE_RATE_RANGE_HZ[0] <= new <= SAMPLE_RATE_RANGE_HZ[1]:
         raise DataError(
             f'{where}: resample = {wanted!r} is no rate of a measurement; write such as "12 kHz".'
         )

@@ -13,7 +13,8 @@ from swashtwin.foundation import DataError, MissingFileError, parse_quantity, pl
 from swashtwin.recordings.channel_checks import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import open_raw, stem_of, suffix_of, suffixes
-from swashtwin.recordings.formats.raw import RawFile, require_sample_unit
+from swashtwin.recordings.formats.raw_file import RawFile
+from swashtwin.recordings.formats.sample_units import require_sample_unit
 from swashtwin.recordings.index import path_from
 from swashtwin.recordings.loading import choose_columns, rate_in_file, stated_rate
 from swashtwin.recordings.scaling import scale, vibration_columns

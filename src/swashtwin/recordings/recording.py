@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from swashtwin.foundation import DataError, InputError, plain_text
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings.formats.raw import BLOCK
+from swashtwin.recordings.formats.columns import BLOCK_SAMPLES
 from swashtwin.recordings.samples import Samples
 
 _OF_SAMPLES: Any = object()
@@ -207,9 +207,9 @@ class Recording:
         )
 
     def blocks(self) -> "Iterator[Recording]":
-        """The recording in parts of `BLOCK` samples, which follow each other without a gap."""
-        for start in range(0, self.n_samples, BLOCK):
-            yield self.slice(start, start + BLOCK)
+        """The recording in parts of `BLOCK_SAMPLES` samples, which follow each other without a gap."""
+        for start in range(0, self.n_samples, BLOCK_SAMPLES):
+            yield self.slice(start, start + BLOCK_SAMPLES)
 
     def replace(self, **changes: Any) -> "Recording":
         """The same recording with some facts, its signal or its speed changed; samples in a file

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from swashtwin.foundation import DataError, InputError, SwashTwinError, require_memory
-from swashtwin.recordings.formats.raw import BLOCK, Column, number_type
+from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column, number_type
 
 _UNEQUAL = 0.25
 """Share by which the steps of a ramp may differ: those of a time that was written with few digits
@@ -154,8 +154,8 @@ class Samples:
             return self.signal[:, start:stop]
         channels = self._opened().channels
         samples = np.empty((len(channels), stop - start), self.dtype)
-        for at in range(start, stop, BLOCK):  # columns beside each other are read together
-            end = min(at + BLOCK, stop)
+        for at in range(start, stop, BLOCK_SAMPLES):  # columns beside each other are read together
+            end = min(at + BLOCK_SAMPLES, stop)
             with self._refuse_damage(f"samples {at} to {end} cannot be read"):
                 for row, column in zip(samples, channels, strict=True):
                     np.copyto(
@@ -226,7 +226,8 @@ class Samples:
         """
         if "content" not in self._hashes:
             self._hashes["content"] = self.original_hashes() or hash_channels(
-                self.signal_part(at, at + BLOCK) for at in range(0, self.shape[1], BLOCK)
+                self.signal_part(at, at + BLOCK_SAMPLES)
+                for at in range(0, self.shape[1], BLOCK_SAMPLES)
             )
         return self._hashes["content"]
 

@@ -6,11 +6,10 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from swashtwin.foundation import DataError, UnitError, parse_quantity
-from swashtwin.recordings.formats.raw import (
-    Options,
-    RawFile,
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.sample_units import (
     acceleration_factor,
-    plain_unit,
+    normalize_unit,
     require_sample_unit,
 )
 
@@ -48,9 +47,9 @@ class _Sensitivity(NamedTuple):
         elif number and (parts := re.fullmatch(rf"{_COUNT}\s*/\s*\(?(.+?)\)?", unit)):
             unit, factor = parts[1], 1 / number
         elif number and (parts := re.fullmatch(rf"({_ELECTRIC})\s*/\s*\(?(.+?)\)?", unit)):
-            unit, per, factor = parts[2], plain_unit(parts[1]), 1 / number
+            unit, per, factor = parts[2], normalize_unit(parts[1]), 1 / number
         elif parts := re.fullmatch(rf"\(?(.+?)\)?\s*/\s*({_ELECTRIC})", unit):
-            unit, per = parts[1], plain_unit(parts[2])
+            unit, per = parts[1], normalize_unit(parts[2])
         try:
             require_sample_unit(unit or "1")
         except UnitError:
@@ -59,7 +58,7 @@ class _Sensitivity(NamedTuple):
             raise UnitError(
                 f"{where}: sensitivity = {text!r} must be a number with its unit: {_FORMS}."
             )
-        return cls(factor, plain_unit(unit or "1"), per, text)
+        return cls(factor, normalize_unit(unit or "1"), per, text)
 
     def of(self, unit: str) -> float | None:
         """Quantity that stands for one `unit` of a channel, or None where the channel is no such
@@ -77,7 +76,7 @@ class _Sensitivity(NamedTuple):
 
 
 def scale(
-    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
 ) -> tuple[list[float], str]:
     """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself
     otherwise.
@@ -117,7 +116,7 @@ def scale(
 
 
 def _scale_of(
-    raw: RawFile, options: Options, name: str, sensitivity: _Sensitivity | None, where: str
+    raw: RawFile, options: ReadOptions, name: str, sensitivity: _Sensitivity | None, where: str
 ) -> tuple[float, str]:
     """Quantity that one unit of a channel's numbers stands for: a factor and its unit."""
     in_file = raw.units.get(name, raw.facts.get("unit"))
@@ -164,7 +163,7 @@ def _scale_of(
 
 
 def _sensitivities(
-    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
 ) -> dict[str, _Sensitivity]:
     stated = options.sensitivity
     if stated is None:
@@ -206,7 +205,7 @@ def _sensitivities(
 
 
 def _sensitivities_in_file(
-    raw: RawFile, options: Options, chosen: Sequence[str], where: str
+    raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
 ) -> dict[str, _Sensitivity]:
     """The sensitivities that the file states of channels that are in volts."""
     found: dict[str, _Sensitivity] = {}
@@ -225,7 +224,7 @@ def _sensitivities_in_file(
     return found
 
 
-def vibration_columns(raw: RawFile, options: Options) -> list[str]:
+def vibration_columns(raw: RawFile, options: ReadOptions) -> list[str]:
     """Columns of a file but for those of another quantity beside accelerations: pressures,
     tachometers, temperatures.
 

@@ -22,13 +22,14 @@ from swashtwin.foundation import (
 from swashtwin.pump import is_healthy
 from swashtwin.recordings.entry import QUANTITIES, Entry
 from swashtwin.recordings.files import stem_of
-from swashtwin.recordings.formats.raw import RawFile, plain_unit
-from swashtwin.recordings.formats.tables import (
+from swashtwin.recordings.formats.headings import (
     GROUPED,
-    header_pairs,
+    parse_header,
     shows_decimal_comma,
     split_unit,
 )
+from swashtwin.recordings.formats.raw_file import RawFile
+from swashtwin.recordings.formats.sample_units import normalize_unit
 
 PRESSURES = ("pressure", "suction_pressure", "case_pressure")
 """Keys whose bare numbers have no usual unit: MPa and bar are both in use."""
@@ -184,7 +185,7 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
     """
     if raw.facts:
         return {}
-    pairs: list[tuple[str, str]] = header_pairs(raw.attributes.get("header", ""))
+    pairs: list[tuple[str, str]] = parse_header(raw.attributes.get("header", ""))
     pairs += [
         (name.rpartition(".")[2], text) for name, text in raw.attributes.items() if name != "header"
     ]
@@ -265,7 +266,7 @@ def facts_of_texts(
         elif key in QUANTITIES and (match := re.fullmatch(rf"({_NUMBER})\s*(.*)", text)):
             unit = match[2] or (beside or {}).get(key) or _BARE_UNITS.get(key, "")
             facts[key] = (
-                f"{match[1].replace(',', '.')} {plain_unit(unit.replace('_', '/'))}".strip()
+                f"{match[1].replace(',', '.')} {normalize_unit(unit.replace('_', '/'))}".strip()
             )
         elif key in _ENTRY_KEYS:
             facts[key] = text.strip("_-. ") if key == "label" else text

@@ -134,7 +134,7 @@ def synthesize(
     twin = twin.with_fault(fault)
     named = {"speed": speed, "discharge_pressure": pressure}
     changes = {name: value for name, value in named.items() if value is not None}
-    conditions = [twin.condition.replaced(**changes)]
+    conditions = [twin.condition.replace(**changes)]
     if calibration is not None and not changes:
         conditions = [fit.condition for fit in calibration.fits]
     is_stated = {"speed": speed is None, "pressure": pressure is None}

@@ -164,7 +164,7 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     assert found["interval"][0] == 0 < found["value"] < found["interval"][1]
     assert any("calibration is in doubt" in note for note in found["notes"])
     elsewhere = write_recording(
-        at_speed(1).replace(condition=AT_15.replaced(discharge_pressure=1e7)), tmp_path / "a.h5"
+        at_speed(1).replace(condition=AT_15.replace(discharge_pressure=1e7)), tmp_path / "a.h5"
     )
     for facts, words in (
         ({"label": "other"}, "no such fault"),

@@ -14,7 +14,7 @@ from mqtt_broker import wait_for
 from swashtwin.monitoring.config.settings import MqttSource
 from swashtwin.monitoring.sources.delivery import LARGEST, UnfitError
 from swashtwin.monitoring.sources.mqtt import MqttWatch, read_message, samples_recording
-from swashtwin.recordings import Options
+from swashtwin.recordings import ReadOptions
 
 NOW = datetime(2026, 11, 23, 14, tzinfo=UTC)
 HEADER = {
@@ -85,7 +85,7 @@ def test_a_message_states_type_count_unit_and_sensitivity(
     delivery, content = read_message(payload, "mqtt", NOW, None)
     assert delivery.problem is None
     (path := tmp_path / "message.f32").write_bytes(content)
-    recording = samples_recording(path, delivery.facts, "m", Options())
+    recording = samples_recording(path, delivery.facts, "m", ReadOptions())
     np.testing.assert_allclose(recording.signal, WAVE.T * factor, atol=2e-3 * factor)
     assert (recording.unit, recording.channels) == (unit, ("x", "y"))
 
@@ -98,7 +98,7 @@ def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count
     (path := tmp_path / "message.f32").write_bytes(WAVE.astype("<f4").tobytes()[:size])
     facts = HEADER | {"channels": "x,y", "count": count}
     with pytest.raises(UnfitError, match=reason):
-        samples_recording(path, facts, "m", Options())
+        samples_recording(path, facts, "m", ReadOptions())
 
 
 @contextmanager

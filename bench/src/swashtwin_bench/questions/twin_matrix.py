@@ -12,7 +12,7 @@ import numpy as np
 
 from swashtwin.calibration import GRAVITY
 from swashtwin.physics import Twin
-from swashtwin.pump import LETTERS, PARAMETERS, Interfaces, Pump, Sensor
+from swashtwin.pump import PARAMETER_SYMBOLS, PARAMETERS, Interfaces, Pump, Sensor
 from swashtwin.recordings import Recording
 
 ChangeOfTwin = Callable[[Twin], Twin]
@@ -141,7 +141,7 @@ def _truth_case(family: str, letter: str, factor: float, *, on_rig: bool = False
 
 
 def _truths() -> Iterator[MatrixCase]:
-    for letter in LETTERS.values():
+    for letter in PARAMETER_SYMBOLS.values():
         for factor in (1 / FAR, FAR):
             yield _truth_case("odd truth", letter, factor)
 
@@ -223,7 +223,7 @@ def with_bearings(pump: Pump, *factors: float) -> Pump:
 def with_nominal(pump: Pump, letter: str, factor: float) -> Pump:
     """The pump whose true value is `factor` times the nominal one."""
     values = [
-        value / factor if LETTERS[name] == letter else value
+        value / factor if PARAMETER_SYMBOLS[name] == letter else value
         for name, value in zip(PARAMETERS, pump.interfaces.values(), strict=True)
     ]
     return replace(pump, interfaces=Interfaces.from_values(values))
@@ -271,4 +271,4 @@ def _at_stated_pressure(thing: Twin | Recording, factor: float) -> Any:
     """The twin or the recording at `factor` times its discharge pressure."""
     assert thing.condition is not None  # the study's recordings have one
     pressure = factor * thing.condition.discharge_pressure
-    return replace(thing, condition=thing.condition.replaced(discharge_pressure=pressure))
+    return replace(thing, condition=thing.condition.replace(discharge_pressure=pressure))

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from sklearn.manifold import TSNE
 
 from swashtwin.foundation import plural
-from swashtwin.physics import Twin, recess_of, slipper_displacements
+from swashtwin.physics import Twin, find_recess, slipper_displacements
 from swashtwin.plot import (
     CALIBRATED,
     MEASURED,
@@ -358,7 +358,7 @@ def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
     """Displacement of each slipper in the recess and their sum, over one revolution; an empty list
     for other faults.
     """
-    recess = recess_of(twin.fault)
+    recess = find_recess(twin.fault)
     if recess is None:
         return []
     time = np.linspace(0, twin.condition.period, 701)

@@ -363,7 +363,7 @@ def _calibrated_at(
         if recording.condition is not None and recording.recording_id in calibration.recording_ids
     ]
     return (
-        nearest.replaced(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
+        nearest.replace(oil_temperature=float(np.mean(temperatures))) if temperatures else nearest
     )
 
 

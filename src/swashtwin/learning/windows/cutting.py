@@ -11,7 +11,7 @@ from jaxtyping import Float32
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import (
-    BLOCK,
+    BLOCK_SAMPLES,
     Manifest,
     Recording,
     layout_findings,
@@ -167,7 +167,7 @@ def _slices(
 ) -> Float32[np.ndarray, "window channel time"]:
     count = 1 + (recording.n_samples - length) // stride
     windows = np.empty((count, len(recording.channels), length), dtype=np.float32)
-    at_once = max(1, BLOCK // stride)
+    at_once = max(1, BLOCK_SAMPLES // stride)
     for first in range(0, count, at_once):
         last = min(first + at_once, count)
         signal = recording.slice(first * stride, (last - 1) * stride + length).signal

@@ -31,7 +31,7 @@ from swashtwin.monitoring.sources.delivery import (
 from swashtwin.monitoring.sources.mqtt import SAMPLES, samples_recording
 from swashtwin.monitoring.sources.spool import SpoolFile
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Options, Recording, load_recording, stem_of
+from swashtwin.recordings import ReadOptions, Recording, load_recording, stem_of
 
 _AHEAD = timedelta(minutes=5)
 """How far a recording's time may lie ahead of our clock."""
@@ -176,7 +176,7 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
     name = stem_of(Path(safe_name(delivery.file))) or "recording"
     if file.path.name.endswith(SAMPLES):
         recording = samples_recording(
-            file.path, delivery.facts, name, Options(sensitivity=machine.sensitivity)
+            file.path, delivery.facts, name, ReadOptions(sensitivity=machine.sensitivity)
         )
         if missing := [
             channel for channel in machine.channels if channel not in recording.channels

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.foundation import DataError, InputError, escape_controls, parse_quantity, plain_text
-from swashtwin.recordings import RATES, require_sample_unit
+from swashtwin.recordings import SAMPLE_RATE_RANGE_HZ, require_sample_unit
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
     "rate": ("sample_rate", "Hz"),
@@ -120,9 +120,9 @@ def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:
             value = parse_quantity(text, QUANTITIES[name][1], name=name)
             if not math.isfinite(value) or value <= 0:
                 raise InputError(f"{name} = {_short(text)} must be above zero.")
-            if name == "rate" and not RATES[0] <= value <= RATES[1]:
+            if name == "rate" and not SAMPLE_RATE_RANGE_HZ[0] <= value <= SAMPLE_RATE_RANGE_HZ[1]:
                 raise InputError(
-                    f"rate = {_short(text)} must lie between {RATES[0]:g} and {RATES[1]:g} Hz."
+                    f"rate = {_short(text)} must lie between {SAMPLE_RATE_RANGE_HZ[0]:g} and {SAMPLE_RATE_RANGE_HZ[1]:g} Hz."
                 )
         if read := {"time": read_time, "unit": require_sample_unit}.get(name):
             read(text)

@@ -42,7 +42,7 @@ from swashtwin.monitoring.sources.delivery import (
     check_facts,
     entry_facts,
 )
-from swashtwin.recordings import Options, RawFile, Recording, scale
+from swashtwin.recordings import RawFile, ReadOptions, Recording, scale
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, MQTTMessage
@@ -109,7 +109,7 @@ def _header(payload: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def samples_recording(
-    path: Path, facts: Mapping[str, str], name: str, options: Options
+    path: Path, facts: Mapping[str, str], name: str, options: ReadOptions
 ) -> Recording:
     """The recording of a message's samples, in the spool at `path`.
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from swashtwin.foundation import InputError
 from swashtwin.physics.dynamics import Structure, Topology, assemble
-from swashtwin.physics.excitation import recess_of
+from swashtwin.physics.excitation import find_recess
 from swashtwin.physics.steady import HarmonicBalance, SteadySolver
 from swashtwin.physics.twin.response import (
     UNSCALED,
@@ -31,9 +31,9 @@ from swashtwin.pump import (
     Interfaces,
     OperatingCondition,
     Pump,
-    in_trade_units,
+    format_quantity,
     pump_numbers,
-    with_number,
+    replace_number,
 )
 from swashtwin.recordings import Recording, join_blocks
 from swashtwin.signals import synchronous_signal
@@ -110,7 +110,7 @@ class Twin:
         is nothing.
         """
         notes = []
-        slipper, recess = self.pump.rotating_group.slipper_diameter, recess_of(self.fault)
+        slipper, recess = self.pump.rotating_group.slipper_diameter, find_recess(self.fault)
         if recess is not None and recess.effective_depth(slipper) != recess.depth:
             size = f"{recess.length * 1e3:.4g} mm x {recess.width * 1e3:.4g} mm"
             notes.append(
@@ -301,7 +301,7 @@ def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
     """The pump with one number changed, and by how much."""
     if path.startswith("valve_plate.") and path.endswith(("_open", "_close")):
         steps = [
-            (value + sign * ANGLE, f"{'+' if sign > 0 else '-'}{in_trade_units(ANGLE, 'rad')}")
+            (value + sign * ANGLE, f"{'+' if sign > 0 else '-'}{format_quantity(ANGLE, 'rad')}")
             for sign in (1, -1)
         ]
     elif unit == "K":
@@ -313,6 +313,6 @@ def _changed(pump: Pump, path: str, value: Any, unit: str) -> tuple[Pump, str]:
         ]
         steps = list(zip(changed, (f"{SHARE:+.0%}", f"{-SHARE:+.0%}"), strict=True))
     try:
-        return with_number(pump, path, steps[0][0]), steps[0][1]
+        return replace_number(pump, path, steps[0][0]), steps[0][1]
     except InputError:
-        return with_number(pump, path, steps[-1][0]), steps[-1][1]
+        return replace_number(pump, path, steps[-1][0]), steps[-1][1]

@@ -23,7 +23,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from swashtwin.foundation import InputError
-from swashtwin.physics.dynamics import N_DOF, SHELL, Structure, Topology, assemble, moved
+from swashtwin.physics.dynamics import N_DOF, SHELL, Structure, Topology, assemble, cast_like
 from swashtwin.physics.fault_forcing import (
     FaultAction,
     active_orders,
@@ -188,7 +188,7 @@ class Drive:
         """The same drive on the device and in the precision of `like`."""
         if self.wear.device == like.device and self.wear.dtype == like.dtype:
             return self
-        there = self.mapped(lambda part: moved(part, like))
+        there = self.mapped(lambda part: cast_like(part, like))
         return replace(there, structure=self.structure.to(like.device, like.dtype))
 
     def mapped(self, function: Callable[[Tensor], Tensor]) -> "Drive":

@@ -14,8 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.raw import Column, Options, RawFile, part_of, plain_unit
-from swashtwin.recordings.formats.tables import split_unit
+from swashtwin.recordings.formats.columns import Column, slice_column
+from swashtwin.recordings.formats.headings import split_unit
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.sample_units import normalize_unit
 from swashtwin.recordings.formats.time_column import (
     COARSE,
     ENOUGH,
@@ -54,7 +56,7 @@ _FASTEST = 1e8
 _HEAD = 1000
 
 
-def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
+def extract_time(path: Path, raw: RawFile, options: ReadOptions) -> RawFile:
     """The columns without those that hold the time, which become the rates, and without counters of
     samples.
 
@@ -70,7 +72,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
         name
         for name, column in rest.items()
         if (len(raw.columns) > 1 and _is_counter(raw, name, column))
-        or (clocks and named_as_time(name) and raw.units.get(name) in (None, *TIME_UNITS))
+        or (clocks and match_time_name(name) and raw.units.get(name) in (None, *TIME_UNITS))
     ]
     counters = counters if len(counters) < len(rest) else []
     others = {name: column for name, column in rest.items() if name not in counters}
@@ -98,7 +100,7 @@ def timed(path: Path, raw: RawFile, options: Options) -> RawFile:
             starts[name] = f"{float(raw.columns[clock][0:1][0]):.9g}"
     if counters and not clocks and (lost := _lost(raw.columns[counters[0]])):
         gaps.append(f"{counters[0]} skips {lost[0]} samples at {lost[1]} places")
-    guessed = [name for name in clocks if not named_as_time(name) and options.time_column is None]
+    guessed = [name for name in clocks if not match_time_name(name) and options.time_column is None]
     guessed = [name for name in guessed if _own_unit(raw, name) is None]
     found_facts = {
         "clock_columns": ", ".join(guessed),
@@ -134,7 +136,7 @@ def require_one_rate(path: Path, name: str, stated: float, rate: float, clock: s
         )
 
 
-def split(raw: RawFile) -> RawFile:
+def split_at_breaks(raw: RawFile) -> RawFile:
     """The recordings that begin at the breaks of a file, with columns of their own, such as ``x
     [2]``.
     """
@@ -147,7 +149,7 @@ def split(raw: RawFile) -> RawFile:
         for number, (first, last) in enumerate(pairwise([0, *raw.breaks, len(column)]), 1):
             key = f"{name} [{number}]"
             columns[key], starts[key], names[key] = (
-                part_of(column, first, last),
+                slice_column(column, first, last),
                 f"sample {first} of the file",
                 name,
             )
@@ -163,14 +165,16 @@ def split(raw: RawFile) -> RawFile:
     return replace(raw, columns=columns, starts=starts, attributes=attributes, **kept)
 
 
-def time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
+def time_name(path: Path, names: Sequence[str], options: ReadOptions) -> str | None:
     """Name of the column with the time that the options state, or of the first that is called so;
     or None.
     """
     stated = options.time_column
     if stated is None:
         return (
-            next((name for name in names if named_as_time(name)), None) if len(names) > 1 else None
+            next((name for name in names if match_time_name(name)), None)
+            if len(names) > 1
+            else None
         )
     if isinstance(stated, int) and 0 <= stated < len(names):
         return names[stated]
@@ -179,12 +183,12 @@ def time_name(path: Path, names: Sequence[str], options: Options) -> str | None:
     raise DataError(f"{path} has no column {stated!r} for time_column; it has {', '.join(names)}.")
 
 
-def named_as_time(name: str) -> re.Match[str] | None:
+def match_time_name(name: str) -> re.Match[str] | None:
     """What the name of a column says of a time, without the groups that it is in."""
     return _TIME_NAME.fullmatch(re.split(r"[./]", name)[-1].strip()) if name.strip() else None
 
 
-def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
+def _clocks(path: Path, raw: RawFile, options: ReadOptions) -> list[str]:
     """Columns with the time: the stated one, or those called so, or else those that rise evenly."""
     names = list(raw.columns)
     if options.time_column is not None:
@@ -194,7 +198,7 @@ def _clocks(path: Path, raw: RawFile, options: Options) -> list[str]:
     called, rising = [], []
     for name in names:
         stated = raw.rates.get(name, raw.sample_rate)
-        if named_as_time(name) and (
+        if match_time_name(name) and (
             (_is_of_time(raw, name) and stated is None) or _is_clock(raw, name)
         ):
             called.append(name)
@@ -217,7 +221,7 @@ def _own_unit(raw: RawFile, name: str) -> str | None:
     """Unit of a column; none where it is that of all, and not of the time among them."""
     unit = raw.units.get(name)
     of_all = unit not in TIME_UNITS and all(raw.units.get(each) == unit for each in raw.columns)
-    return None if of_all and (named_as_time(name) or _FIRST.search(name)) else unit
+    return None if of_all and (match_time_name(name) or _FIRST.search(name)) else unit
 
 
 def _is_of_time(raw: RawFile, name: str) -> bool:
@@ -320,19 +324,19 @@ def _unit_by_size(head: Float[np.ndarray, " time"]) -> str | None:
     return "d" if is_days else None
 
 
-def _unit(path: Path, raw: RawFile, name: str, options: Options) -> float | None:
+def _unit(path: Path, raw: RawFile, name: str, options: ReadOptions) -> float | None:
     """Seconds of one unit of a clock: as stated, by its heading, its name or its size; None where
     nothing says it.
     """
     head = np.asarray(raw.columns[name][0:_HEAD], dtype=np.float64)
-    in_file, match = _own_unit(raw, name), named_as_time(name)
+    in_file, match = _own_unit(raw, name), match_time_name(name)
     words = match and next(filter(None, match.groups()), None)
     unit = options.time_unit or in_file or words or _unit_by_size(head)
     if unit is None and re.search(r"[\[(].*[a-zA-Z].*[\])]$", name):
         unit = name
-    if unit is not None and plain_unit(unit) not in TIME_UNITS:
+    if unit is not None and normalize_unit(unit) not in TIME_UNITS:
         raise DataError(
             f"{path}: the time column {name!r} is in {unit!r}, which is none of {', '.join(TIME_UNITS)}; say "
             'time_unit = "ms" or what it is, or name another time_column.'
         )
-    return None if unit is None else TIME_UNITS[plain_unit(unit)]
+    return None if unit is None else TIME_UNITS[normalize_unit(unit)]

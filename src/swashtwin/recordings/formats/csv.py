@@ -20,7 +20,7 @@ from swashtwin.foundation import (
     require_memory,
     spreadsheet_text,
 )
-from swashtwin.recordings.formats.clock import require_one_rate, time_name, timed
+from swashtwin.recordings.formats.clock import extract_time, require_one_rate, time_name
 from swashtwin.recordings.formats.dialects import (
     HEAD,
     MISSING,
@@ -30,13 +30,13 @@ from swashtwin.recordings.formats.dialects import (
     dialect_of,
     split_line,
 )
-from swashtwin.recordings.formats.raw import Options, RawFile
-from swashtwin.recordings.formats.tables import (
-    header_pairs,
+from swashtwin.recordings.formats.headings import (
     header_rate,
     header_units,
-    stated_sensitivities,
+    parse_header,
+    read_sensitivities,
 )
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.formats.time_column import NO_UNIT
 from swashtwin.recordings.formats.time_stamps import is_stamp, stamp_seconds
 from swashtwin.recordings.recording import Recording
@@ -55,7 +55,7 @@ _WHOLE = 3
 """Bytes of memory per byte of text: the lines, their fields, and the numbers."""
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Columns, rate and units of a text table, which is read whole.
 
     Columns of text are left out; the attribute ``text_columns`` names them. A column of time stamps
@@ -70,7 +70,7 @@ def read(path: Path, options: Options) -> RawFile:
 
 
 class _Table:
-    def __init__(self, path: Path, text: bytes, lines: Sequence[str], options: Options) -> None:
+    def __init__(self, path: Path, text: bytes, lines: Sequence[str], options: ReadOptions) -> None:
         self._path = path
         self._dialect = dialect_of(path, lines, options)
         self._names, self._units = self._dialect.headings()
@@ -206,7 +206,7 @@ class _Table:
             f"{self._path}: the rows after line {self._start} cannot be read; the file is damaged."
         )
 
-    def raw_file(self, options: Options) -> RawFile:
+    def raw_file(self, options: ReadOptions) -> RawFile:
         """The columns under their names, the time as the rate, and which columns were left out."""
         columns, blank, stamps = self._columns()
         words = [
@@ -236,11 +236,11 @@ class _Table:
             units[time] = "s"
         if time in stamps or options.time_column is not None:
             options = replace(options, time_column=time)
-        raw = timed(self._path, RawFile(columns, None, units, attributes), options)
-        pairs, channels = header_pairs(self._header), list(raw.columns)
+        raw = extract_time(self._path, RawFile(columns, None, units, attributes), options)
+        pairs, channels = parse_header(self._header), list(raw.columns)
         stated = zip(channels, header_units(pairs, len(channels)), strict=True)
         units = {name: unit for name, unit in stated if unit} | dict(raw.units)
-        texts = stated_sensitivities(pairs)
+        texts = read_sensitivities(pairs)
         texts = texts * len(channels) if len(texts) == 1 else texts
         sensitivities = (
             dict(zip(channels, texts, strict=True)) if len(texts) == len(channels) else {}

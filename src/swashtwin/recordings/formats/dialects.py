@@ -10,9 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.clock import named_as_time
-from swashtwin.recordings.formats.raw import Options, known_unit, plain_unit
-from swashtwin.recordings.formats.tables import TRADE_UNITS, split_unit
+from swashtwin.recordings.formats.clock import match_time_name
+from swashtwin.recordings.formats.headings import TRADE_UNITS, split_unit
+from swashtwin.recordings.formats.raw_file import ReadOptions
+from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
 from swashtwin.recordings.formats.time_stamps import is_date, is_stamp
 
 _SEPARATORS = ("\t", ";", "|", ",", " ")
@@ -167,7 +168,7 @@ class Dialect:
             fields == header[: len(fields)] and not any(header[len(fields) :])
             for header in self.header
         )
-        if not fields or is_heading or (self.separator == " " and not named_as_time(fields[0])):
+        if not fields or is_heading or (self.separator == " " and not match_time_name(fields[0])):
             return
         words = (
             not NUMBER[self.decimal].fullmatch(field) and any(map(str.isalpha, field))
@@ -210,9 +211,9 @@ class Dialect:
         header = self.header[0] if self.header else [""] * len(self.kinds)
         below: list[str] = []
         texts = [text for text in header if text.strip("-")] if len(self.header) > 1 else []
-        clear = [text[0] in "[(" or plain_unit(text) in TRADE_UNITS for text in texts]
+        clear = [text[0] in "[(" or normalize_unit(text) in TRADE_UNITS for text in texts]
         if any(clear) and all(
-            is_unit or known_unit(text) for text, is_unit in zip(texts, clear, strict=True)
+            is_unit or recognize_unit(text) for text, is_unit in zip(texts, clear, strict=True)
         ):
             header, below = self.header[1], header  # a line of units below the names
         names: list[str] = []
@@ -227,12 +228,12 @@ class Dialect:
                 ]  # an apostrophe that keeps a spreadsheet from taking the name for a formula
             name = f"{name}_{number}" if name in names else name or f"column_{number}"
             names.append(name)
-            if unit and (known_unit(unit) or plain_unit(unit) in TRADE_UNITS):
-                units[name] = plain_unit(unit)
+            if unit and (recognize_unit(unit) or normalize_unit(unit) in TRADE_UNITS):
+                units[name] = normalize_unit(unit)
         return tuple(names), units
 
 
-def dialect_of(path: Path, lines: Sequence[str], options: Options) -> Dialect:
+def dialect_of(path: Path, lines: Sequence[str], options: ReadOptions) -> Dialect:
     """Dialect of the table that begins with these lines."""
     if lines and lines[0].startswith(("DIAEXTENDED", "DIADEM")):
         raise DataError(

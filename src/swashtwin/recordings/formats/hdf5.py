@@ -18,19 +18,17 @@ import h5py
 import numpy as np
 
 from swashtwin.foundation import ArtifactError, DataError, memory_limit, require_memory
-from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.npz import with_facts
-from swashtwin.recordings.formats.raw import (
-    BLOCK,
+from swashtwin.recordings.formats.clock import extract_time
+from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column, matrix_columns
+from swashtwin.recordings.formats.headings import LISTS
+from swashtwin.recordings.formats.npz import attach_facts
+from swashtwin.recordings.formats.raw_file import (
     STORE_KIND,
-    Column,
-    Options,
     RawFile,
-    known_unit,
+    ReadOptions,
     require_plausible_size,
-    side_by_side,
 )
-from swashtwin.recordings.formats.tables import LISTS
+from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.recording import Recording, require_same_facts
 
 KIND = "swashtwin recording "
@@ -44,7 +42,7 @@ _COLUMNS = 10_000
 """Most vectors that a matrix has."""
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """A recording of our own format, or every numeric vector of another HDF5 file."""
     file = _open(path, _CACHE)
     chunks = [0]
@@ -65,12 +63,12 @@ def read(path: Path, options: Options) -> RawFile:
             f"{path} is a store of {len(file)} recordings; name a file of one recording."
         )
     if not name.startswith(KIND):
-        return timed(path, _foreign(path, file, options), options)
+        return extract_time(path, _foreign(path, file, options), options)
     _require_format(path, file, FORMAT)
     return _complete(path, file)
 
 
-def read_store(path: Path, options: Options) -> dict[str, RawFile]:
+def read_store(path: Path, options: ReadOptions) -> dict[str, RawFile]:
     """Every recording of a store, by the name of its group."""
     file = _open(path, 0)  # slices are of whole chunks, and no chunk is read twice
     _require_format(path, file, STORE_FORMAT)
@@ -81,11 +79,11 @@ def _open(path: Path, cache: int) -> h5py.File:
     file = h5py.File(
         path, "r", rdcc_nbytes=cache, locking=False
     )  # writers of this process are not kept out
-    require_links_within(path, file)
+    require_local_links(path, file)
     return file
 
 
-def require_links_within(path: Path, file: h5py.File) -> None:
+def require_local_links(path: Path, file: h5py.File) -> None:
     """Refuse a file whose names lead to other files."""
 
     def outside(name: str, link: Any) -> str | None:
@@ -99,7 +97,7 @@ def require_links_within(path: Path, file: h5py.File) -> None:
         raise DataError(f"{path}: {words}; put its data into this file, for example with h5copy.")
 
 
-def require_data_within(path: Path, dataset: h5py.Dataset) -> None:
+def require_local_data(path: Path, dataset: h5py.Dataset) -> None:
     """Refuse a data set whose samples are not all in this file, or do not fit in memory block by
     block: a virtual or external one, one of which parts were never written, with chunks too large,
     or packed beyond what is plausible.
@@ -154,7 +152,7 @@ def _require_format(path: Path, file: h5py.File, current: str) -> None:
 def _complete(path: Path, group: h5py.Group) -> RawFile:
     signal, speed, stated = group["signal"], group.get("speed"), group.attrs
     for dataset in (signal,) if speed is None else (signal, speed):
-        require_data_within(path, dataset)
+        require_local_data(path, dataset)
     channels, attributes = json.loads(stated["channels"]), json.loads(stated["attributes"])
     factors = [float(factor) for factor in stated.get("factor", np.ones(len(channels)))]
     hashes = json.loads(stated["hashes"]) if "hashes" in stated else []
@@ -183,7 +181,7 @@ def _complete(path: Path, group: h5py.Group) -> RawFile:
     }
     if "condition.speed" in stated:
         facts["condition"] = {name: float(stated[f"condition.{name}"]) for name in CONDITION}
-    columns = side_by_side(lambda start, stop: signal[:, start:stop], signal.shape, signal.dtype)
+    columns = matrix_columns(lambda start, stop: signal[:, start:stop], signal.shape, signal.dtype)
     named = dict(zip(channels, columns, strict=True))
     if len(named) < len(channels):  # the same name twice
         named = {
@@ -202,7 +200,7 @@ def _texts(value: Any) -> list[str]:
     return [str(_text(each)) for each in value.ravel()] if isinstance(value, np.ndarray) else []
 
 
-def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
+def _foreign(path: Path, file: h5py.File, options: ReadOptions) -> RawFile:
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     sources: dict[str, tuple[str, int, int]] = {}
@@ -222,7 +220,7 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         left_out.extend(f"{name} (complex numbers)" for kind in kinds.values() if kind == "c")
         if not set(kinds.values()) & set("fiu"):
             return
-        require_data_within(path, item)
+        require_local_data(path, item)
         for field in (field for field in fields if kinds[field] in "fiu"):
             vectors = _vectors_in(item, field)
             names, listed = (
@@ -241,7 +239,7 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
                 part = (names[number] if names else str(number)) if len(vectors) > 1 else ""
                 key = "/".join(filter(None, (name, field, part)))
                 columns[key], sources[key] = column, (name, number, len(vectors))
-                if listed and (unit := known_unit(listed[number])):
+                if listed and (unit := recognize_unit(listed[number])):
                     units[key] = unit
 
     file.visititems(visit)
@@ -251,7 +249,7 @@ def _foreign(path: Path, file: h5py.File, options: Options) -> RawFile:
         if "/" not in name and isinstance(fact, str) and len(fact) < _LONGEST_FACT
     }
     attributes |= {"left_out": ", ".join(left_out)} if left_out else {}
-    return with_facts(path, RawFile(columns, None, units, attributes), facts, options, sources)
+    return attach_facts(path, RawFile(columns, None, units, attributes), facts, options, sources)
 
 
 _LONGEST_FACT = 200
@@ -288,7 +286,7 @@ def _vectors_in(item: h5py.Dataset, field: str) -> Sequence[Column]:
             return block[None]
         return block if across < along else block.T
 
-    return side_by_side(
+    return matrix_columns(
         vectors, (count, item.shape[along]), item.dtype[field] if field else item.dtype
     )
 
@@ -339,11 +337,11 @@ def _write_one(
         speed = group.create_dataset(
             "speed", (count,), np.float64, chunks=(chunk[1],), fletcher32=True
         )
-    for start in range(0, count, BLOCK):
-        block = (samples.raw if is_raw else samples.signal_part)(start, start + BLOCK)
-        signal[:, start : start + BLOCK] = block
+    for start in range(0, count, BLOCK_SAMPLES):
+        block = (samples.raw if is_raw else samples.signal_part)(start, start + BLOCK_SAMPLES)
+        signal[:, start : start + BLOCK_SAMPLES] = block
         if speed is not None:
-            speed[start : start + BLOCK] = samples.speed_part(start, start + BLOCK)
+            speed[start : start + BLOCK_SAMPLES] = samples.speed_part(start, start + BLOCK_SAMPLES)
         target.raise_error()
         written(block.nbytes)
     _write_facts(group, recording)

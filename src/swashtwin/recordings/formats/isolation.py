@@ -35,14 +35,12 @@ from swashtwin.foundation import (
     keep_freed_memory,
     memory_limit,
 )
-from swashtwin.recordings.formats.clock import split
-from swashtwin.recordings.formats.raw import (
-    BLOCK,
-    Column,
-    Options,
+from swashtwin.recordings.formats.clock import split_at_breaks
+from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column, number_type
+from swashtwin.recordings.formats.raw_file import (
     RawFile,
+    ReadOptions,
     file_stamp,
-    number_type,
     require_unchanged,
 )
 
@@ -67,7 +65,7 @@ class _Source:
     path: str
     name: str
     """Path as it was typed, for messages."""
-    options: Options
+    options: ReadOptions
     stamp: tuple[int, int, int]
 
 
@@ -101,7 +99,7 @@ class _RemoteColumn:
 
 
 def read_in_subprocess(
-    module: str, path: Path, options: Options, function: str = "read"
+    module: str, path: Path, options: ReadOptions, function: str = "read"
 ) -> Mapping[str, RawFile]:
     """What a function of a module of formats gives for a file: its recordings by name, a single one
     called ``""``.
@@ -311,13 +309,15 @@ def _read(source: _Source) -> tuple[_Source, Mapping[str, RawFile], int]:
     _limit_memory()
     module = import_module(f"swashtwin.recordings.formats.{source.module}")
     result = getattr(module, source.function)(Path(source.path), source.options)
-    content = {"": split(result)} if isinstance(result, RawFile) else result
+    content = {"": split_at_breaks(result)} if isinstance(result, RawFile) else result
     columns = [column for raw in content.values() for column in raw.columns.values()]
     if len(columns) > _COLUMNS and "" in content:
         raise DataError(
             f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement."
         )
-    size = sum(column.nbytes if isinstance(column, np.ndarray) else BLOCK for column in columns)
+    size = sum(
+        column.nbytes if isinstance(column, np.ndarray) else BLOCK_SAMPLES for column in columns
+    )
     return source, content, size
 
 

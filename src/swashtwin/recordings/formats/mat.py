@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, load_extra, require_memory
-from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.npz import sorted_variables
-from swashtwin.recordings.formats.raw import Options, RawFile
+from swashtwin.recordings.formats.clock import extract_time
+from swashtwin.recordings.formats.npz import sort_variables
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
 from swashtwin.recordings.recording import Recording
 
 _KINDS = ("double", "single", "logical", "char", "cell", "struct", "sparse", "unknown", *(
@@ -22,7 +22,7 @@ _TESTLAB = re.compile(r"quantity\.label$")
 """What Testlab calls the unit; the step of the time is in its structure ``x_values``."""
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Vectors of a MATLAB file as columns, its single numbers and texts as attributes.
 
     Objects, such as a table or a datetime, are named and left out. A file of LabChart has one
@@ -34,13 +34,13 @@ def read(path: Path, options: Options) -> RawFile:
     if h5py.is_hdf5(path):
         import h5py
 
-        from swashtwin.recordings.formats.hdf5 import require_data_within, require_links_within
+        from swashtwin.recordings.formats.hdf5 import require_local_data, require_local_links
 
         with h5py.File(path, "r", locking=False) as file:
-            require_links_within(path, file)
+            require_local_links(path, file)
             file.visititems(
                 lambda _, item: (
-                    require_data_within(path, item) if isinstance(item, h5py.Dataset) else None
+                    require_local_data(path, item) if isinstance(item, h5py.Dataset) else None
                 )
             )
     variables = pymatreader.whosmat(path)
@@ -52,7 +52,7 @@ def read(path: Path, options: Options) -> RawFile:
         for name, value in content.items()
         if name not in objects and name[:1] not in ("#", "_")
     }
-    raw = sorted_variables(path, _labchart(content) or _flattened(content), options)
+    raw = sort_variables(path, _labchart(content) or _flattened(content), options)
     if objects and not raw.columns:
         name, kind = next(iter(objects.items()))
         kind = "object" if kind == "opaque" else kind
@@ -61,7 +61,7 @@ def read(path: Path, options: Options) -> RawFile:
         )
     if objects:
         raw = replace(raw, attributes={**raw.attributes, "objects": ", ".join(objects)})
-    return timed(path, raw, options)
+    return extract_time(path, raw, options)
 
 
 def _labchart(content: dict[str, Any]) -> list[tuple[str, Any]]:

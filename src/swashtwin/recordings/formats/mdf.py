@@ -7,7 +7,8 @@ import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.formats.time_column import read_time_column
 from swashtwin.recordings.recording import Recording
 
@@ -17,7 +18,7 @@ _COUNTED = {2: "angle", 3: "distance", 4: "samples"}
 """What a master channel that is no time counts, by its kind of synchronization."""
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Channels of numbers of every group, whose master channel (the time) gives their rate.
 
     A name that stands in several groups is called ``GROUP/NAME``, with the group's number from 0.
@@ -51,7 +52,7 @@ def read(path: Path, options: Options) -> RawFile:
                 columns[name] = signal.samples.astype(np.float64)
                 if signal.invalidation_bits is not None:
                     columns[name][np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
-                if unit := known_unit(signal.unit):
+                if unit := recognize_unit(signal.unit):
                     units[name] = unit
                 if is_timed and rate is None:
                     rate, gap = read_time_column(
@@ -73,8 +74,8 @@ def read(path: Path, options: Options) -> RawFile:
     return RawFile(columns, None, units, gaps, rates=rates, starts=starts)
 
 
-def _is_time(path: Path, group: int, master: Any, options: Options) -> bool:
-    counted, unit = _COUNTED.get(getattr(master, "sync_type", 1)), known_unit(master.unit or "")
+def _is_time(path: Path, group: int, master: Any, options: ReadOptions) -> bool:
+    counted, unit = _COUNTED.get(getattr(master, "sync_type", 1)), recognize_unit(master.unit or "")
     if counted is None and unit not in (None, *TIME_UNITS):
         counted = unit
     if counted is not None and (counted != "samples" or options.sample_rate is None):

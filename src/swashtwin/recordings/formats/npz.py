@@ -13,17 +13,19 @@ from zipfile import ZipFile
 import numpy as np
 
 from swashtwin.foundation import DataError, require_memory
-from swashtwin.recordings.formats.clock import named_as_time, timed
-from swashtwin.recordings.formats.raw import Column, Options, RawFile, known_unit
-from swashtwin.recordings.formats.tables import (
+from swashtwin.recordings.formats.clock import extract_time, match_time_name
+from swashtwin.recordings.formats.columns import Column
+from swashtwin.recordings.formats.headings import (
     BARE_RATE,
     LISTS,
     SCALE_NAMES,
+    apply_scales,
     header_rate,
-    obeyed,
-    stated_sensitivities,
+    read_sensitivities,
     unknown_scale,
 )
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions
+from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.recording import Recording
 
 _REFERENCE = 0xDD000000
@@ -35,15 +37,15 @@ _INDEX = re.compile(r"\(.*\)$")
 _NO_RATE = re.compile(r"-\d+(\.\d+)?(e[+-]?\d+)?|0(\.0)?")
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Vectors of an archive as columns, its single numbers and texts as attributes; an array of
     objects is refused.
     """
     with ZipFile(path) as members:
         require_memory(path, 2 * sum(member.file_size for member in members.infolist()))
     with np.load(path, allow_pickle=False) as archive:
-        raw = sorted_variables(path, [(name, archive[name]) for name in archive.files], options)
-    return timed(path, raw, options)
+        raw = sort_variables(path, [(name, archive[name]) for name in archive.files], options)
+    return extract_time(path, raw, options)
 
 
 def write(recording: Recording, path: Path) -> None:
@@ -59,7 +61,9 @@ def write(recording: Recording, path: Path) -> None:
         )
 
 
-def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: Options) -> RawFile:
+def sort_variables(
+    path: Path, variables: Iterable[tuple[str, Any]], options: ReadOptions
+) -> RawFile:
     """Vectors as columns, with what the single numbers and texts around them state; these are
     attributes.
 
@@ -69,16 +73,16 @@ def sorted_variables(path: Path, variables: Iterable[tuple[str, Any]], options: 
     found = _Variables(variables)
     attributes = {name: text for name, text in found.facts.items() if name != "unit"}
     attributes |= {"left_out": ", ".join(found.left_out)} if found.left_out else {}
-    return with_facts(
+    return attach_facts(
         path, RawFile(found.columns, None, found.units, attributes), found.facts, options
     )
 
 
-def with_facts(
+def attach_facts(
     path: Path,
     raw: RawFile,
     facts: Mapping[str, Any],
-    options: Options,
+    options: ReadOptions,
     sources: Mapping[str, tuple[str, int, int]] | None = None,
 ) -> RawFile:
     """The columns with the rate, the unit, the scale, the start and the sensitivity that facts
@@ -109,21 +113,21 @@ def with_facts(
         )  # what is none is refused where all files are
 
     def unit_of(name: str, text: Any) -> str | None:
-        return known_unit(text) if name in LISTS[1] and isinstance(text, str) else None
+        return recognize_unit(text) if name in LISTS[1] and isinstance(text, str) else None
 
     columns: dict[str, Column] = {}
     stated: dict[str, Any] = {"rates": {}, "units": {}, "starts": {}, "sensitivities": {}}
     for key, column in raw.columns.items():
         source, number, count = (key, 0, 1) if sources is None else sources[key]
         levels = list(_levels(source, scopes))
-        own = levels[:2] if named_as_time(source) else levels
+        own = levels[:2] if match_time_name(source) else levels
         scales = {
             name: value
             for level in reversed(own)
             for name, value in level.items()
             if name in SCALE_NAMES
         }
-        columns[key] = obeyed(f"{path}: {source}", column, scales, options, number, count)
+        columns[key] = apply_scales(f"{path}: {source}", column, scales, options, number, count)
         values = {
             "rates": _nearest(path, source, levels, rate_of, "sample rates"),
             "units": None
@@ -196,7 +200,7 @@ def _nearest(
 def _sensitivity(levels: Iterable[Mapping[str, Any]]) -> str | None:
     for number, level in enumerate(levels):
         pairs = [(name, text) for name, text in level.items() if isinstance(text, str)]
-        if texts := stated_sensitivities(
+        if texts := read_sensitivities(
             pair for pair in pairs if not number or pair[0].startswith("sensitivit")
         ):
             return texts[0]
@@ -274,6 +278,6 @@ class _Variables:
             for keys in LISTS
         )
         key = scope + names[number] if names and len(set(names)) == count else key
-        if units and len(units) == count and (unit := known_unit(units[number])):
+        if units and len(units) == count and (unit := recognize_unit(units[number])):
             self.units[key] = unit
         self.columns[key] = vector

@@ -7,21 +7,16 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import load_extra
-from swashtwin.recordings.formats.clock import timed
-from swashtwin.recordings.formats.raw import (
-    Column,
-    LazyColumn,
-    Options,
-    RawFile,
-    require_plausible_size,
-)
-from swashtwin.recordings.formats.tables import split_unit
+from swashtwin.recordings.formats.clock import extract_time
+from swashtwin.recordings.formats.columns import Column, LazyColumn
+from swashtwin.recordings.formats.headings import split_unit
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_size
 from swashtwin.recordings.recording import Recording
 
 polars: Any = load_extra("polars", "readers", "a Parquet table")
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Columns of numbers, a missing one as NaN; headings such as ``x [g]`` name the unit, and a
     time column the rate.
 
@@ -42,7 +37,7 @@ def read(path: Path, options: Options) -> RawFile:
         )
         if unit or kind.is_temporal():
             units[name] = "s" if kind.is_temporal() else str(unit)
-    return timed(path, RawFile(columns, None, units), options)
+    return extract_time(path, RawFile(columns, None, units), options)
 
 
 def write(recording: Recording, path: Path) -> None:

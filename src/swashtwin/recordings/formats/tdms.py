@@ -10,17 +10,11 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
-from swashtwin.recordings.formats.clock import TIME_UNITS, timed
-from swashtwin.recordings.formats.raw import (
-    Column,
-    LazyColumn,
-    Options,
-    RawFile,
-    known_unit,
-    part_of,
-    snapped_rate,
-)
-from swashtwin.recordings.formats.tables import header_rate, stated_sensitivities
+from swashtwin.recordings.formats.clock import TIME_UNITS, extract_time
+from swashtwin.recordings.formats.columns import Column, LazyColumn, slice_column
+from swashtwin.recordings.formats.headings import header_rate, read_sensitivities
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, snap_rate
+from swashtwin.recordings.formats.sample_units import recognize_unit
 from swashtwin.recordings.recording import Recording
 
 nptdms: Any = load_extra("nptdms", "readers", "a TDMS file")
@@ -29,7 +23,7 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "NI_ChannelUnit")
 _CLOCK_PROPERTIES = ("wf_start_time", "wf_start_offset", "wf_increment")
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Channels of a TDMS file, called ``group/channel`` where it has several groups.
 
     Scales are applied by npTDMS; one that it does not know is refused. Recordings that were
@@ -41,7 +35,7 @@ def read(path: Path, options: Options) -> RawFile:
     file = nptdms.TdmsFile.open(path)
     if file.file_status.incomplete_final_segment:
         raise DataError(f"{path} is cut off: its last segment is incomplete.")
-    raw = timed(path, _columns(path, file, file._reader.history), options)
+    raw = extract_time(path, _columns(path, file, file._reader.history), options)
     if unknown := [text for text in _warnings if "scal" in text.lower()]:
         raise DataError(
             f"{path}: {unknown[0]}; it cannot be applied, so export the scaled samples."
@@ -109,7 +103,7 @@ def _columns(
             parts = _parts(history.get(channel.path, []), channel)
             for number, (start, stop, properties) in enumerate(parts, 1):
                 key = name if len(parts) == 1 else f"{name} [{number}]"
-                columns[key] = part_of(
+                columns[key] = slice_column(
                     LazyColumn(partial(_samples, channel), len(channel)), start, stop
                 )
                 stated[key] = kind, properties, group
@@ -132,9 +126,12 @@ def _with_facts(
             for name, text in pairs
             if name in _UNIT_PROPERTIES or name.lower() in ("unit", "units")
         ]
-        if unit := "ns" if kind == "M" else next(filter(None, map(known_unit, texts)), None):
+        if unit := "ns" if kind == "M" else next(filter(None, map(recognize_unit, texts)), None):
             units[key] = unit
-        if (along := known_unit(properties.get("wf_xunit_string", ""))) not in (None, *TIME_UNITS):
+        if (along := recognize_unit(properties.get("wf_xunit_string", ""))) not in (
+            None,
+            *TIME_UNITS,
+        ):
             raise DataError(
                 f"{path}: {key!r} runs along {along}, not time; export it as it was recorded."
             )
@@ -142,13 +139,9 @@ def _with_facts(
         around = (
             (name, str(value)) for of in (group, file) for name, value in of.properties.items()
         )
-        if (
-            rate := snapped_rate(step, 1e-9)
-            if step > 0
-            else header_rate(pairs) or header_rate(around)
-        ):
+        if rate := snap_rate(step, 1e-9) if step > 0 else header_rate(pairs) or header_rate(around):
             rates[key] = rate
-        if texts := stated_sensitivities(pairs):
+        if texts := read_sensitivities(pairs):
             sensitivities[key] = texts[0]
         if (moment := _moment(properties)) is not None:
             near = np.timedelta64(round(1e6 * step), "us")  # less than a sample apart is together

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.formats.raw import BLOCK, Column, snapped_rate
+from swashtwin.recordings.formats.columns import BLOCK_SAMPLES, Column
+from swashtwin.recordings.formats.raw_file import snap_rate
 
 COARSE = 5e-3
 """Relative doubt about a rate beyond which a time column does not state it."""
@@ -72,7 +73,7 @@ def times_of(column: Column, unit: float) -> Float[np.ndarray, " time"]:
     steps.
     """
     counts = np.concatenate(
-        [np.asarray(column[at : at + BLOCK]) for at in range(0, len(column), BLOCK)]
+        [np.asarray(column[at : at + BLOCK_SAMPLES]) for at in range(0, len(column), BLOCK_SAMPLES)]
         or [np.empty(0)]
     )
     if counts.size and abs(float(counts[0]) * unit) > 1e6:
@@ -117,21 +118,21 @@ def _rate(
                 f"its times are too coarse to tell {1 / usual:.6g} Hz with samples lost from {1 / step:.6g} Hz without"
             )
         tolerance = max(1e-6, min(0.01, 0.1 * quantum / regular))
-        return snapped_rate(regular, tolerance), _spacing(
+        return snap_rate(regular, tolerance), _spacing(
             time, steps, regular, min(quantum, 0.1 * regular)
         )
     strayed = time - step * number
     drift = float(np.abs(strayed - _median(strayed)).max())
     if drift <= max(0.5 * step, 1.01 * quantum):
         tolerance = max(1e-6, min(quantum, 4 * drift) / span)
-        return (None if tolerance > COARSE else snapped_rate(step, tolerance)), ""
+        return (None if tolerance > COARSE else snap_rate(step, tolerance)), ""
     if usual <= 0:
         raise DataError(
             f"{path}: most steps of the time column are zero or negative; name another time_column."
         )
     even = steps[np.abs(steps - usual) < 0.25 * usual]
     tolerance = max(1e-6, min(0.01, 4 * quantum / (usual * len(even))))
-    return snapped_rate(float(even.mean()), tolerance), _spacing(time, steps, usual, quantum)
+    return snap_rate(float(even.mean()), tolerance), _spacing(time, steps, usual, quantum)
 
 
 def _regular_step(steps: Float[np.ndarray, " step"], step: float, quantum: float) -> float | None:

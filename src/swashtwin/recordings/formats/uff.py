@@ -7,7 +7,8 @@ import numpy as np
 
 from swashtwin.foundation import DataError, load_extra
 from swashtwin.recordings.formats.clock import TIME_UNITS
-from swashtwin.recordings.formats.raw import Options, RawFile, known_unit, plain_unit, snapped_rate
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, snap_rate
+from swashtwin.recordings.formats.sample_units import normalize_unit, recognize_unit
 from swashtwin.recordings.formats.time_column import read_time_column
 
 pyuff: Any = load_extra("pyuff", "readers", "a universal file")
@@ -20,7 +21,7 @@ _STEP_DIGITS = 5e-6
 _DIRECTIONS = {0: "", 1: "+X", 2: "+Y", 3: "+Z", -1: "-X", -2: "-Y", -3: "-Z"}
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Time responses of a universal file; their step has six digits, so the rate is snapped to a
     sensible one.
     """
@@ -50,15 +51,15 @@ def read(path: Path, options: Options) -> RawFile:
         columns[name] = samples.real[:count].astype(
             np.float64
         )  # the last line is filled with zeros
-        along = plain_unit(str(response.get("abscissa_axis_units_lab") or "s"))
-        if response.get("abscissa_spec_data_type", 0) not in (0, _TIME) or known_unit(
+        along = normalize_unit(str(response.get("abscissa_axis_units_lab") or "s"))
+        if response.get("abscissa_spec_data_type", 0) not in (0, _TIME) or recognize_unit(
             along
         ) not in (None, *TIME_UNITS):
             raise DataError(
                 f"{path}: {name} runs along {along}, not time; export it as it was recorded."
             )
         second = TIME_UNITS.get(along, 1.0)
-        if unit := known_unit(response.get("ordinate_axis_units_lab", "")):
+        if unit := recognize_unit(response.get("ordinate_axis_units_lab", "")):
             units[name] = unit
         if response["abscissa_spacing"]:
             step, first = second * float(response["abscissa_inc"]), float(response["abscissa_min"])
@@ -66,7 +67,7 @@ def read(path: Path, options: Options) -> RawFile:
                 raise DataError(
                     f"{path}: {name} has time steps of {step:g} s; a recording has a positive step."
                 )
-            rates[name] = snapped_rate(step, _STEP_DIGITS / float(f"{step:e}".split("e")[0]))
+            rates[name] = snap_rate(step, _STEP_DIGITS / float(f"{step:e}".split("e")[0]))
         else:
             times = np.asarray(response["x"], dtype=np.float64)[:count]
             (rate, gap), first = read_time_column(path, times, second), float(times[0])

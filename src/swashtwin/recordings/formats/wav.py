@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, load_extra
-from swashtwin.recordings.formats.raw import Options, RawFile, require_plausible_size, side_by_side
+from swashtwin.recordings.formats.columns import matrix_columns
+from swashtwin.recordings.formats.raw_file import RawFile, ReadOptions, require_plausible_size
 from swashtwin.recordings.recording import Recording
 
 soundfile: Any = load_extra("soundfile", "readers", "a WAV file")
@@ -31,7 +32,7 @@ _UNKNOWN_SIZE = 0x7FFFF000
 """A header that was written before the length was known says this or more [bytes]."""
 
 
-def read(path: Path, options: Options) -> RawFile:
+def read(path: Path, options: ReadOptions) -> RawFile:
     """Channels of a WAV file; integer files yield shares of full scale, which need a
     sensitivity.
     """
@@ -51,7 +52,7 @@ def read(path: Path, options: Options) -> RawFile:
             )
         return np.ascontiguousarray(signal.T)
 
-    columns = side_by_side(frames, (sound.channels, sound.frames), np.dtype(kind))
+    columns = matrix_columns(frames, (sound.channels, sound.frames), np.dtype(kind))
     named = {f"channel_{number}": column for number, column in enumerate(columns)}
     return RawFile(
         named, float(sound.samplerate), full_scale=sound.subtype not in ("FLOAT", "DOUBLE")

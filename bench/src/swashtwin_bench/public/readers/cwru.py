@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, Options, Recording, open_raw, recording_of
+from swashtwin.recordings import Entry, ReadOptions, Recording, open_raw, recording_of
 from swashtwin_bench.public.readers.named_files import facts_of, files_below, table_of
 
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
@@ -149,7 +149,7 @@ def _recordings(
 ) -> Iterator[Recording]:
     file = path.relative_to(folder).as_posix()
     row = table.get(file, {})
-    columns = open_raw(path, Options())
+    columns = open_raw(path, ReadOptions())
     measured = next(
         (text for name, text in columns.attributes.items() if _SPEED.fullmatch(name)), None
     )

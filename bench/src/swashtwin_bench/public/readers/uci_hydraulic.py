@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Options, Recording, open_raw, stem_of
+from swashtwin.recordings import ReadOptions, Recording, open_raw, stem_of
 from swashtwin_bench.public.readers.named_files import files_below
 
 RATE = 10.0
@@ -104,7 +104,7 @@ def read_uci_hydraulic(folder: Path | str) -> list[Recording]:
 
 
 def _table(path: Path) -> Float[np.ndarray, "cycle value"]:
-    raw = open_raw(path, Options(separator="\t", decimal=".", header_lines=0))
+    raw = open_raw(path, ReadOptions(separator="\t", decimal=".", header_lines=0))
     return np.stack([column[:] for column in raw.columns.values()], axis=1)
 
 

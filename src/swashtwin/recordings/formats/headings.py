@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 
 from swashtwin.foundation import DataError, UnitError, parse_quantity
-from swashtwin.recordings.formats.raw import (
-    SAMPLE_UNITS,
-    Column,
-    LazyColumn,
-    Options,
-    known_unit,
-    plain_unit,
-)
+from swashtwin.recordings.formats.columns import Column, LazyColumn
+from swashtwin.recordings.formats.raw_file import ReadOptions
+from swashtwin.recordings.formats.sample_units import SAMPLE_UNITS, normalize_unit, recognize_unit
 
 _BRACKET = re.compile(r"^(.*\S)\s*[\[(]\s*([^\])]+?)\s*[\])]$")
 _AFTER_WORD = re.compile(
@@ -36,7 +31,7 @@ TRADE_UNITS = {
     "m3/h",
     "l/min",
 } - {"1"}
-"""Units that a heading or a second line of headings names without square brackets, as `plain_unit`
+"""Units that a heading or a second line of headings names without square brackets, as `normalize_unit`
 writes them.
 """
 
@@ -48,12 +43,15 @@ def split_unit(text: str) -> tuple[str, str | None]:
     if (
         match
         and not is_index
-        and (plain_unit(match[2]) in TRADE_UNITS or (text[-1] == "]" and known_unit(match[2])))
+        and (
+            normalize_unit(match[2]) in TRADE_UNITS
+            or (text[-1] == "]" and recognize_unit(match[2]))
+        )
     ):
-        return match[1].rstrip(" /"), plain_unit(match[2])
+        return match[1].rstrip(" /"), normalize_unit(match[2])
     match = _AFTER_WORD.match(text)
-    if match and plain_unit(match[2]) in TRADE_UNITS:
-        return match[1], plain_unit(match[2])
+    if match and normalize_unit(match[2]) in TRADE_UNITS:
+        return match[1], normalize_unit(match[2])
     return text, None
 
 
@@ -86,7 +84,7 @@ _LISTED = re.compile(r"[;\t]|(?<=[^\d\s]),|,(?!\d{1,3}(?!\d))")
 _PER_VOLT = re.compile(r"([mu]?V)\s*/\s*\(?([^()]+?)\)?")
 
 
-def header_pairs(header: str) -> list[tuple[str, str]]:
+def parse_header(header: str) -> list[tuple[str, str]]:
     """Name and value of each line of a header that is ``name: value``, ``name = value``, or two
     columns.
 
@@ -119,7 +117,7 @@ def shows_decimal_comma(pairs: Iterable[tuple[str, str]]) -> bool:
         match is not None
         and "," in match[1]
         and not GROUPED.fullmatch(match[1])
-        and known_unit(match[2] or split_unit(name)[1] or "") is not None
+        and recognize_unit(match[2] or split_unit(name)[1] or "") is not None
         for name, match in matches
     )
 
@@ -142,12 +140,13 @@ def header_rate(pairs: Iterable[tuple[str, str]]) -> float | None:
                 if (
                     GROUPED.fullmatch(match[1])
                     and not is_decimal
-                    and plain_unit(match[2]) in ("", "Hz")
+                    and normalize_unit(match[2]) in ("", "Hz")
                 ):
                     continue
                 try:
                     value = parse_quantity(
-                        f"{match[1].replace(',', '.')} {plain_unit(match[2] or unit or base)}", base
+                        f"{match[1].replace(',', '.')} {normalize_unit(match[2] or unit or base)}",
+                        base,
                     )
                 except UnitError:
                     continue
@@ -161,13 +160,13 @@ def header_units(pairs: Iterable[tuple[str, str]], count: int) -> Sequence[str |
     all.
     """
     for name, text in pairs:
-        units = [known_unit(part) for part in re.split(r"[;\t,]", text) if part.strip()]
+        units = [recognize_unit(part) for part in re.split(r"[;\t,]", text) if part.strip()]
         if _UNITS_NAME.fullmatch(name) and units and len(units) in (1, count):
             return units * count if len(units) == 1 else units
     return [None] * count
 
 
-def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
+def read_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
     """Sensitivities in volts that names and values state, one or several; numbers where no unit is
     beside them.
     """
@@ -190,11 +189,12 @@ def stated_sensitivities(pairs: Iterable[tuple[str, str]]) -> list[str]:
         if matches and not unit and all(matches):
             return [q[1].replace(",", ".") for q in matches if q]
         units = [
-            _PER_VOLT.fullmatch(plain_unit(part[2] or unit)) if part else None for part in matches
+            _PER_VOLT.fullmatch(normalize_unit(part[2] or unit)) if part else None
+            for part in matches
         ]
-        if units and all(each and known_unit(each[2]) for each in units):
+        if units and all(each and recognize_unit(each[2]) for each in units):
             return [
-                f"{q[1].replace(',', '.')} {u[1]}/{plain_unit(u[2])}"
+                f"{q[1].replace(',', '.')} {u[1]}/{normalize_unit(u[2])}"
                 for q, u in zip(matches, units, strict=True)
                 if q and u
             ]
@@ -255,11 +255,11 @@ def unknown_scale(facts: Mapping[str, Any]) -> str:
     return ""
 
 
-def obeyed(
+def apply_scales(
     where: str,
     column: Column,
     facts: Mapping[str, Any],
-    options: Options,
+    options: ReadOptions,
     number: int = 0,
     count: int = 1,
 ) -> Column:

@@ -144,7 +144,9 @@ def read_nameplate(
         piston_count=pistons,
         speed=parse_quantity(speed, "rad/s", name="speed"),
         discharge_pressure=parse_quantity(pressure, "Pa", name="pressure"),
-        swash_angle=None if swash_angle is None else parse_quantity(swash_angle, "rad", name="swash_angle"),
+        swash_angle=None
+        if swash_angle is None
+        else parse_quantity(swash_angle, "rad", name="swash_angle"),
         mass=None if mass is None else parse_quantity(mass, "kg", name="mass"),
     )
 

@@ -7,7 +7,7 @@ contradict. `BOMBS` are small files that ask for too much memory or time.
 
 A file must be refused in one line by a SwashTwinError, or read with the rate, the unit, the length
 and the samples that it states. A damaged file of a format without a checksum may hold other
-samples, but not another rate. The only exceptions, counted apart as `stated_rate`: HDF5 files of
+samples, but not another rate. The only exceptions, counted apart as `resolve_sample_rate`: HDF5 files of
 the layout that MATLAB and many others write, and uncompressed MATLAB files, in which nothing has a
 checksum, so that changed bytes (not missing ones) that state the rate, or say where it stands,
 cannot be told from true ones unless the rate is absurd; and TDMS files of which only one channel is

@@ -21,7 +21,7 @@ from swashtwin.calibration import (
 )
 from swashtwin.foundation import ArtifactError, InputError, MissingFileError, MPa
 from swashtwin.physics import SensorPath, Twin
-from swashtwin.recordings import Recording, manifest_of
+from swashtwin.recordings import Recording, build_manifest
 
 PAPER = np.array([0.778 / 1.86, 1, 1, 1, 15.3 / 3.4, 1])
 """Truth over nominal: the paper's two published results."""
@@ -130,7 +130,7 @@ def test_a_saved_calibration_is_read_back_whole(
     again = load_calibration(path)
     assert again.to_dict() == calibration.to_dict()
     assert again.origin == "swashtwin virtual rig, version 1"
-    assert dict(again.recording_hashes) == manifest_of([recording])
+    assert dict(again.recording_hashes) == build_manifest([recording])
     assert again.twin.pump == calibration.twin.pump
     assert again.twin.fault == calibration.twin.fault
     assert again.estimates == calibration.estimates

@@ -51,7 +51,10 @@ def test_a_name_and_a_recording_are_enough(recordings: list[Recording]) -> None:
 def test_one_sensor_calibrates_and_makes_windows(
     recordings: list[Recording], name: str, is_free: bool
 ) -> None:
-    one = [recording.picked(["body_y"]).replace(channels=(name,)) for recording in recordings[:1]]
+    one = [
+        recording.select_channels(["body_y"]).replace(channels=(name,))
+        for recording in recordings[:1]
+    ]
     calibration = calibrate("25scy14-1b", one, method=QUICK, explain_misfit=False)
     assert any("none of the pump's sensors" in note for note in calibration.notes) == is_free
     assert calibration.posterior.channels == ("cover_z" if is_free else "body_y",)

@@ -61,7 +61,7 @@ def test_only_recordings_of_the_twins_label_speed_and_pressure_are_used(
 def test_one_channel_is_enough_but_must_be_the_same_in_all(
     twin: Twin, recording: Recording
 ) -> None:
-    single = recording.picked(["body_y"])
+    single = recording.select_channels(["body_y"])
     assert measure(twin, [single]).amplitude.shape[0] == 1
     with pytest.raises(DataError, match="pick the same"):
         measure(twin, [recording, replace(single, recording_id="rec-2")])

@@ -44,7 +44,7 @@ def recording_at(
     recording = there.simulate(
         1.3, 6400.0, phase=1.0 + seed, recording_id=f"{speed:g} {pressure:g} {seed}"
     )
-    recording = recording.picked(list(channels))
+    recording = recording.select_channels(list(channels))
     return recording.replace(signal=add_noise(recording.signal, 30.0, seed))
 
 

@@ -160,7 +160,7 @@ def test_a_port_that_opens_early_does_not_hide_an_advance(
 def test_a_label_in_other_words_is_that_of_the_fault(
     calibration: Calibration, record: Record
 ) -> None:
-    worn = record(PistonWear(um(45)), "worn").relabeled("Kolbenverschleiss")
+    worn = record(PistonWear(um(45)), "worn").replace(label="Kolbenverschleiss")
     assert estimate_severity(calibration, [worn], PistonWear(um(60))).left_out == ()
     with pytest.raises(DataError, match="label is Kolbenverschleiss, the fault's swash_plate"):
         estimate_severity(calibration, [worn], LONG)
@@ -309,7 +309,7 @@ def test_recordings_that_do_not_belong_are_refused_or_left_out(
     with pytest.raises(DataError, match=r"2 machines \(A, B\)"):
         estimate_severity(calibration, [healthy[0], replace(healthy[1], specimen="B")], LONG)
     with pytest.raises(DataError, match="the recording has the channels cover_z, the calibration"):
-        estimate_severity(calibration, [healthy[0].picked(["cover_z"])], LONG)
+        estimate_severity(calibration, [healthy[0].select_channels(["cover_z"])], LONG)
     with pytest.raises(InputError, match=r"calibrated with a fault \(swash_plate\)"):
         estimate_severity(
             replace(calibration, twin=calibration.twin.with_fault(LONG)), healthy, LONG

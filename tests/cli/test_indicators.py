@@ -206,7 +206,7 @@ def test_what_cannot_be_told_is_refused(
 
 
 def test_a_recording_that_cannot_be_tracked_leaves_a_gap_and_is_named(tmp_path: Path) -> None:
-    loud = measured("loud", 1.6, 7).picked(["cover"])
+    loud = measured("loud", 1.6, 7).select_channels(["cover"])
     lost = loud.replace(
         signal=np.random.default_rng(0).standard_normal(loud.signal.shape), recording_id="lost"
     )

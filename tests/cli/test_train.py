@@ -8,7 +8,7 @@ from commandline import one_line, run, run_json
 
 from swashtwin.cli.options import read_settings
 from swashtwin.diagnosis import load_classifier
-from swashtwin.recordings import load_recordings, narrow_index
+from swashtwin.recordings import load_recordings, write_subset_index
 
 
 def settings(*texts: str) -> list[str]:
@@ -159,7 +159,7 @@ def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_trainin
     root = "" if "root =" in head else f'root = "{tones.as_posix()}"\n'
     index.write_text(f'{root}{head}[fault_of]\nKolbenverschleiss = "piston"\n[defaults]{rest}')
     recordings = load_recordings(index)
-    narrow_index(index, recordings, recordings.recording_ids, part)
+    write_subset_index(index, recordings, recordings.recording_ids, part)
     texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
     run("train", part, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
     trained = load_classifier(out)

@@ -9,7 +9,7 @@ import pytest
 from swashtwin.foundation import DataError, MPa, random_stream, rpm, safe_file_name
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
-from swashtwin.recordings.index import path_from, save_index
+from swashtwin.recordings.index import relative_path, save_index
 
 SCRIPT = Path(__file__).parents[1] / "support" / "windows.py"
 COMMANDS = (
@@ -80,12 +80,13 @@ def test_a_file_whose_name_is_no_unicode_is_refused_by_name(tmp_path: Path) -> N
 def test_an_index_on_another_drive_than_its_files_states_whole_paths(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert path_from(tmp_path / "a", tmp_path / "b" / "c.csv") == "../b/c.csv"
+    assert relative_path(tmp_path / "a", tmp_path / "b" / "c.csv") == "../b/c.csv"
 
     def other_drive(path: Path, start: Path) -> str:
         raise ValueError("path is on mount 'D:', start on mount 'C:'")
 
     monkeypatch.setattr("os.path.relpath", other_drive)
     assert (
-        path_from(tmp_path / "a", tmp_path / "b" / "c.csv") == (tmp_path / "b" / "c.csv").as_posix()
+        relative_path(tmp_path / "a", tmp_path / "b" / "c.csv")
+        == (tmp_path / "b" / "c.csv").as_posix()
     )

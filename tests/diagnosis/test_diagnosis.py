@@ -155,7 +155,7 @@ def test_a_network_that_is_not_registered_is_not_saved(classifier, tmp_path):
 @pytest.mark.parametrize("label", CLASSES)
 def test_a_new_recording_is_diagnosed_from_all_its_windows(classifier, label):
     diagnosis = diagnose(
-        classifier, recording(f"new {label}", label).relabeled("a label never trained")
+        classifier, recording(f"new {label}", label).replace(label="a label never trained")
     )
     assert diagnosis.label == label
     assert diagnosis.n_windows == 6

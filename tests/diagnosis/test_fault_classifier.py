@@ -156,7 +156,7 @@ def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
 
 def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_without():
     german = {"normal": "Gut", "piston": "Kolbenverschleiss"}
-    train = [item.relabeled(german[item.label]) for item in recordings("train")]
+    train = [item.replace(label=german[item.label]) for item in recordings("train")]
     sets = [synthetic_windows("normal"), synthetic_windows("piston")]
     classifier = FaultClassifier("levels", window=128, epochs=1).fit(train, synthetic=sets)
     assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]

@@ -10,7 +10,7 @@ from scipy.signal import butter, resample_poly, sosfilt
 
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import LeakError
-from swashtwin.recordings import Recording, manifest_of, seen_recordings
+from swashtwin.recordings import Recording, build_manifest, find_copies
 
 RATE = 8000.0
 ORDERS = 14.3 * np.arange(1, 100)
@@ -76,7 +76,7 @@ RATES = {
 
 @pytest.fixture(scope="module")
 def manifest() -> dict[str, tuple[str, ...]]:
-    return manifest_of([recording(number) for number in range(6)])
+    return build_manifest([recording(number) for number in range(6)])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -87,7 +87,7 @@ def test_an_altered_copy_is_known_by_the_recording_it_is_of(
     copy = Recording(
         signal, RATE * RATES.get(kind, 1.0), "new", channels=tuple("xy")[: len(signal)]
     )
-    assert seen_recordings(manifest, manifest_of([copy])) == {"new": "normal 3"}
+    assert find_copies(manifest, build_manifest([copy])) == {"new": "normal 3"}
 
 
 def beating(draw: np.random.Generator) -> np.ndarray:
@@ -129,14 +129,14 @@ def test_steady_recordings_of_one_machine_are_no_copies(
         Recording(kind(np.random.default_rng(number))[None], RATE, f"{number}", channels=("x",))
         for number in range(12)
     ]
-    assert not seen_recordings(manifest_of(made[:6]), manifest_of(made[6:]))
+    assert not find_copies(build_manifest(made[:6]), build_manifest(made[6:]))
 
 
 def test_other_recordings_of_the_machine_are_no_copies(
     manifest: dict[str, tuple[str, ...]],
 ) -> None:
-    assert not seen_recordings(
-        manifest, manifest_of(recording(number) for number in range(100, 130))
+    assert not find_copies(
+        manifest, build_manifest(recording(number) for number in range(100, 130))
     )
 
 
@@ -147,15 +147,19 @@ def test_a_copy_is_found_among_more_recordings_than_are_compared_at_a_time(
     padded = {
         f"{number} of {name}": texts[2:] for name, texts in others.items() for number in range(20)
     }
-    listed = {**padded, **manifest, "short": manifest_of([recording(0).slice(0, 9000)])["normal 0"]}
+    listed = {
+        **padded,
+        **manifest,
+        "short": build_manifest([recording(0).slice(0, 9000)])["normal 0"],
+    }
     half = recording(3).signal[:, 10000:]
     copies = [
         Recording(2 * half, RATE, "new", ("x", "y")),
         recording(9),
         recording(5).replace(recording_id="other"),
     ]
-    assert seen_recordings(listed, manifest_of(copies[:2])) == {"new": "normal 3"}
-    assert seen_recordings(manifest, manifest_of(copies)) == {
+    assert find_copies(listed, build_manifest(copies[:2])) == {"new": "normal 3"}
+    assert find_copies(manifest, build_manifest(copies)) == {
         "new": "normal 3",
         "other": "normal 5",
     }
@@ -174,7 +178,7 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
         match="recording new, which holds the samples of piston 1, as they are or altered",
     ):
         classifier.evaluate([copy])
-    monkeypatch.setattr("swashtwin.recordings.manifest.near_copies", None)
+    monkeypatch.setattr("swashtwin.recordings.manifest.find_altered_copies", None)
     again = recording(1, "piston").replace(recording_id="again")
     assert "this very recording, under the name piston 1" in classifier.diagnose(again).notes[0]
     assert not any("very recording" in text for text in classifier.diagnose(copy).notes)

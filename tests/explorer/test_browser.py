@@ -15,7 +15,7 @@ from plant import Plant
 
 from swashtwin.explorer import Workspace, build_explorer
 from swashtwin.monitoring import serving_page
-from swashtwin.recordings import Recording, index_table, write_recording
+from swashtwin.recordings import Recording, read_index, write_recording
 
 ROOMS = ["#recordings", f"#recording?name={WORN}", "#compare", "#twin", f"#diagnose?name={WORN}"]
 SETTLED = {
@@ -70,7 +70,7 @@ def test_a_fact_is_edited_in_place_by_key_and_for_several_and_undone(tab, served
     def labels() -> dict[str, str]:
         return {
             entry["file"]: entry["label"]
-            for entry in index_table(served[1] / "recordings.toml")["recording"]
+            for entry in read_index(served[1] / "recordings.toml")["recording"]
         }
 
     before = labels()

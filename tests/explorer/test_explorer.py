@@ -19,8 +19,8 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), "<f4")
 
 
-def change(fact: str, before: str | None, after: str | None, entry: str = HEALTHY) -> dict:
-    return {"entry": entry, "fact": fact, "before": before, "after": after}
+def change(fact: str, previous: str | None, value: str | None, entry: str = HEALTHY) -> dict:
+    return {"entry": entry, "fact": fact, "previous": previous, "value": value}
 
 
 def test_the_table_shows_facts_levels_and_why_a_file_is_broken(client: TestClient) -> None:

@@ -250,7 +250,7 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
     assert result.called_unknown <= 0.3
     known, strange = several("test", 10), several("test", 20, ("howl",))
     scores = recording_answers(
-        answer, windows([item.relabeled(None) for item in known + strange])
+        answer, windows([item.replace(label=None) for item in known + strange])
     ).ood_score
     is_strange = ["howl" in name for name in sorted(item.recording_id for item in known + strange)]
     assert roc_auc_score(is_strange, scores) > 0.95
@@ -262,7 +262,7 @@ def test_a_diagnosis_carries_the_sets_and_says_unknown_in_words(taught: FittedCl
     assert known.verdict == "piston"
     assert known.score <= known.threshold
     assert "no other class is plausible at an error rate of 10 %" in known.sentence()
-    strange = diagnose(taught, recording("new howl", "howl").relabeled(None))
+    strange = diagnose(taught, recording("new howl", "howl").replace(label=None))
     assert strange.unknown
     assert strange.score > strange.threshold
     assert strange.sentence().startswith(

@@ -128,7 +128,7 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
     assert (
         choice.whole["with own healthy recordings"] > choice.whole["without own healthy recordings"]
     )
-    new, healthy = machine("G"), [item.relabeled(None) for item in machine("G")[:3]]
+    new, healthy = machine("G"), [item.replace(label=None) for item in machine("G")[:3]]
     without = [classifier.diagnose(item) for item in new]
     assert all(any("give some (--healthy)" in text for text in answer.notes) for answer in without)
     compared = classifier.with_healthy(healthy)

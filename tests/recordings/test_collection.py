@@ -87,7 +87,7 @@ def test_facts_and_changes_of_facts_load_no_signal(
     names = loads(monkeypatch)
     recordings = load_recordings(folder)
     train, test = recordings.where(specimen="A").split(by="condition", test=0.5)
-    recording = (train + test)[0].replace(label="worn").picked(["y"])
+    recording = (train + test)[0].replace(label="worn").select_channels(["y"])
     recording = replace(recording, specimen="C")
     text = repr(
         (recordings, recording, recording.duration, recording.n_samples, recording.has_speed)

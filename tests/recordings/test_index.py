@@ -20,13 +20,13 @@ from swashtwin.foundation import (
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import (
     Recording,
+    fact_extraction,
     load_recording,
     load_recordings,
     propose_index,
     save_index,
-    stated_facts,
-    stated_pressure,
-    stated_speed,
+    specified_pressure,
+    specified_shaft_frequency,
     write_index,
     write_recording,
 )
@@ -324,9 +324,9 @@ def test_a_pressure_without_a_speed_is_kept_and_noticed(tmp_path: Path) -> None:
     )
     recordings = load_recordings(save_index(proposal.index, tmp_path / "recordings.toml"))
     assert recordings[0].condition is None
-    assert stated_pressure(recordings[0]) == MPa(15)
+    assert specified_pressure(recordings[0]) == MPa(15)
     write_index(recordings, ["normal_15MPa.csv"], tmp_path / "again.toml")
-    assert stated_pressure(load_recordings(tmp_path / "again.toml")[0]) == MPa(15)
+    assert specified_pressure(load_recordings(tmp_path / "again.toml")[0]) == MPa(15)
     assert propose_index(tmp_path, sample_rate="1 kHz", unit="g", speed="860 rpm").notes == ()
 
 
@@ -562,7 +562,7 @@ def test_a_pattern_is_applied_to_what_is_included_and_can_be_read(tmp_path: Path
 
 def test_a_slow_pattern_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = touch(tmp_path, "a" * 60 + "!.csv")
-    monkeypatch.setattr(stated_facts, "_PATIENCE", 0.05)
+    monkeypatch.setattr(fact_extraction, "_PATIENCE", 0.05)
     with pytest.raises(InputError, match="takes too long on 'aaa"):
         propose_index(tmp_path, label_pattern=r"^(?P<label>(a|a|aa)+)+$", **facts)
 
@@ -675,11 +675,11 @@ def test_a_measured_speed_in_the_file_counts_for_more_than_that_of_its_name(tmp_
     assert proposal.index["recording"][0]["speed"] == "980.0 rpm"
     assert "states speed = 1500 rpm, its header 980.0 rpm; the header's counts" in proposal.notes[0]
     alone = load_recording(tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g")
-    assert stated_speed(alone) == pytest.approx(980 / 60)
+    assert specified_shaft_frequency(alone) == pytest.approx(980 / 60)
     stated = load_recording(
         tmp_path / "normal_1500rpm.csv", sample_rate="1 kHz", unit="g", speed="1500 rpm"
     )
-    assert stated_speed(stated) == pytest.approx(25)
+    assert specified_shaft_frequency(stated) == pytest.approx(25)
     assert (
         stated.attributes["contradicted"]
         == "speed = 1500 rpm is stated and counts, and the file says 980.0 rpm"

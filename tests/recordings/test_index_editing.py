@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swashtwin.foundation import InputError, SwashTwinError
-from swashtwin.recordings import FactChange, change_facts, index_table
+from swashtwin.recordings import FactChange, change_facts, read_index
 
 INDEX = """# our test bench
 format = 1
@@ -51,9 +51,9 @@ def test_changed_lines_change_and_comments_stay(index: Path) -> None:
 
 def test_a_new_class_is_declared_and_an_undone_one_leaves_again(index: Path) -> None:
     change_facts(index, [FactChange("second", "label", "piston", "valve_plate")])
-    assert index_table(index)["classes"] == ["normal", "piston", "valve_plate"]
+    assert read_index(index)["classes"] == ["normal", "piston", "valve_plate"]
     change_facts(index, [FactChange("second", "label", "valve_plate", "piston")], undo=True)
-    assert index_table(index)["classes"] == ["normal", "piston"]
+    assert read_index(index)["classes"] == ["normal", "piston"]
     assert "# our test bench" in index.read_text()
 
 
@@ -80,7 +80,7 @@ def test_an_index_written_in_another_way_is_written_anew(tmp_path: Path) -> None
     path = tmp_path / "recordings.toml"
     path.write_text('format = 1\nrecording = [{ file = "a.csv" }]\n', encoding="utf-8")
     change_facts(path, [FactChange("a.csv", "label", None, "normal")])
-    assert index_table(path) == {"format": 1, "recording": [{"file": "a.csv", "label": "normal"}]}
+    assert read_index(path) == {"format": 1, "recording": [{"file": "a.csv", "label": "normal"}]}
 
 
 def test_an_index_edited_by_many_at_once_loses_nothing(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_an_index_edited_by_many_at_once_loses_nothing(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert [entry["label"] for entry in index_table(path)["recording"]] == [
+    assert [entry["label"] for entry in read_index(path)["recording"]] == [
         f"class {n}" for n in range(24)
     ]
     assert len(refused) == 23

@@ -14,7 +14,7 @@ from swashtwin.recordings import (
     RecordingReport,
     inspect_recordings,
     load_recording,
-    refuse_unfit,
+    require_usable,
 )
 
 RATE = 6400.0
@@ -74,7 +74,7 @@ def test_a_good_recording_raises_no_alarm() -> None:
     assert (channel.minimum, channel.maximum) == (signal.min(), signal.max())
     assert channel.rms == pytest.approx(np.sqrt((signal**2).mean()))
     assert (report.duration, report.sample_rate, report.unit) == (6.0, RATE, "m/s^2")
-    refuse_unfit(good())
+    require_usable(good())
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -88,7 +88,7 @@ def test_missing_samples_are_errors(value: float) -> None:
     )
     assert np.isfinite(report.channels[0].maximum)
     with pytest.raises(DataError, match="r0, acceleration: 2 of 38400 samples"):
-        refuse_unfit(broken)
+        require_usable(broken)
 
 
 @pytest.mark.parametrize(
@@ -122,10 +122,10 @@ def test_what_is_wrong_with_a_channel_is_found_and_what_nothing_can_be_learned_f
     assert (finding.kind, words in finding.message) == (kind, True)
     assert finding.severity == ("error" if kind in ("nan", "constant", "short") else "warning")
     if finding.severity == "warning":
-        refuse_unfit(recording)
+        require_usable(recording)
         return
     with pytest.raises(DataError, match=words):
-        refuse_unfit(recording)
+        require_usable(recording)
 
 
 @pytest.mark.parametrize("limit", [1.5, 2.5])
@@ -137,7 +137,7 @@ def test_clipping_is_a_warning_with_its_share(limit: float) -> None:
     assert (finding.kind, finding.severity) == ("clipping", "warning")
     share = np.mean(np.abs(clipped.signal) == limit)
     assert f"({share:.2%})" in finding.message
-    refuse_unfit(clipped)
+    require_usable(clipped)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_samples_whose_squares_overflow_or_vanish_are_inspected(
     ] == errors
     if errors:
         with pytest.raises(DataError, match="larger than a window can hold"):
-            refuse_unfit(recordings[0])
+            require_usable(recordings[0])
 
 
 def test_a_finely_sampled_sine_is_not_called_clipped() -> None:

@@ -11,8 +11,8 @@ import pytest
 from scipy.io import savemat
 
 from swashtwin.recordings import Recording, load_recording
+from swashtwin.recordings.fact_extraction import parse_header_facts
 from swashtwin.recordings.formats.raw_file import RawFile
-from swashtwin.recordings.stated_facts import facts_of_header
 
 RATE = 10_000.0
 NOISE = np.random.default_rng(3).normal(size=2000).round(5)
@@ -117,7 +117,7 @@ def test_a_segment_that_goes_on_without_a_gap_is_no_other_recording(tmp_path: Pa
     ],
 )
 def test_a_header_states_the_speed_of_the_pump(header: str, speed: str | None) -> None:
-    assert facts_of_header(RawFile({}, attributes={"header": header})).get("speed") == speed
+    assert parse_header_facts(RawFile({}, attributes={"header": header})).get("speed") == speed
 
 
 @pytest.mark.parametrize("write", ["hdf5", "npz", "mat", "parquet"])

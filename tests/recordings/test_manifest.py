@@ -9,13 +9,13 @@ import pytest
 from swashtwin.recordings import (
     BLOCK_SAMPLES,
     Recording,
+    build_manifest,
+    find_copies,
+    find_duplicates,
     inspect_recordings,
     join_manifests,
     load_recording,
     load_recordings,
-    manifest_of,
-    repeated_recordings,
-    seen_recordings,
     write_recording,
     write_store,
 )
@@ -36,7 +36,7 @@ def test_a_renamed_copy_in_another_format_is_the_same_recording(tmp_path, suffix
     again = load_recording(written(measured(), tmp_path / f"renamed{suffix}")).replace(
         recording_id="renamed"
     )
-    assert seen_recordings(manifest_of([measured()]), manifest_of([again])) == {"renamed": "a"}
+    assert find_copies(build_manifest([measured()]), build_manifest([again])) == {"renamed": "a"}
 
 
 def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_were_made_of(
@@ -45,12 +45,15 @@ def test_a_resampled_file_a_picked_channel_and_a_slice_are_the_recording_they_we
     path = written(measured(), tmp_path / "a.h5")
     hashes = measured().content_hashes()
     assert load_recording(path, resample="500 Hz").content_hashes() == hashes
-    assert load_recording(path).picked(["y"]).content_hashes() == hashes[1:]
-    assert measured().picked(["y"]).content_hashes() == hashes[1:]
-    assert load_recording(path, resample="500 Hz").picked(["y"]).content_hashes() == hashes[1:]
+    assert load_recording(path).select_channels(["y"]).content_hashes() == hashes[1:]
+    assert measured().select_channels(["y"]).content_hashes() == hashes[1:]
+    assert (
+        load_recording(path, resample="500 Hz").select_channels(["y"]).content_hashes()
+        == hashes[1:]
+    )
     loaded = load_recording(path, resample="500 Hz")
-    assert loaded.picked(["y"]).signal.tolist() == loaded.signal[1:].tolist()
-    assert loaded.picked(["y"]).content_hashes() == hashes[1:]
+    assert loaded.select_channels(["y"]).signal.tolist() == loaded.signal[1:].tolist()
+    assert loaded.select_channels(["y"]).content_hashes() == hashes[1:]
     assert measured().slice(10, 90).content_hashes() == hashes
     filtered = measured().replace(signal=2 * measured().signal)
     assert pickle.loads(pickle.dumps(filtered)).content_hashes() == hashes
@@ -100,8 +103,8 @@ def test_a_counter_or_a_time_makes_no_two_recordings_one(step):
 
 
 def test_one_name_for_two_contents_is_two_recordings_and_a_name_alone_is_believed():
-    first, other = manifest_of([measured("a")]), manifest_of([measured("a", seed=1)])
-    assert seen_recordings(first, other) == {}
-    assert seen_recordings(["a"], other) == {"a": "a"}
-    assert seen_recordings(first, {"a": ()}) == {"a": "a"}
-    assert repeated_recordings(join_manifests([first, manifest_of([measured("b")])])) == {"b": "a"}
+    first, other = build_manifest([measured("a")]), build_manifest([measured("a", seed=1)])
+    assert find_copies(first, other) == {}
+    assert find_copies(["a"], other) == {"a": "a"}
+    assert find_copies(first, {"a": ()}) == {"a": "a"}
+    assert find_duplicates(join_manifests([first, build_manifest([measured("b")])])) == {"b": "a"}

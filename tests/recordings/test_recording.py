@@ -26,7 +26,7 @@ def make(name: str = "a", label: str | None = None, specimen: str | None = None)
 @given(names=st.permutations(["x", "y", "z"]), count=st.integers(1, 3))
 def test_picked_channels_come_in_the_order_asked_for(names: list[str], count: int) -> None:
     recording = make()
-    picked = recording.picked(names[:count])
+    picked = recording.select_channels(names[:count])
     assert picked.channels == tuple(names[:count])
     for name, row in zip(picked.channels, picked.signal, strict=True):
         np.testing.assert_array_equal(row, recording.signal[recording.channels.index(name)])

@@ -248,7 +248,7 @@ def test_a_diagnosis_in_blocks_is_that_of_the_whole_bit_by_bit(
     )
     long = make("c", 32 * 1700, signal=np.random.default_rng(9).normal(1, 2, (2, 32 * 1700)))
     (loaded,) = load_recordings(write_store([long], tmp_path / "a.h5"))
-    whole = cut_windows([long.relabeled(None)], length=32, classes=classifier.classes)
+    whole = cut_windows([long.replace(label=None)], length=32, classes=classifier.classes)
     expected = classifier.predict_proba(whole)
     verdict = diagnose(classifier, loaded)
     assert verdict.to_dict() == diagnose(classifier, long).to_dict()

@@ -13,7 +13,7 @@ from swashtwin.recordings import (
     Recording,
     inspect_recordings,
     load_recording,
-    refuse_unfit,
+    require_usable,
     write_recording,
 )
 from swashtwin.recordings.formats import csv
@@ -81,7 +81,7 @@ def test_a_gap_in_the_time_column_is_remembered(tmp_path: Path) -> None:
         == "1 of 99 steps differ from the usual 0.01 s; the worst is 0.51 s at 0.59 s"
     )
     with pytest.raises(DataError, match="1 of 99 steps differ"):
-        refuse_unfit(loaded)
+        require_usable(loaded)
 
 
 def test_a_blank_field_is_nan(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from swashtwin.diagnosis.alarm_scores import ClassAlarms
 from swashtwin.physics import Twin
 from swashtwin.plot import panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
-from swashtwin.recordings import Recording, RecordingFacts, facts_of
+from swashtwin.recordings import Recording, RecordingSummary, summarize_recordings
 from swashtwin.report import page_text, render_drawing, write_report
 from swashtwin.report.drawing import cutaway_html, cutaway_of
 from swashtwin.report.wording import Glossary, fact_entries
@@ -40,7 +40,9 @@ def spectrum(level: float = 3.0) -> HealthySpectrum:
 
 
 def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diagnosis:
-    facts = RecordingFacts("pump 3", "2026-03-01", "860 rev/min, 15 MPa", "line/a.h5", "", 14.3, 7)
+    facts = RecordingSummary(
+        "pump 3", "2026-03-01", "860 rev/min, 15 MPa", "line/a.h5", "", 14.3, 7
+    )
     probabilities = {"normal": 0.1, "piston": 0.9}
     verdict = Diagnosis(
         name,
@@ -186,17 +188,17 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
                   "speed": "900 rpm", "discharge_pressure": f"{5 * i} MPa", "pistons": "9"})
         for i in range(1, 5)
     ]  # fmt: skip
-    facts = facts_of(recordings)
+    facts = summarize_recordings(recordings)
     assert (facts.machine, facts.file, facts.date) == (
         "4 machines",
         "4 files",
         "2026-01-01 to 2026-01-04",
     )
     assert facts.condition == "900 rev/min, 5 to 20 MPa"
-    assert facts_of(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
+    assert summarize_recordings(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
     assert (facts.shaft, facts.pistons) == (pytest.approx(15), 9)
-    assert facts_of([]) == RecordingFacts()
-    shown = fact_entries(RecordingFacts(machine="A, B", file="60 files"))
+    assert summarize_recordings([]) == RecordingSummary()
+    shown = fact_entries(RecordingSummary(machine="A, B", file="60 files"))
     assert shown == (("Machines", "A, B"), ("Files", "60"))
 
 

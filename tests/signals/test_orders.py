@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.pump import OperatingCondition
-from swashtwin.recordings import Recording, inspect_recordings, stated_speed
+from swashtwin.recordings import Recording, inspect_recordings, specified_shaft_frequency
 from swashtwin.signals import (
     ShaftAngle,
     piston_pass_angle,
@@ -206,7 +206,7 @@ def test_a_recording_along_the_angle_says_so_and_agrees_with_itself() -> None:
     assert turned.speed[1024:-1024] == pytest.approx(true_speed[1024:-1024], rel=0.003)
     frequency, amplitude = amplitude_spectrum(turned.signal, turned.sample_rate)
     assert frequency[amplitude[0].argmax()] == pytest.approx(
-        7 * (stated_speed(turned) or 0), rel=1e-3
+        7 * (specified_shaft_frequency(turned) or 0), rel=1e-3
     )
     assert not inspect_recordings([turned]).recordings[0].findings
     with pytest.raises(InputError, match="already"):

@@ -28,7 +28,7 @@ from swashtwin.calibration.recording_checks import (
 from swashtwin.foundation import DataError, InputError, UnitError
 from swashtwin.physics import Twin
 from swashtwin.pump import Pump, is_same_class, values_match
-from swashtwin.recordings import Recording, refuse_unfit
+from swashtwin.recordings import Recording, require_usable
 from swashtwin.signals import hann_taper, piston_pass_angle
 
 DEFAULT_BAND = (0.0, 2500.0)
@@ -127,7 +127,7 @@ def measure(
     used, left_out = select_agreeing(twin, recordings)
     count, notes = twin.pump.rotating_group.piston_count, []
     for recording in used:
-        refuse_unfit(recording)
+        require_usable(recording)
         if recording.unit != "m/s^2":
             raise UnitError(
                 f"{recording.recording_id} is in {recording.unit!r}; a calibration needs m/s^2; state unit "

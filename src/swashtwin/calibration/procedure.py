@@ -55,7 +55,7 @@ from swashtwin.pump import (
     is_same_class,
     load_pump,
 )
-from swashtwin.recordings import Recording, facts_of, manifest_of
+from swashtwin.recordings import Recording, build_manifest, summarize_recordings
 
 PAPER_CALIBRATION: Mapping[str, Any] = MappingProxyType(
     {"method": IPINN(), "nuisances": NONE, "phases": False}
@@ -200,7 +200,7 @@ def calibrate(
         ),
         history=search.history,
         recording_ids=names,
-        recording_hashes=manifest_of(used),
+        recording_hashes=build_manifest(used),
         left_out=tuple(
             (name, reason) for name, reason in measurements[0].left_out if name not in names
         ),
@@ -214,7 +214,7 @@ def calibrate(
         simulations=search.simulations,
         wall_s=time.perf_counter() - started,
         version=VERSION,
-        origin=facts_of(used).origin,
+        origin=summarize_recordings(used).origin,
     )
     if law is None:
         return calibration
@@ -227,7 +227,7 @@ def calibrate(
         calibration,
         law=identified,
         recording_ids=names,
-        recording_hashes=manifest_of(used),
+        recording_hashes=build_manifest(used),
         left_out=tuple(pair for pair in calibration.left_out if pair[0] not in names),
         wall_s=time.perf_counter() - started,
     )

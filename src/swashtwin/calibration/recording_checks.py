@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Recording, clipped_samples
+from swashtwin.recordings import Recording, count_clipped_samples
 from swashtwin.signals import OrderSpectrum, order_spectrum, power_density
 
 MOST_CLIPPED = 0.01
@@ -51,7 +51,7 @@ def clipping_note(recording: Recording) -> str | None:
     channel's samples on.
     """
     for name, row in zip(recording.channels, recording.signal, strict=True):
-        share = clipped_samples(row) / len(row)
+        share = count_clipped_samples(row) / len(row)
         where = f"{recording.recording_id}, {name}: {share:.2%} of the samples stand in a row at the extreme"
         if share >= MOST_CLIPPED:
             raise DataError(

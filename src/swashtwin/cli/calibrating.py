@@ -203,7 +203,7 @@ def _recordings(
         note(
             f"note: {source} is taken as a recording of a pump that is {label}; --fault names another class."
         )
-        recording = recording.relabeled(label)
+        recording = recording.replace(label=label)
     return Recordings([recording])
 
 

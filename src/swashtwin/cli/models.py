@@ -32,7 +32,7 @@ def evaluate(
     """Score a model on the recordings of an index that had no part in it."""
     import swashtwin.learning as learning
     from swashtwin.diagnosis import FaultClassifier, load_model
-    from swashtwin.recordings import load_recordings, say_seen
+    from swashtwin.recordings import describe_copies, load_recordings
 
     require_page(report, inputs=[model, source], force=force)
     trained, recordings = load_model(model), load_recordings(source)
@@ -53,7 +53,7 @@ def evaluate(
         note(f"left out: {plural(len(seen), 'recording')} that had a part in the model.")
     for name, listed in seen.items():
         if name != listed:
-            note(f"left out: {say_seen({name: listed})} had a part in the model.")
+            note(f"left out: {describe_copies({name: listed})} had a part in the model.")
     if synthetic := len(recordings) - len(chosen) - len(seen):
         note(f"left out: {plural(synthetic, 'synthetic recording')}.")
     page = write_page(report, scores, recordings=chosen, about={"Model": model, "Test": source})

@@ -219,7 +219,7 @@ def split(
     Calibrating is training: calibrate, synthesize and train with train.toml, and evaluate with
     test.toml.
     """
-    from swashtwin.recordings import load_recordings, narrow_index
+    from swashtwin.recordings import load_recordings, write_subset_index
 
     folder = out or (source if source.is_dir() else source.parent)
     paths = {name: folder / f"{name}.toml" for name in ("train", "test")}
@@ -228,7 +228,8 @@ def split(
     sides = dict(zip(paths, recordings.split(test_fraction, by=group, seed=seed), strict=True))
     ids = {name: sorted(side.recording_ids) for name, side in sides.items()}
     files = {
-        name: narrow_index(source, recordings, ids[name], path) for name, path in paths.items()
+        name: write_subset_index(source, recordings, ids[name], path)
+        for name, path in paths.items()
     }
     result = {
         "seed": seed,

@@ -96,11 +96,15 @@ class Shaft:
     def angle_of(self, recording: "Recording") -> "ShaftAngle | None":
         """The shaft's angle, or None where no option says how to find it."""
         if self.tachometer is not None:
-            from swashtwin.recordings import load_beside
+            from swashtwin.recordings import load_extra_channel
             from swashtwin.signals import tachometer_speed
 
             channel, pulses = self._tachometer_of(recording)
-            source = recording if channel in recording.channels else load_beside(recording, channel)
+            source = (
+                recording
+                if channel in recording.channels
+                else load_extra_channel(recording, channel)
+            )
             return tachometer_speed(source, channel, pulses)
         orders = read_list(self.track, int, "--track")
         if orders is None:
@@ -114,7 +118,7 @@ class Shaft:
         if self.tachometer is None:
             return recording
         channel, _ = self._tachometer_of(recording)
-        return recording.picked([name for name in recording.channels if name != channel])
+        return recording.select_channels([name for name in recording.channels if name != channel])
 
     def _tachometer_of(self, recording: "Recording") -> tuple[str, int]:
         """Channel of the tachometer, and its pulses per turn; a channel's own name may hold a

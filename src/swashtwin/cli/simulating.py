@@ -68,11 +68,13 @@ def simulate(
     from swashtwin.foundation import parse_quantity
     from swashtwin.physics import Twin
     from swashtwin.pump import SwashPlateDefect, load_pump, read_condition
-    from swashtwin.recordings import WRITABLE
+    from swashtwin.recordings import WRITABLE_SUFFIXES
 
     if count == 1:
-        require_output(out, suffixes=WRITABLE, inputs=[calibration, Path(pump)], force=force)
-    elif out.suffix in WRITABLE:
+        require_output(
+            out, suffixes=WRITABLE_SUFFIXES, inputs=[calibration, Path(pump)], force=force
+        )
+    elif out.suffix in WRITABLE_SUFFIXES:
         raise typer.BadParameter(
             "names a file; more than one recording needs a folder.", param_hint="--out"
         )

@@ -115,8 +115,8 @@ def train(
     from swashtwin.recordings import (
         declared_classes,
         declared_faults,
+        healthy_class_findings,
         load_recordings,
-        several_healthy,
     )
 
     require_output(out, inputs=[source, *(add or ())], own=_MODELS, force=force)
@@ -145,7 +145,7 @@ def train(
     declared = {
         name: fault for name, fault in declared_faults(source).items() if name in recordings.labels
     }
-    for finding in several_healthy(recordings.labels):
+    for finding in healthy_class_findings(recordings.labels):
         note(f"note: {finding.message}")
     classifier = FaultClassifier(
         **recipe,

@@ -309,7 +309,7 @@ def severity(
     from swashtwin.calibration import estimate_severity, load_calibration, search_of
     from swashtwin.foundation import DataError
     from swashtwin.pump import is_healthy, read_fault
-    from swashtwin.recordings import load_recordings, manifest_of, seen_recordings
+    from swashtwin.recordings import build_manifest, find_copies, load_recordings
 
     kind, fixed = fault_dimensions(fault)
     defect = read_fault(kind, **fixed)
@@ -320,15 +320,15 @@ def severity(
         )
     healthy_calibration = load_calibration(calibration)
     recordings = load_recordings(source, specimen=specimen)
-    calibrated = seen_recordings(healthy_calibration.recording_hashes, manifest_of(recordings))
+    calibrated = find_copies(healthy_calibration.recording_hashes, build_manifest(recordings))
     names, whose = healthy_calibration.recording_ids, (None, specimen)
     others = [
         item
         for item in load_recordings(source)
         if item.recording_id in names and item.specimen not in whose
     ]
-    if specimen is not None and seen_recordings(
-        healthy_calibration.recording_hashes, manifest_of(others)
+    if specimen is not None and find_copies(
+        healthy_calibration.recording_hashes, build_manifest(others)
     ):
         note(
             f"note: {calibration} is of machine {others[0].specimen}, these are of {specimen}: calibrate {specimen}."

@@ -10,7 +10,7 @@ from swashtwin.diagnosis.classifier_input import relabeled, require_recordings
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, LeakError, to_table
 from swashtwin.pump import is_healthy, is_same_class
-from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
+from swashtwin.recordings import Manifest, Recording, build_manifest, describe_copies, find_copies
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,10 @@ def evaluate_alarms(
     ]
     if not labeled:
         raise DataError("no measured recording has a label; label them in the index.")
-    if seen := seen_recordings(manifest, manifest_of(labeled)):
-        raise LeakError(f"{say_seen(seen)} had a part in the model (its manifest); test on others.")
+    if seen := find_copies(manifest, build_manifest(labeled)):
+        raise LeakError(
+            f"{describe_copies(seen)} had a part in the model (its manifest); test on others."
+        )
     labels, answers = (
         [str(recording.label) for recording in labeled],
         [diagnose(item) for item in labeled],

@@ -28,7 +28,13 @@ from swashtwin.learning import (
     usual_recordings,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import Manifest, Recording, facts_of, listed_recordings, stated_speed
+from swashtwin.recordings import (
+    Manifest,
+    Recording,
+    find_exact_copies,
+    specified_shaft_frequency,
+    summarize_recordings,
+)
 
 _VERSION = 2
 _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
@@ -173,11 +179,11 @@ class AnomalyDetector(Estimator):
             error_rate=rate,
             basis=plural(healthy.n_recordings, "healthy recording"),
             n_basis=healthy.n_recordings,
-            facts=facts_of([recording]),
+            facts=summarize_recordings([recording]),
         )
         try:
             deviation = healthy.deviation(recording)
-            seen = listed_recordings(
+            seen = find_exact_copies(
                 self.manifest, {recording.recording_id: recording.content_hashes()}
             )
         except DataError as cause:
@@ -190,7 +196,9 @@ class AnomalyDetector(Estimator):
             if seen
             else ()
         )
-        shifts, changes = level_changes(deviation, self.layout.levels, stated_speed(recording))
+        shifts, changes = level_changes(
+            deviation, self.layout.levels, specified_shaft_frequency(recording)
+        )
         is_alarm = deviation.p_value <= rate * (1 + 1e-9)
         return replace(
             result,

@@ -17,11 +17,11 @@ from swashtwin.recordings import (
     Manifest,
     Recording,
     Recordings,
+    default_window,
+    describe_copies,
+    find_copies,
+    find_duplicates,
     recording_groups,
-    repeated_recordings,
-    say_seen,
-    seen_recordings,
-    usual_window,
 )
 
 _ERROR_RATE = 0.1
@@ -81,7 +81,9 @@ def relabeled(recordings: Sequence[Recording], y: Any) -> Sequence[Recording]:
             raise InputError(
                 f"y[{index}] ({label!r}) is no class; give one for each recording, or leave y out."
             )
-    return [recording.relabeled(str(label)) for recording, label in zip(recordings, y, strict=True)]
+    return [
+        recording.replace(label=str(label)) for recording, label in zip(recordings, y, strict=True)
+    ]
 
 
 def classes_of(X: Any, y: Any, named: Sequence[str] | None) -> set[str]:
@@ -262,7 +264,7 @@ def windows_to_train(
     )
     windows = learning.cut_windows(
         recordings,
-        length=length or usual_window(recordings),
+        length=length or default_window(recordings),
         stride=classifier.stride,
         classes=classes,
         allow_partial_revolution=classifier.allow_partial_revolution,
@@ -344,7 +346,7 @@ def hold_out_validation(
     aim = _ERROR_RATE if error_rate is None else error_rate
     if not fraction:
         return training, None, aim, ()
-    n_left = len(training.recordings.keys() - seen_recordings(manifest, training.recordings).keys())
+    n_left = len(training.recordings.keys() - find_copies(manifest, training.recordings).keys())
     share, _ = learning.validation_share(n_left, aim, fraction)
     try:
         training, validation = learning.split_by_recording(
@@ -370,16 +372,16 @@ def hold_out_validation(
 
 
 def refuse_seen(held_out: WindowSet, manifest: Manifest) -> None:
-    if seen := seen_recordings(manifest, held_out.recordings):
+    if seen := find_copies(manifest, held_out.recordings):
         raise LeakError(
-            f"{say_seen(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin data "
-            "split), then calibrate, synthesize and train on the training side with a test fraction of 0.",
+            f"{describe_copies(seen)} had a part in the synthetic windows and would be tested on; split first (swashtwin "
+            "data split), then calibrate, synthesize and train on the training side with a test fraction of 0.",
             field="test_fraction",
         )
 
 
 def copy_notes(windows: WindowSet) -> list[str]:
-    copies = repeated_recordings(windows.recordings)
+    copies = find_duplicates(windows.recordings)
     return [
         f"{name} holds the same samples as {first}; keep one of them, or it counts twice."
         for name, first in copies.items()

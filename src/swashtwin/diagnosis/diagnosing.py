@@ -27,7 +27,12 @@ from swashtwin.learning import (
     window_powers,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import Recording, facts_of, listed_recordings, stated_speed
+from swashtwin.recordings import (
+    Recording,
+    find_exact_copies,
+    specified_shaft_frequency,
+    summarize_recordings,
+)
 
 _TOGETHER = 1024
 """Windows in memory together; a multiple of what the network takes at once, so that no result
@@ -71,7 +76,9 @@ def diagnose(
         )
     require_layout(classifier.layout, recording)
     result = Diagnosis(
-        recording.recording_id, facts=facts_of([recording]), fault_of=classifier.fault_of
+        recording.recording_id,
+        facts=summarize_recordings([recording]),
+        fault_of=classifier.fault_of,
     )
     answers = []
     try:
@@ -174,7 +181,7 @@ def _with_trust(
 def recording_windows(classifier: FittedClassifier, recording: Recording) -> Iterator[WindowSet]:
     """The recording's windows, in parts."""
     return window_batches(
-        recording.relabeled(None),
+        recording.replace(label=None),
         length=classifier.layout.length,
         classes=classifier.classes,
         allow_partial_revolution=True,
@@ -223,7 +230,7 @@ def require_layout(layout: WindowLayout, recording: Recording) -> None:
 
 def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
     notes = []
-    if seen := listed_recordings(
+    if seen := find_exact_copies(
         classifier.manifest, {recording.recording_id: recording.content_hashes()}
     ):
         listed = seen[recording.recording_id]
@@ -237,7 +244,7 @@ def _notes(classifier: FittedClassifier, recording: Recording) -> list[str]:
         notes.append(
             "At this speed a window is shorter than one revolution and sees some pistons only."
         )
-    if classifier.network.uses_speed and not stated_speed(recording):
+    if classifier.network.uses_speed and not specified_shaft_frequency(recording):
         usual = float(classifier.network.settings["turns"]) * layout.sample_rate * 60
         notes.append(
             f"It does not state its speed, and the model counts orders of the shaft: {usual:.4g} rev/min was assumed, "
@@ -297,7 +304,7 @@ def make_known(
                 f"{recording.recording_id} is labeled {recording.label} and is no healthy recording; leave it out.",
                 field="healthy",
             )
-    sound = [recording.relabeled(None) for recording in healthy]
+    sound = [recording.replace(label=None) for recording in healthy]
     informed = classifier.with_healthy(classifier.cut_windows(sound))
     notes = []
     for name in dict.fromkeys(str(recording.specimen) for recording in sound):

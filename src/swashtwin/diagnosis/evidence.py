@@ -12,7 +12,7 @@ from swashtwin.diagnosis.diagnosing import recording_windows, require_recording
 from swashtwin.diagnosis.verdict import Check, Diagnosis, next_checks
 from swashtwin.foundation import InputError, to_table
 from swashtwin.learning import FittedClassifier
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording, specified_shaft_frequency
 
 MOST_WINDOWS = 24
 """Windows in a row that evidence is taken from; of more, those that speak most for the verdict."""
@@ -224,9 +224,9 @@ def explain(classifier: FittedClassifier, recording: Recording, diagnosis: Diagn
     if margin.size > MOST_WINDOWS:  # those in a row with the greatest margin together
         first = int(np.convolve(margin, np.ones(MOST_WINDOWS), mode="valid").argmax())
     count, length = min(MOST_WINDOWS, len(probability)), classifier.length
-    piece = recording.relabeled(None).slice(first * length, (first + count) * length)
+    piece = recording.replace(label=None).slice(first * length, (first + count) * length)
     windows = classifier.cut_windows([piece])
-    adds = contributions(classifier, windows, label, rival, stated_speed(recording))
+    adds = contributions(classifier, windows, label, rival, specified_shaft_frequency(recording))
     return Evidence(
         **adds,
         recording_id=recording.recording_id,

@@ -60,7 +60,7 @@ class FaultClassifier(Estimator):
         chooses among `CANDIDATES` by trials on inner folds, and learns its confidence from them
         (`fit_chosen`).
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array
-        has its own. By default `usual_window` of the recordings, or 2048 for the paper's
+        has its own. By default `default_window` of the recordings, or 2048 for the paper's
         ``"bitcn"``.
     stride : samples from one window of a training recording to the next; None lets none overlap.
     allow_partial_revolution : accept windows shorter than one turn of the shaft.

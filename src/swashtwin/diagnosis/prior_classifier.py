@@ -40,11 +40,11 @@ from swashtwin.pump import (
 from swashtwin.recordings import (
     Manifest,
     Recording,
-    facts_of,
+    build_manifest,
+    find_exact_copies,
     join_manifests,
-    listed_recordings,
-    manifest_of,
-    stated_pressure,
+    specified_pressure,
+    summarize_recordings,
 )
 from swashtwin.signals import OrderBands, shaft_frequency
 
@@ -180,7 +180,7 @@ class PriorClassifier:
             adapted,
             **adapted._points(sound),
             taught={name: target.count(name) for name in self.classes if name in target},
-            manifest=join_manifests([self.manifest, manifest_of(recordings)]),
+            manifest=join_manifests([self.manifest, build_manifest(recordings)]),
         )
         return adapted.fit_levels(
             [adapted.change(recording)[0] for recording in faulty], target, seed=seed
@@ -254,7 +254,7 @@ class PriorClassifier:
         arrays: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), values]) for name, values in new.items()
         }
-        manifest = join_manifests([self.manifest, manifest_of(healthy)])
+        manifest = join_manifests([self.manifest, build_manifest(healthy)])
         return replace(self, **arrays, specimen=specimen, manifest=manifest)
 
     def _points(self, healthy: Sequence[Recording]) -> dict[str, Any]:
@@ -266,7 +266,7 @@ class PriorClassifier:
             "levels": levels.reshape(-1, len(self.channels), len(self.bands.names)),
             "specimen": tuple(item.specimen or "" for item in healthy),
             "point_speed": 2 * math.pi * np.array([shaft_frequency(item) for item in healthy]),
-            "point_pressure": np.array([stated_pressure(item) for item in healthy]),
+            "point_pressure": np.array([specified_pressure(item) for item in healthy]),
         }
 
     def class_of(self, label: str) -> str | None:
@@ -313,10 +313,10 @@ class PriorClassifier:
         """
         require_recording(recording)
         head = self._adapted()
-        result = Diagnosis(recording.recording_id, "prior", facts=facts_of([recording]))
+        result = Diagnosis(recording.recording_id, "prior", facts=summarize_recordings([recording]))
         try:
             change, notes = self.change(recording)
-            seen = listed_recordings(
+            seen = find_exact_copies(
                 self.manifest, {recording.recording_id: recording.content_hashes()}
             )
         except DataError as cause:
@@ -389,7 +389,7 @@ class PriorClassifier:
                 30 / math.pi,
                 "rev/min",
             ),
-            ("discharge pressure", stated_pressure(recording), self.pressure, 1e-6, "MPa"),
+            ("discharge pressure", specified_pressure(recording), self.pressure, 1e-6, "MPa"),
         ):
             if not (math.isnan(value) or low <= value <= high):
                 raise DataError(
@@ -427,7 +427,7 @@ class PriorClassifier:
         self, recording: Recording
     ) -> tuple[Int64[np.ndarray, " healthy"], tuple[str, ...]]:
         """Indices of the healthy recordings that it is compared with, and notes."""
-        specimen, pressure = recording.specimen or "", stated_pressure(recording)
+        specimen, pressure = recording.specimen or "", specified_pressure(recording)
         notes: tuple[str, ...] = ()
         if not specimen and len(set(self.specimen)) == 1 and self.specimen[0]:
             specimen = self.specimen[0]

@@ -15,7 +15,7 @@ from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, LevelChange
 from swashtwin.foundation import plural, to_table
 from swashtwin.learning import Choice, Deviation, Level
 from swashtwin.pump import is_healthy, propose_class
-from swashtwin.recordings import RecordingFacts
+from swashtwin.recordings import RecordingSummary
 
 _FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "levels", "spectrum")
 """Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
@@ -88,7 +88,7 @@ class Diagnosis:
     """Levels that moved, furthest first, also without an alarm; of a detector."""
     notes: tuple[str, ...] = ()
     """What a reader should know before trusting it, such as a condition that was never trained."""
-    facts: RecordingFacts = field(default_factory=RecordingFacts)
+    facts: RecordingSummary = field(default_factory=RecordingSummary)
     """Machine, date, condition and file of the recording, as far as it states them."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model that a class of another name stands for."""

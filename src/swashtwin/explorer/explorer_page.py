@@ -120,10 +120,10 @@ def _understood(change: FactChange) -> FactChange:
     """A change as the index writes it, of what somebody typed."""
     if change.fact not in FACTS:
         raise InputError(f"{change.fact[:100]!r} is no fact that is edited here.")
-    after: Any = str(change.after or "").strip() or None
-    if change.fact == "sensitivity" and after and "," in after:
-        after = [part.strip() for part in after.split(",")]
-    return replace(change, after=after)
+    value: Any = str(change.value or "").strip() or None
+    if change.fact == "sensitivity" and value and "," in value:
+        value = [part.strip() for part in value.split(",")]
+    return replace(change, value=value)
 
 
 def run_explorer(

@@ -14,7 +14,7 @@ from starlette.responses import Response
 
 from swashtwin.explorer.workspace import BIN, Name, Workspace, level_track
 from swashtwin.foundation import DataError, InputError, SwashTwinError
-from swashtwin.recordings import stated_speed
+from swashtwin.recordings import specified_shaft_frequency
 from swashtwin.signals import (
     LineSpectrum,
     LineSpectrumKind,
@@ -113,7 +113,7 @@ class RecordingViews:
         band = None if low is None or high is None else (low, high)
         spectrum, step, amplitude = self._spectrum(self.key(name, kind, band))
         recording = self._workspace.recording(name)
-        shaft = stated_speed(recording)
+        shaft = specified_shaft_frequency(recording)
         marks = [(mark.at, mark.name.replace("x", "×"), mark.of_pistons) for mark in spectrum.marks]
         unit = 1.0 if kind == "order" else shaft
         if unit and pistons:
@@ -178,7 +178,7 @@ class RecordingViews:
             raise InputError(
                 f"{name} has {recording.n_channels} channels; there is no number {channel}."
             )
-        recording = recording.picked(recording.channels[channel : channel + 1])
+        recording = recording.select_channels(recording.channels[channel : channel + 1])
         rate = recording.sample_rate
         if orders:
             angle = stated_angle(recording)
@@ -268,7 +268,7 @@ class RecordingViews:
         from swashtwin.calibration import shown_speed
 
         recording = self._workspace.recording(name)
-        stated = stated_speed(recording)
+        stated = specified_shaft_frequency(recording)
         starts = (
             (12.0, 30.0) if stated is None else (stated,)
         )  # each looks from a third of it to three times it
@@ -315,7 +315,7 @@ class RecordingViews:
         scatter = sum(((group - group.mean(axis=0)) ** 2).sum(axis=0) for group in groups)
         spread = np.maximum(np.sqrt(scatter / max(freedom, 1)), LEAST_CHANGE)
         change = groups[1].mean(axis=0) - groups[0].mean(axis=0)
-        shaft = stated_speed(recordings[second[0]])
+        shaft = specified_shaft_frequency(recordings[second[0]])
         ranked = np.argsort(-np.abs(change / spread))[:20]
         rows = [
             {"level": layout.levels[n].words(shaft), "channel": layout.levels[n].channel, "change": float(change[n]),

@@ -233,7 +233,7 @@ class TwinWorkbench:
         its_fault = twin.fault if fault == "start" else FAULT_KINDS.get(fault)
         twin = replace(twin, condition=recording.condition, fault=its_fault)
         lines = measure(
-            twin, [recording.relabeled(twin.label)], BAND, "shaft" if by_shaft else "piston"
+            twin, [recording.replace(label=twin.label)], BAND, "shaft" if by_shaft else "piston"
         )
         return lines.channels, lines.orders, lines.amplitude, lines.deviation
 
@@ -262,7 +262,7 @@ class TwinWorkbench:
             )
         names = [setting.recording, *(self._workspace.alike(setting.recording) if others else ())]
         found = [self._workspace.recording(name) for name in names]
-        chosen = [item if item.label else item.relabeled(twin.label) for item in found]
+        chosen = [item if item.label else item.replace(label=twin.label) for item in found]
         job = self.job = Job("running", result=self.job.result)
 
         def progress(done: int, total: int, loss: float) -> None:

@@ -26,14 +26,14 @@ from swashtwin.recordings import (
     Recording,
     Recordings,
     change_facts,
-    index_table,
-    indexed_path,
     inspect_recordings,
+    load_entry,
     load_recordings,
     propose_index,
-    recording_of,
-    stated_pressure,
-    stated_speed,
+    read_index,
+    resolve_index_path,
+    specified_pressure,
+    specified_shaft_frequency,
 )
 
 Name = Annotated[str, Query(max_length=1000)]
@@ -78,7 +78,7 @@ class Row:
         shown |= {"levels": self.levels, "stated": {key: self.stated.get(key) for key in FACTS}}
         shown |= {key: self.stated.get(key) for key in ("label", "specimen", "file")}
         if (recording := self.recording) is not None:
-            speed, pressure = stated_speed(recording), stated_pressure(recording)
+            speed, pressure = specified_shaft_frequency(recording), specified_pressure(recording)
             shown |= {
                 "label": recording.label,
                 "specimen": recording.specimen,
@@ -167,7 +167,7 @@ class Workspace:
         with self._lock:
             status = self.index.stat()
             if self._stamp != (stamp := (status.st_mtime_ns, status.st_ino)):
-                self._take(index_table(self.index), None)
+                self._take(read_index(self.index), None)
                 self._stamp = stamp
 
     def _take(self, table: Mapping[str, Any], rows: list[Row] | None) -> None:
@@ -190,7 +190,7 @@ class Workspace:
                 else:
                     self._opened.pop(name, None)
                     self._extremes.pop(name, None)
-            self._root = indexed_path(self.folder, str(table.get("root", "")))
+            self._root = resolve_index_path(self.folder, str(table.get("root", "")))
             self._start()
 
     def _start(self) -> None:
@@ -263,7 +263,7 @@ class Workspace:
         if row.entry is None:  # refused before
             Entry.from_mapping(row.stated, str(self.index))
         assert row.entry is not None
-        return recording_of(indexed_path(self._root, row.entry.file), row.entry)
+        return load_entry(resolve_index_path(self._root, row.entry.file), row.entry)
 
     def table(self, since: int = -1) -> dict[str, Any]:
         """Rows that changed after a revision, the names of all, and what is known of the whole."""
@@ -356,8 +356,8 @@ class Workspace:
             and (is_healthy(other.label or "") if healthy else other.label == own.label)
             and other.specimen == own.specimen
             and (other.channels, other.unit, other.sample_rate) == (own.channels, own.unit, own.sample_rate)
-            and values_match(stated_speed(other) or math.nan, stated_speed(own) or math.nan, _SPEED)
-            and values_match(stated_pressure(other), stated_pressure(own), _PRESSURE)
+            and values_match(specified_shaft_frequency(other) or math.nan, specified_shaft_frequency(own) or math.nan, _SPEED)
+            and values_match(specified_pressure(other), specified_pressure(own), _PRESSURE)
         ]  # fmt: skip
 
 

@@ -17,15 +17,15 @@ from swashtwin.recordings import (
     Finding,
     InspectionReport,
     Recording,
-    best_test_rows,
-    condition_words,
+    build_manifest,
+    describe_conditions,
+    find_duplicates,
     inspect_recordings,
-    manifest_of,
     recording_groups,
-    repeated_recordings,
-    stated_angular_speed,
-    stated_pressure,
-    stated_speed,
+    select_test_rows,
+    specified_pressure,
+    specified_shaft_frequency,
+    specified_speed,
 )
 
 State = Literal["yes", "partly", "no"]
@@ -145,7 +145,7 @@ def check_recordings(
         if any(finding.severity == "error" for finding in report.findings)
     }
     usable = [recording for recording in recordings if recording.recording_id not in unfit]
-    copies = repeated_recordings(manifest_of(usable))
+    copies = find_duplicates(build_manifest(usable))
     usable = [recording for recording in usable if recording.recording_id not in copies]
     counts = _counts(usable)
     labels, conditions = (
@@ -196,10 +196,10 @@ def _counts(recordings: Sequence[Recording]) -> tuple[ClassCount, ...]:
     names = [recording.recording_id for recording in recordings]
     facts = (
         [stated(recording) for recording in recordings]
-        for stated in (stated_angular_speed, stated_pressure)
+        for stated in (specified_speed, specified_pressure)
     )
     cells: dict[tuple[str, str], list[Recording]] = {}
-    for recording, words in zip(recordings, condition_words(names, *facts), strict=True):
+    for recording, words in zip(recordings, describe_conditions(names, *facts), strict=True):
         cells.setdefault((recording.label or "", words), []).append(recording)
     return tuple(
         ClassCount(
@@ -281,7 +281,7 @@ def _test(labeled: Sequence[Recording], group: str) -> Answer:
 
 def _test_rows(labels: np.ndarray, groups: np.ndarray) -> np.ndarray | None:
     classes = np.unique(labels, return_inverse=True)[1]
-    return best_test_rows(classes, classes, groups, _TEST_FRACTION, seed=0)
+    return select_test_rows(classes, classes, groups, _TEST_FRACTION, seed=0)
 
 
 def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
@@ -305,7 +305,9 @@ def _calibration(labeled: Sequence[Recording]) -> Answer:
     healthy = [recording for recording in labeled if is_healthy(recording.label)]
     stated = [recording for recording in healthy if recording.condition is not None]
     long = [
-        item for item in stated if item.duration * (stated_speed(item) or 0) >= _CALIBRATION_TURNS
+        item
+        for item in stated
+        if item.duration * (specified_shaft_frequency(item) or 0) >= _CALIBRATION_TURNS
     ]
     if not healthy:
         return "no", "no recording of a healthy pump (normal)."

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings.grouping import stated_speed
+from swashtwin.recordings.grouping import specified_shaft_frequency
 from swashtwin.recordings.recording import Recording
 
 Severity = Literal["error", "warning", "note"]
@@ -129,7 +129,7 @@ def channel_statistics(recording: Recording) -> list[ChannelStatistics]:
     return statistics
 
 
-def refuse_unfit(recording: Recording) -> None:
+def require_usable(recording: Recording) -> None:
     """Refuse a recording from which nothing can be learned.
 
     Raises
@@ -176,7 +176,7 @@ def unfit(recording: Recording, statistics: Sequence[ChannelStatistics]) -> Iter
             None,
             f"the time column has gaps: {gaps}; split the file where they are.",
         )
-    shaft = stated_speed(recording)
+    shaft = specified_shaft_frequency(recording)
     if shaft and recording.duration * shaft < 1:
         message = (
             f"{recording.duration:.4g} s is shorter than one revolution at {shaft * 60:.5g} rev/min "
@@ -232,7 +232,7 @@ def channel_findings(
             yield Finding("offset", "warning", name, message)
 
 
-def clipped_samples(row: Float[np.ndarray, " time"]) -> int:
+def count_clipped_samples(row: Float[np.ndarray, " time"]) -> int:
     """Samples in runs at an extreme, where the extreme is crowded as only a stop makes it."""
     low, high = float(np.nanmin(row)), float(np.nanmax(row))
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -296,7 +296,7 @@ def contradicted_speed(
     A long recording is judged by its first 2^20 samples, or by more where these hold less than 60
     turns.
     """
-    shaft, rate = stated_speed(recording), recording.sample_rate
+    shaft, rate = specified_shaft_frequency(recording), recording.sample_rate
     if not shaft or recording.duration * shaft < _LEAST_TURNS or rate < 4 * _HARMONICS * shaft:
         return []
     count = max(_LONGEST, math.ceil(1.2 * _LEAST_TURNS * rate / shaft))
@@ -319,7 +319,7 @@ def implausible_rate(recording: Recording) -> list[Finding]:
     """A warning where the sample rate is one that vibration is not measured with, as where kHz were
     taken for Hz.
     """
-    rate, shaft = recording.sample_rate, stated_speed(recording)
+    rate, shaft = recording.sample_rate, specified_shaft_frequency(recording)
     least, most = _USUAL_RATES
     if recording.attributes.get("domain") == "angle":
         return []

@@ -13,18 +13,18 @@ import numpy as np
 from swashtwin.foundation import DataError, InputError, LeakError, as_path
 from swashtwin.pump import PRESSURE_TOLERANCE, is_same_class, merge_close_values, values_match
 from swashtwin.recordings.channel_checks import Finding, listed
-from swashtwin.recordings.files import is_store, stored_recordings
+from swashtwin.recordings.files import is_store, load_store
 from swashtwin.recordings.grouping import (
     GROUP_SPEED_TOLERANCE,
-    best_test_rows,
     recording_groups,
-    stated_angular_speed,
-    stated_pressure,
+    select_test_rows,
+    specified_pressure,
+    specified_speed,
     unknown_attribute,
 )
-from swashtwin.recordings.index import indexed_recordings
+from swashtwin.recordings.index import load_index
 from swashtwin.recordings.loading import load_recording
-from swashtwin.recordings.recording import Recording, require_distinct
+from swashtwin.recordings.recording import Recording, require_unique_ids
 
 
 class Recordings(Sequence[Recording]):
@@ -62,7 +62,7 @@ class Recordings(Sequence[Recording]):
             if not isinstance(item, Recording):
                 raise InputError(f"{item!r} is no recording; a file is loaded by load_recordings.")
         self._recordings = tuple(recording.unloaded() for recording in recordings)
-        require_distinct(self.recording_ids, "a data set")
+        require_unique_ids(self.recording_ids, "a data set")
 
     def __len__(self) -> int:
         return len(self._recordings)
@@ -148,8 +148,8 @@ class Recordings(Sequence[Recording]):
             are_met = [each == specimen for each in self.specimens]
             tests.append((f"the specimen {specimen!r}", "specimens", self.specimens, are_met))
         for noun, wanted, stated, tolerance, factor, unit in (
-            ("speed", speed, stated_angular_speed, GROUP_SPEED_TOLERANCE, 30 / np.pi, "rev/min"),
-            ("pressure", pressure, stated_pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
+            ("speed", speed, specified_speed, GROUP_SPEED_TOLERANCE, 30 / np.pi, "rev/min"),
+            ("pressure", pressure, specified_pressure, PRESSURE_TOLERANCE, 1e-6, "MPa"),
         ):
             if wanted is not None:
                 values = [stated(recording) for recording in self._recordings]
@@ -236,8 +236,8 @@ class Recordings(Sequence[Recording]):
                 f"there is only one {by}; a split by {by} needs two. Split by another group."
             )
         classes = np.unique([str(label or "") for label in self.labels], return_inverse=True)[1]
-        speed = np.array([stated_angular_speed(recording) for recording in self._recordings])
-        pressure = np.array([stated_pressure(recording) for recording in self._recordings])
+        speed = np.array([specified_speed(recording) for recording in self._recordings])
+        pressure = np.array([specified_pressure(recording) for recording in self._recordings])
         levels = (
             merge_close_values(speed, GROUP_SPEED_TOLERANCE),
             merge_close_values(pressure, PRESSURE_TOLERANCE),
@@ -245,7 +245,7 @@ class Recordings(Sequence[Recording]):
         cells = np.unique(
             [f"{row}" for row in zip(classes, *levels, strict=True)], return_inverse=True
         )[1]
-        rows = best_test_rows(classes, cells, groups, test, seed, every_class=False)
+        rows = select_test_rows(classes, cells, groups, test, seed, every_class=False)
         if rows is None:
             raise DataError(
                 f"every split by {by} takes a class out of training, because each {by} has classes of its own; split "
@@ -298,11 +298,11 @@ def load_recordings(
                     "again."
                 )
         if is_store(source):
-            found = stored_recordings(source)
+            found = load_store(source)
         else:
-            found = indexed_recordings(source, unreadable, **chosen)
+            found = load_index(source, unreadable, **chosen)
             if chosen and not found:
-                found = indexed_recordings(source, unreadable)
+                found = load_index(source, unreadable)
         recordings += Recordings(found).where(**chosen) if chosen else found
     return Recordings(recordings)
 

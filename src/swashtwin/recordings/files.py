@@ -29,7 +29,7 @@ from swashtwin.recordings.formats.raw_file import (
     ReadOptions,
     require_plausible_rates,
 )
-from swashtwin.recordings.recording import Recording, require_distinct
+from swashtwin.recordings.recording import Recording, require_unique_ids
 from swashtwin.recordings.samples import Columns, Samples
 
 _FORMATS = {
@@ -39,7 +39,7 @@ _FORMATS = {
 }  # fmt: skip
 _registered: dict[str, "Callable[[Path, ReadOptions], RawFile]"] = {}
 _ENTRY_POINTS = "swashtwin.formats"
-WRITABLE = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
+WRITABLE_SUFFIXES = (".h5", ".hdf5", ".mat", ".wav", ".csv", ".tdms", ".parquet", ".npz", ".mf4")
 """Suffixes of the files that a recording can be written to."""
 
 
@@ -164,7 +164,7 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         The suffix cannot be written, or the recording does not fit the format.
     """
     path = Path(path)
-    suffix = _require_suffix(path, WRITABLE, "written")
+    suffix = _require_suffix(path, WRITABLE_SUFFIXES, "written")
     with atomic_write(path) as partial_file:
         _writer(suffix).write(recording, partial_file)
     return path
@@ -247,7 +247,7 @@ def write_store(
     recordings = recordings if isinstance(recordings, Sequence) else list(recordings)
     if not recordings:
         raise DataError("no recording to store.")
-    require_distinct((recording.recording_id for recording in recordings), "a store")
+    require_unique_ids((recording.recording_id for recording in recordings), "a store")
     size = sum(
         recording.samples.dtype.itemsize * recording.n_channels * recording.n_samples
         for recording in recordings
@@ -267,7 +267,7 @@ def write_store(
     return path
 
 
-def stored_recordings(path: Path) -> list[Recording]:
+def load_store(path: Path) -> list[Recording]:
     """Every recording of a store."""
     try:
         contents = read_in_subprocess("hdf5", path, ReadOptions(), "read_store")

@@ -50,13 +50,11 @@ def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, s
     if group == "recording":
         return dict(zip(ids, ids, strict=True))
     if group == "condition":
-        speed = np.array(
-            [stated_angular_speed(recording) for recording in recordings], dtype=np.float64
-        )
+        speed = np.array([specified_speed(recording) for recording in recordings], dtype=np.float64)
         pressure = np.array(
-            [stated_pressure(recording) for recording in recordings], dtype=np.float64
+            [specified_pressure(recording) for recording in recordings], dtype=np.float64
         )
-        return dict(zip(ids, condition_names(ids, speed, pressure), strict=True))
+        return dict(zip(ids, name_conditions(ids, speed, pressure), strict=True))
     if group == "specimen":
         names = [recording.specimen or "" for recording in recordings]
     else:
@@ -65,11 +63,11 @@ def recording_groups(recordings: Iterable[Recording], group: str) -> dict[str, s
             raise unknown_attribute(recordings, group, GROUPS)
     missing = [name for name, value in zip(ids, names, strict=True) if not value]
     if missing:
-        raise DataError(no_group(missing, len(ids), group))
+        raise DataError(missing_group_message(missing, len(ids), group))
     return dict(zip(ids, names, strict=True))
 
 
-def stated_speed(recording: Recording) -> float | None:
+def specified_shaft_frequency(recording: Recording) -> float | None:
     """Revolutions per second [Hz] that the recording's condition or its attribute ``speed`` states,
     or None.
 
@@ -100,12 +98,12 @@ def stated_speed(recording: Recording) -> float | None:
         return None
 
 
-def stated_angular_speed(recording: Recording) -> float:
+def specified_speed(recording: Recording) -> float:
     """The same as an angular speed [rad/s], NaN where none is stated."""
-    return (stated_speed(recording) or math.nan) * 2 * math.pi
+    return (specified_shaft_frequency(recording) or math.nan) * 2 * math.pi
 
 
-def stated_pressure(recording: Recording) -> float:
+def specified_pressure(recording: Recording) -> float:
     """Discharge pressure [Pa] that the condition or the attribute ``discharge_pressure`` states, or
     NaN.
     """
@@ -117,7 +115,7 @@ def stated_pressure(recording: Recording) -> float:
         return math.nan
 
 
-def condition_names(
+def name_conditions(
     ids: Sequence[str], speed: Float[np.ndarray, " n"], pressure: Float[np.ndarray, " n"]
 ) -> list[str]:
     """Name of each condition; speeds, and pressures, that follow each other closely are the same.
@@ -152,7 +150,7 @@ def condition_names(
     return [", ".join(part) for part in zip(*parts, strict=True)]
 
 
-def condition_words(
+def describe_conditions(
     ids: Sequence[str], speed: Sequence[float], pressure: Sequence[float]
 ) -> list[str]:
     """The same for recordings of which each states what it does; a dash where that is nothing."""
@@ -160,13 +158,13 @@ def condition_words(
     words = np.full(len(ids), "-", dtype=object)
     for stated in {tuple(column) for column in (~np.isnan(facts)).T.tolist() if any(column)}:
         indices = np.flatnonzero((~np.isnan(facts) == np.array(stated)[:, None]).all(axis=0))
-        words[indices] = condition_names(
+        words[indices] = name_conditions(
             [ids[index] for index in indices.tolist()], *facts[:, indices]
         )
     return [str(word) for word in words]
 
 
-def no_group(missing: Sequence[str], count: int, group: str) -> str:
+def missing_group_message(missing: Sequence[str], count: int, group: str) -> str:
     """Message that some of `count` recordings state no group."""
     more = f" and {len(missing) - 1} more of {count}" if len(missing) > 1 else ""
     have = "has" if len(missing) == 1 else "have"
@@ -189,7 +187,7 @@ def unknown_attribute(
     return InputError(f"no recording has the attribute {name!r}; {hint}")
 
 
-def best_test_rows(
+def select_test_rows(
     classes: Int[np.ndarray, " row"],
     cells: Int[np.ndarray, " row"],
     groups: Shaped[np.ndarray, " row"],
@@ -268,7 +266,7 @@ _MOST = 3
 
 
 @dataclass(frozen=True)
-class RecordingFacts:
+class RecordingSummary:
     """Facts of one recording, or of several together; empty where none is stated."""
 
     machine: str = ""
@@ -287,14 +285,14 @@ class RecordingFacts:
     """Number of pistons, where it is one for all."""
 
 
-def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
+def summarize_recordings(recordings: Sequence[Recording]) -> RecordingSummary:
     """What recordings state; several values are listed, or counted where there are more than three.
 
     Examples
     --------
     >>> import numpy as np
     >>> names = ("A", "B")
-    >>> facts_of([Recording(np.ones((1, 4)), 1.0, name, specimen=name) for name in names]).machine
+    >>> summarize_recordings([Recording(np.ones((1, 4)), 1.0, name, specimen=name) for name in names]).machine
     'A, B'
     """
     dates = [
@@ -305,7 +303,7 @@ def facts_of(recordings: Sequence[Recording]) -> RecordingFacts:
     shafts = {_shaft(recording) for recording in recordings}
     counts = {str(recording.attributes.get("pistons", "")) for recording in recordings}
     pistons = {int(text) if text.isdecimal() and 0 < int(text) < 100 else None for text in counts}
-    return RecordingFacts(
+    return RecordingSummary(
         machine=_listed(sorted(recording.specimen or "" for recording in recordings), "machines"),
         date=_listed(sorted(" ".join(date.replace("T", " ").split())[:40] for date in dates)),
         condition=_condition(recordings),
@@ -327,7 +325,7 @@ def _listed(values: Iterable[str], noun: str = "", joint: str = ", ") -> str:
 
 def _condition(recordings: Sequence[Recording]) -> str:
     shafts = [60 * shaft for recording in recordings if (shaft := _shaft(recording)) is not None]
-    pressures = [stated_pressure(recording) / 1e6 for recording in recordings]
+    pressures = [specified_pressure(recording) / 1e6 for recording in recordings]
     about = "about " if any(recording.has_speed for recording in recordings) else ""
     pairs = (
         (about, shafts, "rev/min"),
@@ -342,6 +340,6 @@ def _condition(recordings: Sequence[Recording]) -> str:
 
 def _shaft(recording: Recording) -> float | None:
     try:
-        return stated_speed(recording)
+        return specified_shaft_frequency(recording)
     except DataError:  # along an angle, without samples per turn
         return None

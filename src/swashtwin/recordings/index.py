@@ -31,18 +31,18 @@ from swashtwin.foundation import (
 from swashtwin.pump import format_quantity, is_same_class
 from swashtwin.recordings.channel_checks import Finding
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.fact_extraction import is_positive_quantity
 from swashtwin.recordings.files import is_store, stem_of, suffix_of
 from swashtwin.recordings.formats.raw_file import Text
-from swashtwin.recordings.loading import PUMP_KEYS, recording_of
-from swashtwin.recordings.recording import Recording, require_distinct
-from swashtwin.recordings.stated_facts import is_quantity
+from swashtwin.recordings.loading import PUMP_KEYS, load_entry
+from swashtwin.recordings.recording import Recording, require_unique_ids
 
 INDEX_NAME = "recordings.toml"
 _NO_UNICODE = re.compile(r"[^\"\n]*[\ud800-\udfff][^\"\n]*")
 _LOSSLESS = (".h5", ".hdf5")
 
 
-def indexed_recordings(
+def load_index(
     path: Path,
     unreadable: list[Finding] | None = None,
     *,
@@ -57,12 +57,12 @@ def indexed_recordings(
         first.
     label, specimen : only these; the files of entries that state others are not opened.
     """
-    index = index_path(path)
-    table = index_table(index)
+    index = find_index(path)
+    table = read_index(index)
     recordings = []
     files: dict[str, str] = {}
     classes = _classes(table)
-    root = indexed_path(index.parent, str(table.get("root", "")))
+    root = resolve_index_path(index.parent, str(table.get("root", "")))
     for entry in _entries(table, index):
         pairs = ((entry.label, label), (entry.specimen, specimen))
         if any(
@@ -71,7 +71,7 @@ def indexed_recordings(
         ):
             continue
         try:
-            recording = recording_of(indexed_path(root, entry.file), entry)
+            recording = load_entry(resolve_index_path(root, entry.file), entry)
             name, label_found = recording.recording_id, recording.label
             if classes is not None and label_found is not None and label_found not in classes:
                 near = get_close_matches(label_found, classes, n=1, cutoff=0.4)
@@ -107,7 +107,7 @@ def write_index(
     path = path if path.suffix == ".toml" else path / INDEX_NAME
     if len(recordings) != len(files):
         raise InputError(f"{len(files)} files for {len(recordings)} recordings.")
-    require_distinct((recording.recording_id for recording in recordings), "an index")
+    require_unique_ids((recording.recording_id for recording in recordings), "an index")
     index: dict[str, Any] = {"format": 1}
     classes = list(
         dict.fromkeys(recording.label for recording in recordings if recording.label is not None)
@@ -133,7 +133,7 @@ def save_index(index: Mapping[str, Any], path: str | Path) -> Path:
     return write_text(Path(path), text)
 
 
-def narrow_index(
+def write_subset_index(
     index: Path | str, recordings: Sequence[Recording], ids: Iterable[str], path: Path | str
 ) -> Path:
     """Path of a new index that holds only the entries of some recordings of `index`.
@@ -152,8 +152,8 @@ def narrow_index(
     InputError
         `recordings` are not those of `index`, or one of `ids` is not among them.
     """
-    source, path = index_path(Path(index)), Path(path)
-    table = index_table(source)
+    source, path = find_index(Path(index)), Path(path)
+    table = read_index(source)
     if len(table["recording"]) != len(recordings):
         raise InputError(
             f"{source} has {len(table['recording'])} entries, for {len(recordings)} recordings."
@@ -167,7 +167,7 @@ def narrow_index(
     root = (source.parent / table.get("root", "")).resolve()
     table.pop("root", None)
     if root != path.parent.resolve():
-        table["root"] = path_from(path.parent.resolve(), root)
+        table["root"] = relative_path(path.parent.resolve(), root)
     last = ("fault_of", "defaults", "recording")  # tables stand after the plain keys
     return save_index({key: table[key] for key in sorted(table, key=lambda key: key in last)}, path)
 
@@ -179,13 +179,13 @@ def source_files(path: str | Path) -> list[Path]:
     path = Path(path)
     if not (path.is_dir() or path.suffix == ".toml"):
         return [path]
-    index = index_path(path)
-    table = index_table(index)
-    root = indexed_path(index.parent, str(table.get("root", "")))
-    return [index, *(indexed_path(root, entry.file) for entry in _entries(table, index))]
+    index = find_index(path)
+    table = read_index(index)
+    root = resolve_index_path(index.parent, str(table.get("root", "")))
+    return [index, *(resolve_index_path(root, entry.file) for entry in _entries(table, index))]
 
 
-def indexed_path(folder: Path, name: str) -> Path:
+def resolve_index_path(folder: Path, name: str) -> Path:
     """File or folder that an index names below `folder`; on every system it may be written as
     Windows does it.
     """
@@ -199,15 +199,13 @@ def declared_classes(path: str | Path) -> tuple[str, ...] | None:
     """
     if is_store(Path(path)):
         return None
-    return _classes(index_table(index_path(Path(path))))
+    return _classes(read_index(find_index(Path(path))))
 
 
 def declared_faults(path: str | Path) -> dict[str, str]:
     """Fault that each class of an index stands for, as its table ``[fault_of]`` says."""
     return (
-        {}
-        if is_store(Path(path))
-        else dict(index_table(index_path(Path(path))).get("fault_of", {}))
+        {} if is_store(Path(path)) else dict(read_index(find_index(Path(path))).get("fault_of", {}))
     )
 
 
@@ -215,7 +213,7 @@ def _classes(table: dict[str, Any]) -> tuple[str, ...] | None:
     return None if "classes" not in table else tuple(plain_text(name) for name in table["classes"])
 
 
-def index_path(path: Path) -> Path:
+def find_index(path: Path) -> Path:
     """The index file: `path` itself, or ``recordings.toml`` in the folder `path`."""
     if path.is_dir():
         path = path / INDEX_NAME
@@ -230,7 +228,7 @@ def index_path(path: Path) -> Path:
     return path
 
 
-def index_table(index: Path) -> dict[str, Any]:
+def read_index(index: Path) -> dict[str, Any]:
     """What an index file states, as TOML has it.
 
     Raises
@@ -286,7 +284,7 @@ def _entries(table: dict[str, Any], index: Path) -> list[Entry]:
 def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]:
     """Entry that gives back what the file's format loses."""
     absolute = file if file.is_absolute() else folder / file
-    entry: dict[str, Any] = {"file": path_from(folder, absolute)}
+    entry: dict[str, Any] = {"file": relative_path(folder, absolute)}
     if recording.recording_id != stem_of(file):
         entry["id"] = recording.recording_id
     entry |= {
@@ -308,7 +306,7 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
         entry["unit"] = recording.unit
         if "discharge_pressure" in attributes:
             attributes["pressure"] = attributes.pop("discharge_pressure")
-        stated = [key for key in QUANTITIES if is_quantity(attributes.get(key), key)]
+        stated = [key for key in QUANTITIES if is_positive_quantity(attributes.get(key), key)]
         entry |= {key: attributes.pop(key) for key in stated}
         if attributes:
             entry["attributes"] = attributes
@@ -317,7 +315,7 @@ def _described(recording: Recording, file: Path, folder: Path) -> dict[str, Any]
     return entry
 
 
-def path_from(folder: Path, path: Path) -> str:
+def relative_path(folder: Path, path: Path) -> str:
     """`path` as an index in `folder` states it: relative, but for another drive of Windows."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
@@ -342,9 +340,9 @@ class FactChange:
     """Id of the entry, or its file where it states none."""
     fact: str
     """Key of an `Entry`, such as ``label``."""
-    before: Any
+    previous: Any
     """What the entry, or the index's defaults, stated when it was looked at; None for nothing."""
-    after: Any
+    value: Any
     """What it shall state; None for nothing."""
 
 
@@ -374,7 +372,7 @@ def change_facts(
     """
     with _alone(path.parent):
         text = read_text(path) if path.is_file() or proposed is None else None
-        table = index_table(path) if text is not None else copy.deepcopy(dict(proposed or {}))
+        table = read_index(path) if text is not None else copy.deepcopy(dict(proposed or {}))
         edited = copy.deepcopy(table)
         for change in changes:
             _apply(edited, change, path, undo=undo)
@@ -411,35 +409,35 @@ def _apply(table: dict[str, Any], change: FactChange, path: Path, *, undo: bool)
         raise InputError(f"{path} has {len(entries)} entries {change.entry!r} now; load it again.")
     (entry,), defaults = entries, table.get("defaults", {})
     stated = {**defaults, **entry}.get(change.fact)
-    if stated != change.before:
+    if stated != change.previous:
         raise InputError(
-            f"{change.entry}: {change.fact} was {change.before!r} and is {stated!r} now, since another window or "
+            f"{change.entry}: {change.fact} was {change.previous!r} and is {stated!r} now, since another window or "
             "program changed it; nothing was written."
         )
     where = f"{path}: {change.entry}"
-    if change.after is None:
+    if change.value is None:
         if change.fact in defaults:
             raise InputError(
                 f"{where}: {change.fact} is stated for all, in [defaults]; state another value."
             )
         entry.pop(change.fact, None)
     else:
-        entry[change.fact] = change.after
+        entry[change.fact] = change.value
         Entry.from_mapping({**defaults, **entry}, where)
         if (
             change.fact in QUANTITIES
-            and parse_quantity(change.after, QUANTITIES[change.fact], name=change.fact) <= 0
+            and parse_quantity(change.value, QUANTITIES[change.fact], name=change.fact) <= 0
         ):
-            raise DataError(f"{where}: {change.fact} = {change.after!r} must be above zero.")
+            raise DataError(f"{where}: {change.fact} = {change.value!r} must be above zero.")
     if change.fact == "label" and "classes" in table:
         labels = [item.get("label") for item in table["recording"]]
         classes = [
             name
             for name in table["classes"]
-            if not (undo and name == change.before) or name in labels
+            if not (undo and name == change.previous) or name in labels
         ]
-        table["classes"] = classes + [change.after] * (
-            change.after is not None and change.after not in classes
+        table["classes"] = classes + [change.value] * (
+            change.value is not None and change.value not in classes
         )
 
 

@@ -21,7 +21,7 @@ from swashtwin.recordings.channel_checks import (
     listed,
     unfit,
 )
-from swashtwin.recordings.grouping import stated_speed
+from swashtwin.recordings.grouping import specified_shaft_frequency
 from swashtwin.recordings.recording import Recording
 
 
@@ -173,7 +173,7 @@ def inspect_recordings(
         *([Finding("length", "warning", None, message)] if lengths[-1] > 3 * lengths[0] else []),
         *_duplicates(recordings, hashes),
         *_odd_levels(recordings, statistics),
-        *several_healthy(recording.label for recording in recordings),
+        *healthy_class_findings(recording.label for recording in recordings),
         *_thin_classes(recordings),
     ]
     return InspectionReport(tuple(reports), (*unreadable, *findings))
@@ -260,12 +260,12 @@ def window_findings(
             advice = f"it has {slowest.n_samples} samples only: record longer, or leave it out"
         message = (
             f"a window of {length} samples is shorter than one revolution of {slowest.recording_id}{_more(partial)} "
-            f"({60 * (stated_speed(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); {advice}."
+            f"({60 * (specified_shaft_frequency(slowest) or 0):.0f} rev/min at {slowest.sample_rate:g} Hz); {advice}."
         )
         yield Finding("partial_turn", "warning", None, message)
 
 
-def usual_window(recordings: Sequence[Recording]) -> int:
+def default_window(recordings: Sequence[Recording]) -> int:
     """Samples of the windows that recordings are cut into where nobody says: a power of two.
 
     0.32 s or more, 8,192 samples at least, so that a spectrum tells the shaft's orders apart; but
@@ -296,7 +296,7 @@ def _more(recordings: Sequence[Recording]) -> str:
 
 def _turn(recording: Recording) -> int:
     """Samples of one revolution, 0 where the speed is not stated."""
-    shaft = stated_speed(recording)
+    shaft = specified_shaft_frequency(recording)
     return math.ceil(recording.sample_rate / shaft * (1 - 1e-9)) if shaft else 0
 
 
@@ -349,7 +349,7 @@ def _odd_levels(
         yield Finding("level", "warning", None, message)
 
 
-def several_healthy(labels: Iterable[str | None]) -> Iterator[Finding]:
+def healthy_class_findings(labels: Iterable[str | None]) -> Iterator[Finding]:
     """A note where classes of several names are all healthy."""
     names = sorted({label for label in labels if label and is_healthy(label)})
     if len(names) > 1:

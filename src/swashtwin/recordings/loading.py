@@ -22,6 +22,11 @@ from swashtwin.foundation import (
 )
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.fact_extraction import (
+    describe_contradictions,
+    parse_header_facts,
+    pressures_without_unit,
+)
 from swashtwin.recordings.files import open_raw, stem_of
 from swashtwin.recordings.formats.columns import Column
 from swashtwin.recordings.formats.raw_file import (
@@ -32,8 +37,7 @@ from swashtwin.recordings.formats.raw_file import (
 )
 from swashtwin.recordings.recording import Recording
 from swashtwin.recordings.samples import Columns, Samples, hash_channels
-from swashtwin.recordings.scaling import scale, vibration_columns
-from swashtwin.recordings.stated_facts import bare_pressures, contradictions, facts_of_header
+from swashtwin.recordings.scaling import resolve_scaling, vibration_columns
 
 PUMP_KEYS = {key: key for key in QUANTITIES if key not in ("sample_rate", "resample")}
 PUMP_KEYS["pressure"] = "discharge_pressure"
@@ -64,12 +68,12 @@ def load_recording(path: str | Path, **facts: Any) -> Recording:
     for name, unit in {**QUANTITIES, "discharge_pressure": "Pa"}.items():
         if isinstance(facts.get(name), (int, float)):
             facts[name] = f"{float(facts[name])!r} {unit}"
-    return recording_of(
+    return load_entry(
         as_path(path), Entry.from_mapping({"file": str(path), **facts}, where="load_recording")
     )
 
 
-def recording_of(path: Path, entry: Entry) -> Recording:
+def load_entry(path: Path, entry: Entry) -> Recording:
     """Recording of the file at `path` with the facts of `entry`."""
     stamp = file_stamp(path)
     if entry.sha256 and entry.sha256.lower() != (digest := sha256_of(path)):
@@ -77,14 +81,16 @@ def recording_of(path: Path, entry: Entry) -> Recording:
             f"{path} is not the file that was indexed (sha256 {digest[:12]}, index {entry.sha256[:12]})."
         )
     raw = open_raw(path, entry.options)
-    header = facts_of_header(raw)
-    header = {key: text for key, text in header.items() if key not in bare_pressures(header)}
-    contradicted = contradictions(entry, header)
+    header = parse_header_facts(raw)
+    header = {
+        key: text for key, text in header.items() if key not in pressures_without_unit(header)
+    }
+    contradicted = describe_contradictions(entry, header)
     entry = replace(
         entry, **{key: text for key, text in header.items() if getattr(entry, key) is None}
     )
-    chosen = choose_columns(raw, entry, str(path))
-    rate = stated_rate(raw, tuple(chosen), entry, str(path))
+    chosen = select_columns(raw, entry, str(path))
+    rate = resolve_sample_rate(raw, tuple(chosen), entry, str(path))
     columns, unit = _columns(raw, entry, chosen, path)
     names = entry.names or tuple(chosen)
     if len(names) != len(chosen):
@@ -124,17 +130,17 @@ def recording_of(path: Path, entry: Entry) -> Recording:
 def _columns(
     raw: RawFile, entry: Entry, chosen: Mapping[str, Column], path: Path
 ) -> tuple[Columns, str]:
-    factors, unit = scale(raw, entry, tuple(chosen), str(path))
+    factors, unit = resolve_scaling(raw, entry, tuple(chosen), str(path))
     return Columns(tuple(chosen.values()), tuple(factors), raw.speeds), unit
 
 
 def _reopen(path: Path, stamp: tuple[int, int, int], entry: Entry) -> Columns:
     require_unchanged(path, stamp)
     raw = open_raw(path, entry.options)
-    return _columns(raw, entry, choose_columns(raw, entry, str(path)), path)[0]
+    return _columns(raw, entry, select_columns(raw, entry, str(path)), path)[0]
 
 
-def load_beside(recording: Recording, channel: str) -> Recording:
+def load_extra_channel(recording: Recording, channel: str) -> Recording:
     """Another column of a recording's file in its own unit, such as the volts of a tachometer
     beside accelerations.
 
@@ -151,13 +157,13 @@ def load_beside(recording: Recording, channel: str) -> Recording:
     path, _, entry = opened.args
     raw = open_raw(path, entry.options)
     unit = None if channel in raw.units else "1"
-    return recording_of(
+    return load_entry(
         path,
         replace(entry, channels=(channel,), names=None, unit=unit, sensitivity=None, sha256=None),
     )
 
 
-def choose_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
+def select_columns(raw: RawFile, entry: Entry, where: str) -> dict[str, Column]:
     """Columns the entry asks for, in its order; where it asks for none, `vibration_columns`."""
     chosen: dict[str, Column] = {}
     for channel in vibration_columns(raw, entry) if entry.channels is None else entry.channels:
@@ -193,7 +199,7 @@ def _matching(raw: RawFile, channel: str | int) -> list[str]:
     return [name for name in names if fnmatchcase(name, channel)]
 
 
-def stated_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -> float:
+def resolve_sample_rate(raw: RawFile, chosen: Sequence[str], entry: Entry, where: str) -> float:
     """Sample rate [Hz] of the index or the file, which must not contradict each other."""
     in_index = (
         None

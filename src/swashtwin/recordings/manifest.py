@@ -19,7 +19,7 @@ Manifest = Mapping[str, tuple[str, ...]]
 """Hashes and fingerprints of the content of each recording, by its id."""
 
 
-def manifest_of(recordings: Iterable[Recording]) -> dict[str, tuple[str, ...]]:
+def build_manifest(recordings: Iterable[Recording]) -> dict[str, tuple[str, ...]]:
     """Manifest of recordings; their samples are read once."""
     return join_manifests(
         {recording.recording_id: (*recording.content_hashes(), *fingerprints(recording))}
@@ -43,16 +43,16 @@ def join_manifests(manifests: "Iterable[Manifest | Iterable[str]]") -> dict[str,
     return {name: tuple(sorted(joined[name])) for name in sorted(joined)}
 
 
-def listed_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
+def find_exact_copies(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Those of `recordings` whose samples, as they are, stand in `manifest`: id there, by id here.
 
     A recording is in it if it shares the content of a channel with one of the manifest, whatever
     both are called; where the content of either is not known, if the names are the same. Altered
-    copies are those of `seen_recordings`, whose cost grows with the manifest.
+    copies are those of `find_copies`, whose cost grows with the manifest.
 
     Examples
     --------
-    >>> listed_recordings({"a": ("1f",), "twin": ()}, {"a": ("2e",), "copy of a": ("1f",), "twin": ("3d",)})
+    >>> find_exact_copies({"a": ("1f",), "twin": ()}, {"a": ("2e",), "copy of a": ("1f",), "twin": ("3d",)})
     {'copy of a': 'a', 'twin': 'twin'}
     """
     listed = join_manifests([manifest])
@@ -67,14 +67,14 @@ def listed_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest
     return seen
 
 
-def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
+def find_copies(manifest: "Manifest | Iterable[str]", recordings: Manifest) -> dict[str, str]:
     """Those of `recordings` that are in `manifest`, as they are or altered: id there, by id here.
 
-    Besides `listed_recordings` these are copies that were cut, filtered, scaled, resampled or
-    reversed (`near_copies`).
+    Besides `find_exact_copies` these are copies that were cut, filtered, scaled, resampled or
+    reversed (`find_altered_copies`).
     """
     listed = join_manifests([manifest])
-    seen = listed_recordings(listed, recordings)
+    seen = find_exact_copies(listed, recordings)
     others = {name: hashes for name, hashes in recordings.items() if name not in seen}
     known, new = (
         {
@@ -83,10 +83,10 @@ def seen_recordings(manifest: "Manifest | Iterable[str]", recordings: Manifest) 
         }
         for manifest in (listed, others)
     )
-    return {**seen, **near_copies(known, new)}
+    return {**seen, **find_altered_copies(known, new)}
 
 
-def repeated_recordings(manifest: Manifest) -> dict[str, str]:
+def find_duplicates(manifest: Manifest) -> dict[str, str]:
     """Recordings that hold what an earlier one of the manifest holds: the id of that, by their
     own.
     """
@@ -101,8 +101,8 @@ def repeated_recordings(manifest: Manifest) -> dict[str, str]:
     return repeated
 
 
-def say_seen(seen: Mapping[str, str]) -> str:
-    """The first of `seen_recordings`, and how many more, to begin a sentence with."""
+def describe_copies(seen: Mapping[str, str]) -> str:
+    """The first of `find_copies`, and how many more, to begin a sentence with."""
     name, listed = next(iter(seen.items()))
     same = (
         "" if name == listed else f", which holds the samples of {listed}, as they are or altered,"
@@ -190,7 +190,7 @@ def _signs(text: str) -> Complex64[np.ndarray, "band time"]:
     return signs
 
 
-def near_copies(
+def find_altered_copies(
     listed: Mapping[str, Sequence[str]], recordings: Mapping[str, Sequence[str]]
 ) -> dict[str, str]:
     """Those of `recordings` that are copies of listed ones: id there, by id here.

@@ -12,21 +12,21 @@ from typing import Any
 from swashtwin.foundation import DataError, MissingFileError, parse_quantity, plain_text
 from swashtwin.recordings.channel_checks import listed
 from swashtwin.recordings.entry import QUANTITIES, Entry
+from swashtwin.recordings.fact_extraction import (
+    find_single_label,
+    label_hints,
+    move_machines_out_of_labels,
+    parse_header_facts,
+    parse_path_facts,
+    pressures_without_unit,
+    read_fact_table,
+)
 from swashtwin.recordings.files import open_raw, stem_of, suffix_of, suffixes
 from swashtwin.recordings.formats.raw_file import RawFile
 from swashtwin.recordings.formats.sample_units import require_sample_unit
-from swashtwin.recordings.index import path_from
-from swashtwin.recordings.loading import choose_columns, rate_in_file, stated_rate
-from swashtwin.recordings.scaling import scale, vibration_columns
-from swashtwin.recordings.stated_facts import (
-    bare_pressures,
-    facts_of_header,
-    facts_of_name,
-    facts_of_table,
-    label_hints,
-    machines_in_labels,
-    only_label,
-)
+from swashtwin.recordings.index import relative_path
+from swashtwin.recordings.loading import rate_in_file, resolve_sample_rate, select_columns
+from swashtwin.recordings.scaling import resolve_scaling, vibration_columns
 
 Facts = dict[str, tuple[str, str]]
 """Value and origin of each fact of one file."""
@@ -102,7 +102,7 @@ def propose_index(
         require_sample_unit(defaults["unit"])
     if pressure_unit is not None:
         parse_quantity(f"1 {pressure_unit}", "Pa", name="pressure_unit")
-    stated = None if table is None else facts_of_table(folder, Path(table), columns or {})
+    stated = None if table is None else read_fact_table(folder, Path(table), columns or {})
     found = sorted(
         path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")
     )
@@ -134,12 +134,14 @@ def propose_index(
         pressure_unit = answers.pop("pressure_unit", pressure_unit)
         defaults |= answers
     survey.require_complete()
-    hints = [] if label_pattern or stated is not None else machines_in_labels(survey.entries)
+    hints = (
+        [] if label_pattern or stated is not None else move_machines_out_of_labels(survey.entries)
+    )
     for origins, entry in zip(survey.facts, survey.entries, strict=True) if hints else ():
         origins |= {key: (entry[key], "its name") for key in ("label", "specimen") if key in entry}
     index: dict[str, Any] = {"format": 1}
     if index_folder is not None and Path(index_folder).resolve() != folder.resolve():
-        index["root"] = path_from(Path(index_folder).resolve(), folder.resolve())
+        index["root"] = relative_path(Path(index_folder).resolve(), folder.resolve())
     index |= _content(survey.entries, defaults)
     hints += label_hints(survey.entries)
     notes = tuple(dict.fromkeys([*survey.notes, *hints]))
@@ -193,7 +195,7 @@ class _Survey:
         table.
         """
         fact, found = (
-            facts_of_name(name, self.pattern)
+            parse_path_facts(name, self.pattern)
             if self.stated is None or self.pattern
             else ({}, frozenset())
         )
@@ -206,7 +208,7 @@ class _Survey:
             if key != "label" or not raw.facts.get("label")
         }
         values |= {key: plain_text(values[key]) for key in ("label", "specimen") if key in values}
-        header, counts = facts_of_header(raw), "header's" if self.stated is None else "table's"
+        header, counts = parse_header_facts(raw), "header's" if self.stated is None else "table's"
         both = [key for key in header if key in values and header[key] != values[key]]
         self.notes.extend(
             f"{name} states {key} = {values[key]}, its header {header[key]}; the {counts} counts."
@@ -216,7 +218,7 @@ class _Survey:
             key: text for key, text in header.items() if self.stated is None or key not in values
         }
         values |= in_file
-        bare = bare_pressures(values)
+        bare = pressures_without_unit(values)
         if bare and self.pressure_unit is None:
             self.missing.setdefault("pressure_unit", []).append(name)
         values |= {
@@ -226,7 +228,7 @@ class _Survey:
         }
         for part in self._entries_within(raw, {"file": name, **values}):
             entry = self._entry(part)
-            columns = list(choose_columns(raw, entry, str(self.folder / name)))
+            columns = list(select_columns(raw, entry, str(self.folder / name)))
             for key in _missing_facts(
                 raw, columns, entry, self.defaults.keys(), str(self.folder / name)
             ):
@@ -306,7 +308,11 @@ class _Survey:
         }
         if "label" in questions:
             questions["label_pattern"] = questions.pop("label")
-        elif self.pattern is None and self.stated is None and (only := only_label(self.entries)):
+        elif (
+            self.pattern is None
+            and self.stated is None
+            and (only := find_single_label(self.entries))
+        ):
             reason = f"All files are of the class {only!r}, as their names say"
             questions["label_pattern"] = f"{reason}. {_QUESTIONS['label'][1]}?"
         return questions
@@ -368,11 +374,11 @@ def _missing_facts(
     if entry.sample_rate is None and rate_in_file(raw, columns, where) is None:
         missing.append("sample_rate")
     elif "sample_rate" in given:
-        stated_rate(raw, columns, entry, where)
+        resolve_sample_rate(raw, columns, entry, where)
     if not has_units and entry.unit is None and entry.sensitivity is None:
         missing.append("sensitivity" if raw.full_scale else "unit")
     elif given & {"sensitivity", "unit"}:
-        scale(raw, entry, columns, where)
+        resolve_scaling(raw, entry, columns, where)
     return missing if entry.label or raw.facts.get("label") else [*missing, "label"]
 
 

@@ -222,11 +222,7 @@ class Recording:
         """
         return replace(self, **changes)
 
-    def relabeled(self, label: str | None) -> "Recording":
-        """The same measurement under another class."""
-        return self.replace(label=label)
-
-    def picked(self, channels: Sequence[str]) -> "Recording":
+    def select_channels(self, channels: Sequence[str]) -> "Recording":
         """The same measurement with only `channels`, in that order."""
         missing = [name for name in channels if name not in self.channels]
         if missing:
@@ -309,7 +305,7 @@ def require_same_facts(first: Recording, block: Recording) -> None:
         raise DataError(f"{first.recording_id}: some blocks have a speed and some have none.")
 
 
-def require_distinct(ids: Iterable[str], where: str) -> None:
+def require_unique_ids(ids: Iterable[str], where: str) -> None:
     """Refuse recordings of which two have one id."""
     counts = Counter(ids)
     for name, count in counts.items():

@@ -75,7 +75,7 @@ class _Sensitivity(NamedTuple):
             return None
 
 
-def scale(
+def resolve_scaling(
     raw: RawFile, options: ReadOptions, chosen: Sequence[str], where: str
 ) -> tuple[list[float], str]:
     """Factor of each channel and the unit that comes out: m/s^2 for accelerations, the unit itself

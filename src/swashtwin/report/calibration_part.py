@@ -24,7 +24,7 @@ from swashtwin.plot import (
     words,
 )
 from swashtwin.pump import PARAMETERS
-from swashtwin.recordings import RecordingFacts
+from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import (
@@ -63,7 +63,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
         [
             ("method", calibration.method),
             *flatten_settings(calibration.settings),
-            ("condition", condition_words(calibration)),
+            ("condition", describe_conditions(calibration)),
             ("simulations", calibration.simulations),
             ("time taken", f"{number(calibration.wall_s)} s"),
             ("swashtwin version", calibration.version),
@@ -74,7 +74,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
         answer=calibration_answer(calibration)[:1],
-        notice=rig_notice(RecordingFacts(origin=calibration.origin)),
+        notice=rig_notice(RecordingSummary(origin=calibration.origin)),
         sections=(
             Section(
                 SectionOrder.CALIBRATION,
@@ -93,7 +93,7 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
         actions=_actions(calibration, has_improved),
         facts=(
             ("Pump", calibration.twin.pump.name),
-            ("Condition", also_in_bar(condition_words(calibration))),
+            ("Condition", also_in_bar(describe_conditions(calibration))),
             ("Method", calibration.method),
             ("Recordings", str(len(calibration.recording_ids))),
         ),
@@ -132,7 +132,7 @@ def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
     """What came out, in plain words."""
     spectrum, waveform = (_change(calibration, name) for name in ("spectrum_value_error", "rmse"))
     return (
-        f"The twin of {calibration.twin.pump.name} ({condition_words(calibration)}, {words(calibration.twin.label)}) "
+        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, {words(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
         f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
         "These are the recordings it was calibrated on, so neither number is a test.",
@@ -156,7 +156,7 @@ def verdict_counts(calibration: Calibration) -> str:
     return ", ".join(named)
 
 
-def condition_words(calibration: Calibration) -> str:
+def describe_conditions(calibration: Calibration) -> str:
     """Speed and pressure of the twin, or of every operating point where several were fitted
     together.
     """

@@ -19,7 +19,7 @@ from swashtwin.plot import (
     words,
 )
 from swashtwin.pump import is_healthy
-from swashtwin.recordings import RecordingFacts
+from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Cutaway, Drawing, cutaway_of, render_drawing
 from swashtwin.report.model_part import choice_blocks
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table, Tone
@@ -217,7 +217,7 @@ def spectrum_sentences(spectrum: HealthySpectrum | None) -> tuple[str, ...]:
 
 
 @figure_style()
-def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingFacts, key: str) -> Drawing:
+def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingSummary, key: str) -> Drawing:
     """Levels of a recording, channel by channel, over the range and the median of healthy ones."""
     count, first = len(spectrum.channels), max(float(spectrum.low[0]), 1e-3)
     edges = np.append(np.maximum(spectrum.low, first), spectrum.high[-1])

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from swashtwin.recordings import RecordingFacts
+from swashtwin.recordings import RecordingSummary
 from swashtwin.report.page import Cell, Table
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -122,7 +122,7 @@ def also_in_bar(text: str) -> str:
     return re.sub(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa", both, text)
 
 
-def fact_entries(facts: RecordingFacts) -> tuple[tuple[str, str], ...]:
+def fact_entries(facts: RecordingSummary) -> tuple[tuple[str, str], ...]:
     """(name, value) of each fact that is stated."""
     entries = (
         _counted("Machine", facts.machine),
@@ -139,7 +139,7 @@ def _counted(name: str, value: str) -> tuple[str, str]:
     return (f"{name}s", count) if count != value or ", " in value else (name, value)
 
 
-def rig_notice(facts: RecordingFacts) -> str:
+def rig_notice(facts: RecordingSummary) -> str:
     """That recordings are of no real pump; empty unless they state that they are of the virtual
     rig.
     """

@@ -21,7 +21,7 @@ from swashtwin.foundation import (
     plural,
 )
 from swashtwin.learning import FittedClassifier, Scores
-from swashtwin.recordings import Recording, facts_of
+from swashtwin.recordings import Recording, summarize_recordings
 from swashtwin.report.diagnosis_part import anomaly_part, diagnosis_part
 from swashtwin.report.drawing import template
 from swashtwin.report.evidence_part import evidence_part
@@ -164,7 +164,7 @@ def _contents(
     parts = [part_of(item, key) for item, key in zip(items, keys, strict=True)]
     cards = cards_of(parts)
     overview = overview_of(parts, cards)
-    stated = facts_of(recordings)
+    stated = summarize_recordings(recordings)
     agreed = shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
     if sum(bool(part.facts) for part in parts) > 1:
         agreed.pop("Recordings", None)  # a count of one part alone

@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from swashtwin.foundation import InputError
-from swashtwin.recordings import Recording, refuse_unfit, stated_speed
+from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.filtering import band_limited
 from swashtwin.signals.shaft_angle import ShaftAngle, resampled_by_angle, stated_angle
 from swashtwin.signals.spectra import AT_ONCE, amplitude_spectrum, signal_envelope
@@ -360,8 +360,10 @@ def spectrum_of(
     DataError
         The recording is unfit.
     """
-    refuse_unfit(recording)
-    shaft = stated_speed(recording) if angle is None else angle.mean_speed / (2 * math.pi)
+    require_usable(recording)
+    shaft = (
+        specified_shaft_frequency(recording) if angle is None else angle.mean_speed / (2 * math.pi)
+    )
     signal, rate, unit = recording.signal, recording.sample_rate, recording.unit
     header = (kind, recording.recording_id, recording.channels)
     if kind == "amplitude":

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import DataError, InputError, csv_text
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_same_class, values_match
-from swashtwin.recordings import Recording, refuse_unfit, stated_speed
+from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.indicators import BANDS, FAMILIES, Band, Indicator, Measured
 from swashtwin.signals.levels import shape_statistics
 from swashtwin.signals.shaft_angle import ShaftAngle
@@ -158,12 +158,12 @@ def indicators_of(
         )
     if pistons is not None and pistons < 1:
         raise InputError(f"pistons ({pistons}) must be 1 or more.")
-    refuse_unfit(recording.replace(signal=recording.signal))  # a file is read once
+    require_usable(recording.replace(signal=recording.signal))  # a file is read once
     if angle is not None:
         angle.require_fits(recording)
         shaft: float | None = angle.mean_speed / (2 * math.pi)
     else:
-        shaft = stated_speed(recording)
+        shaft = specified_shaft_frequency(recording)
     orders = (1, 2) if pistons is None else tuple(sorted({1, 2, pistons, 2 * pistons}))
     measured = Measured(recording, shaft, angle, orders, tuple(bands))
     pairs = [pair for name in wanted for pair in FAMILIES[name](measured)]
@@ -224,7 +224,7 @@ def long_indicators(
     """
     if recording.n_samples * recording.n_channels <= LONGEST:
         return describe(recording)
-    refuse_unfit(recording)
+    require_usable(recording)
     length = _STRETCH // recording.n_channels
     starts = np.linspace(0, recording.n_samples - length, _STRETCHES).astype(int).tolist()
     tables = [describe(recording.slice(start, start + length)) for start in starts]
@@ -235,7 +235,7 @@ def long_indicators(
         [table.values[:, [table.columns.index(column) for column in shared]] for table in tables]
     )
     joined = np.median(values, axis=0)
-    picked = recording.picked([row.channel for row in tables[0].rows])
+    picked = recording.select_channels([row.channel for row in tables[0].rows])
     statistics = shape_statistics(picked) if any(column.name == "rms" for column in shared) else {}
     for index, column in enumerate(shared):
         if column.name.startswith(_LEVELS):

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.recordings import Recording, refuse_unfit, stated_speed
+from swashtwin.recordings import Recording, require_usable, specified_shaft_frequency
 from swashtwin.signals.spectra import power_density
 
 TIME_STATISTICS = (
@@ -175,7 +175,7 @@ stretches.
 
 def shaft_frequency(recording: Recording) -> float:
     """Shaft frequency [Hz] that a recording states; a `DataError` where it states none."""
-    shaft = stated_speed(recording)
+    shaft = specified_shaft_frequency(recording)
     if not shaft:
         raise DataError(
             f"{recording.recording_id} states no speed, and shaft orders are compared; state it in the index, or with "
@@ -205,7 +205,7 @@ def recording_density(
     DataError
         It is unfit or too short.
     """
-    refuse_unfit(recording)
+    require_usable(recording)
     if recording.n_samples < (needed := max(length, least)):
         raise DataError(
             f"{recording.recording_id} lasts {recording.duration:.3g} s ({recording.n_samples} samples); to compare "

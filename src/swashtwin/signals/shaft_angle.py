@@ -16,7 +16,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording, specified_shaft_frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def stated_angle(recording: Recording) -> ShaftAngle:
         angle = np.concatenate([[0.0], np.cumsum(steps)])
         source = "the recording's speed"
     else:
-        shaft = stated_speed(recording)
+        shaft = specified_shaft_frequency(recording)
         if shaft is None:
             raise InputError(
                 f'{recording.recording_id}: nobody stated its speed; give one ("860 rpm"), or a tachometer channel.'
@@ -130,7 +130,7 @@ def tachometer_speed(recording: Recording, channel: str, pulses_per_turn: int = 
     """
     if pulses_per_turn < 1:
         raise InputError(f"pulses_per_turn ({pulses_per_turn}) must be 1 or more.")
-    level = recording.picked([channel]).signal[0]
+    level = recording.select_channels([channel]).signal[0]
     if not np.isfinite(level).all():
         raise DataError(
             f"{recording.recording_id}, {channel}: samples are missing; no pulse can be counted there."

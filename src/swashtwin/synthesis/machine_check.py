@@ -10,7 +10,7 @@ from swashtwin.foundation import InputError
 from swashtwin.learning import WindowSet, refuse_other_values
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, is_healthy
-from swashtwin.recordings import Recording, stated_pressure, stated_speed
+from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
 
 _EXAMINED = 3
 """Recordings whose lines are looked at, healthy ones first."""
@@ -46,9 +46,9 @@ def require_same_machine(
         notes: list[str] = []
     else:
         speeds = np.array(
-            [(stated_speed(recording) or math.nan) * 2 * math.pi for recording in like]
+            [(specified_shaft_frequency(recording) or math.nan) * 2 * math.pi for recording in like]
         )
-        pressures = np.array([stated_pressure(recording) for recording in like])
+        pressures = np.array([specified_pressure(recording) for recording in like])
         notes = _refuse_other_pistons(twin, conditions[0], like)
     for quantity, is_checked, simulated, stated in (
         ("speed", speed, [condition.speed for condition in conditions], speeds),
@@ -89,7 +89,7 @@ def _refuse_other_pistons(
         return []
     contradiction = ""
     for recording in sorted(recordings, key=lambda item: not is_healthy(item.label))[:_EXAMINED]:
-        shaft = stated_speed(recording) or condition.shaft_frequency
+        shaft = specified_shaft_frequency(recording) or condition.shaft_frequency
         if recording.duration * shaft < _LEAST_TURNS:
             continue
         shown = shown_speed(recording, shaft, count)
@@ -100,7 +100,10 @@ def _refuse_other_pistons(
             lines = (
                 f"{recording.recording_id} has piston-pass lines at multiples of {spacing:.4g} Hz"
             )
-            if stated_speed(recording) and abs(pistons - round(pistons)) <= _WHOLE * pistons:
+            if (
+                specified_shaft_frequency(recording)
+                and abs(pistons - round(pistons)) <= _WHOLE * pistons
+            ):
                 lines += f", those of {round(pistons)} pistons at {60 * shaft:.4g} rev/min"
             contradiction = f"{lines}, and the twin ({pump}) with its {count} at multiples of {count * shaft:.4g} Hz"
     if contradiction:

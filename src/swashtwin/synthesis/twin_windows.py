@@ -20,7 +20,7 @@ from swashtwin.foundation import InputError, derive_seed, random_stream
 from swashtwin.learning import WindowSet, cut_windows
 from swashtwin.physics import Twin, accelerations
 from swashtwin.pump import PRESSURE_TOLERANCE, Fault, is_healthy, is_same_class, values_match
-from swashtwin.recordings import Recording, join_manifests, usual_window
+from swashtwin.recordings import Recording, default_window, join_manifests
 from swashtwin.signals import synchronous_signal
 from swashtwin.synthesis.background import DEFAULT_VARIATION, Variation, background_noise, draw_twin
 from swashtwin.synthesis.fidelity import Fidelity, measure_fidelity
@@ -106,7 +106,7 @@ def synthesize(
     variation, background : what differs from window to window, and what the windows are laid over,
         see `simulate_windows`.
     window : samples per window where `like` is recordings; by default as in `FaultClassifier`
-        (`usual_window`).
+        (`default_window`).
 
     Raises
     ------
@@ -147,7 +147,7 @@ def synthesize(
         )
         classes = sorted({*labels, _class_among(labels, twin)})
         measured = cut_windows(
-            recordings, length=window or usual_window(recordings), classes=classes
+            recordings, length=window or default_window(recordings), classes=classes
         )
         notes = require_same_machine(twin, conditions, recordings, **is_stated)
     read = measured.channels if calibration is None else calibration.posterior.channels

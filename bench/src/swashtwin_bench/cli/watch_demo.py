@@ -141,6 +141,6 @@ def _write(recordings: "Iterable[Recording]", folder: Path) -> None:
 
     first = time.time() - 86400 * RECORDINGS / PER_DAY
     for number, recording in enumerate(recordings):
-        path = write_recording(recording.relabeled(None), folder / f".{number + 1:03}.h5")
+        path = write_recording(recording.replace(label=None), folder / f".{number + 1:03}.h5")
         os.utime(path, (first + 86400 * number / PER_DAY,) * 2)
         path.rename(folder / f"{number + 1:03}.h5")

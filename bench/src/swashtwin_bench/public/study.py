@@ -22,7 +22,7 @@ from swashtwin.learning import (
     feature_values,
     unseen_recordings,
 )
-from swashtwin.recordings import Recording, usual_window
+from swashtwin.recordings import Recording, default_window
 from swashtwin_bench.public.sets import SPLITS, Fold, Split, read_public_set
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
 from swashtwin_bench.results.table import StudyTable, Trial
@@ -76,7 +76,7 @@ class _Case:
         """
         if self.classifier == CHOSEN:
             return FaultClassifier(seed=self.seed)
-        window = usual_window(train) if train else None
+        window = default_window(train) if train else None
         scaling = "none" if self.classifier in ON_FEATURES else RECOMMENDED_TRAINING.normalization
         return FaultClassifier(
             self.classifier, window=window, normalization=scaling, seed=self.seed
@@ -223,7 +223,7 @@ def trial_at_random(split: Split, seed: int) -> Trial:
     groups = frozenset().union(*(fold.train | fold.test for fold in split.folds))
     recordings = [recording for recording in split.recordings if split.group(recording) in groups]
     windows = cut_windows(
-        recordings, length=usual_window(recordings), allow_partial_revolution=True
+        recordings, length=default_window(recordings), allow_partial_revolution=True
     )
     trees = ExtraTreesClassifier(100, random_state=seed, class_weight="balanced", n_jobs=1)
     folds = StratifiedKFold(5, shuffle=True, random_state=seed)
@@ -240,7 +240,7 @@ def _live(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings without channels that are constant in any of them, which no training takes."""
     is_live = np.all([np.ptp(recording.signal, axis=1) > 0 for recording in recordings], axis=0)
     channels = [name for name, live in zip(recordings[0].channels, is_live, strict=True) if live]
-    return [recording.picked(channels) for recording in recordings]
+    return [recording.select_channels(channels) for recording in recordings]
 
 
 def _trials(rows: Sequence[tuple[_Case, Mapping[str, Any]]]) -> tuple[Trial, ...]:

@@ -337,7 +337,10 @@ def _floor(
         return FLOOR
     healthy_lines = measure(
         twin,
-        [recording.picked(measurement.channels).replace(label=twin.label) for recording in similar],
+        [
+            recording.select_channels(measurement.channels).replace(label=twin.label)
+            for recording in similar
+        ],
         measurement.band,
         lines,
     )

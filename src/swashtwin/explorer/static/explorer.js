@@ -64,12 +64,12 @@ async function poll() {
 
 export const FACTS = { label: "Class", specimen: "Machine", speed: "Speed", pressure: "Pressure", sensitivity: "Sensitivity", unit: "Unit", sample_rate: "Sample rate" };
 
-export async function change(names, fact, after) {
-  const changes = names.map((name) => ({ entry: name, fact, before: state.rows.get(name).stated[fact] ?? null, after: after || null }))
-    .filter(({ before }) => String(before ?? "") !== String(after ?? ""));
+export async function change(names, fact, value) {
+  const changes = names.map((name) => ({ entry: name, fact, previous: state.rows.get(name).stated[fact] ?? null, value: value || null }))
+    .filter(({ previous }) => String(previous ?? "") !== String(value ?? ""));
   if (!changes.length) return;
   await write(changes, false);
-  say(`${FACTS[fact]} of ${changes.length === 1 ? names[0] : `${changes.length} recordings`}: ${after || "none"}.`);
+  say(`${FACTS[fact]} of ${changes.length === 1 ? names[0] : `${changes.length} recordings`}: ${value || "none"}.`);
 }
 
 async function write(changes, isUndo) {
@@ -85,7 +85,7 @@ async function undo() {
   const changes = state.undo.pop();
   if (!changes) return;
   const text = (value) => (Array.isArray(value) ? value.join(", ") : value);
-  await write(changes.map(({ entry, fact, before }) => ({ entry, fact, before: state.rows.get(entry)?.stated[fact] ?? null, after: text(before) })), true);
+  await write(changes.map(({ entry, fact, previous }) => ({ entry, fact, previous: state.rows.get(entry)?.stated[fact] ?? null, value: text(previous) })), true);
   say("The last change is undone.");
 }
 

@@ -21,7 +21,7 @@ from swashtwin.learning.training.confidence import (
     window_counts,
 )
 from swashtwin.learning.windows.window_set import WindowSet
-from swashtwin.recordings import join_manifests, say_seen, seen_recordings
+from swashtwin.recordings import describe_copies, find_copies, join_manifests
 
 _ERROR_RATE = 0.1
 """Error rate of a cross-fitted confidence that has recordings enough."""
@@ -147,10 +147,10 @@ def _require_fitting(classifier: FittedClassifier, validation: WindowSet) -> Non
         join_manifests([classifier.manifest]),
         classifier.training_reference.recording_id,
     )
-    if seen := seen_recordings(
-        {name: listed.get(name, ()) for name in trained}, validation.recordings
-    ):
-        raise LeakError(f"{say_seen(seen)} was trained on; calibrate the confidence on others.")
+    if seen := find_copies({name: listed.get(name, ()) for name in trained}, validation.recordings):
+        raise LeakError(
+            f"{describe_copies(seen)} was trained on; calibrate the confidence on others."
+        )
 
 
 def cross_fitted_confidence(

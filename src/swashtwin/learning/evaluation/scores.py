@@ -22,7 +22,7 @@ from swashtwin.learning.training.confidence import likeliest_class, pooled_proba
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
-from swashtwin.recordings import Manifest, Recording, manifest_of, say_seen, seen_recordings
+from swashtwin.recordings import Manifest, Recording, build_manifest, describe_copies, find_copies
 
 
 @runtime_checkable
@@ -47,7 +47,7 @@ def unseen_recordings(
     manifest: Manifest | Iterable[str], recordings: Sequence[Recording]
 ) -> tuple[list[Recording], dict[str, str]]:
     """Measured recordings that had no part in a model, in their order, and those that had
-    (`seen_recordings`).
+    (`find_copies`).
 
     Raises
     ------
@@ -55,7 +55,7 @@ def unseen_recordings(
         Every recording had a part in it.
     """
     measured = [recording for recording in recordings if not recording.synthetic]
-    seen = seen_recordings(manifest, manifest_of(measured))
+    seen = find_copies(manifest, build_manifest(measured))
     unseen = [recording for recording in measured if recording.recording_id not in seen]
     if not unseen:
         raise DataError(
@@ -69,9 +69,9 @@ def refuse_seen(classifier: Classifier, recordings: Manifest) -> None:
     """Raise a `LeakError` that names a recording that had a part in the classifier, if there is
     one.
     """
-    if seen := seen_recordings(classifier.manifest, recordings):
+    if seen := find_copies(classifier.manifest, recordings):
         raise LeakError(
-            f"{say_seen(seen)} had a part in the classifier (its manifest); test on others."
+            f"{describe_copies(seen)} had a part in the classifier (its manifest); test on others."
         )
 
 

@@ -16,11 +16,11 @@ from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_valu
 from swashtwin.recordings import (
     Manifest,
     Recording,
+    build_manifest,
+    find_duplicates,
     layout_findings,
-    manifest_of,
-    repeated_recordings,
-    stated_pressure,
-    stated_speed,
+    specified_pressure,
+    specified_shaft_frequency,
 )
 
 Point = tuple[str | float | None, ...]
@@ -278,8 +278,8 @@ def measure_healthy(
             )
     for finding in layout_findings(recordings):
         raise DataError(finding.message)
-    manifest = manifest_of(recordings)
-    copies = repeated_recordings(manifest)
+    manifest = build_manifest(recordings)
+    copies = find_duplicates(manifest)
     notes = [
         f"{name} holds the same samples as {first} and is left out."
         for name, first in copies.items()
@@ -324,8 +324,8 @@ def _stated_point(recording: Recording) -> tuple[float, float]:
     """Speed [rad/s] and discharge pressure [Pa] that a recording states, NaN where it states
     none.
     """
-    return float(2 * math.pi * (stated_speed(recording) or math.nan)), float(
-        stated_pressure(recording)
+    return float(2 * math.pi * (specified_shaft_frequency(recording) or math.nan)), float(
+        specified_pressure(recording)
     )
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from swashtwin.foundation import InputError
 from swashtwin.learning.features import between, running_sums
 from swashtwin.learning.windows.window_set import WindowLayout
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording, specified_shaft_frequency
 from swashtwin.signals import TURNS, recording_density, shaft_frequency, signal_envelope
 
 MOST_ORDERS = 40
@@ -203,7 +203,7 @@ def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[st
     them).
     """
     first, shortest = recordings[0], min(recording.n_samples for recording in recordings)
-    shafts = [stated_speed(recording) for recording in recordings]
+    shafts = [specified_shaft_frequency(recording) for recording in recordings]
     stated = [shaft for shaft in shafts if shaft]
     segment, n_orders, reason = min(_SEGMENT, shortest), 0, ""
     if len(stated) < len(shafts):

@@ -14,11 +14,11 @@ from swashtwin.recordings import (
     BLOCK_SAMPLES,
     Manifest,
     Recording,
+    build_manifest,
     layout_findings,
-    manifest_of,
-    refuse_unfit,
-    require_distinct,
-    stated_speed,
+    require_unique_ids,
+    require_usable,
+    specified_shaft_frequency,
     window_findings,
 )
 
@@ -72,7 +72,7 @@ def cut_windows(
     recordings = list(recordings)
     if not recordings:
         raise DataError("no recording to cut windows from; check the folder or the selection.")
-    require_distinct(
+    require_unique_ids(
         (recording.recording_id for recording in recordings), "a training and its test"
     )
     if length < 2:
@@ -92,8 +92,8 @@ def cut_windows(
     content: dict[str, tuple[str, ...]] = {}
     for stored in recordings:
         recording = _read_once(stored.unloaded())
-        refuse_unfit(recording)
-        content |= manifest_of([recording])
+        require_usable(recording)
+        content |= build_manifest([recording])
         parts.append(_slices(recording, length, stride))
     return _assembled(recordings, parts, stride, classes, content)
 
@@ -119,7 +119,7 @@ def window_batches(
     class_names = _class_order([recording], classes)
     _require_long_enough([recording], length, allow_partial_revolution)
     recording = _read_once(recording)
-    refuse_unfit(recording)
+    require_usable(recording)
     count = 1 + (recording.n_samples - length) // stride
     for first in range(0, count, batch):
         last = min(first + batch, count)
@@ -190,7 +190,7 @@ def _assembled(
         math.nan if condition is None else condition.discharge_pressure for condition in conditions
     ]
     speed = [
-        (stated_speed(recording) or math.nan) * 2 * math.pi
+        (specified_shaft_frequency(recording) or math.nan) * 2 * math.pi
         if condition is None
         else condition.speed
         for recording, condition in zip(recordings, conditions, strict=True)

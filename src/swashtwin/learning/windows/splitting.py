@@ -16,12 +16,12 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning.windows.window_set import WindowSet
 from swashtwin.recordings import (
     GROUPS,
-    best_test_rows,
-    condition_names,
+    describe_copies,
+    find_copies,
     join_manifests,
-    no_group,
-    say_seen,
-    seen_recordings,
+    missing_group_message,
+    name_conditions,
+    select_test_rows,
 )
 
 Fold = tuple[Int[np.ndarray, " _trained"], Int[np.ndarray, " _tested"]]
@@ -47,14 +47,16 @@ def window_groups(
     if isinstance(group, Mapping):
         missing = [name for name in np.unique(windows.recording_id).tolist() if name not in group]
         if missing:
-            raise DataError(no_group(missing, np.unique(windows.recording_id).size, "group"))
+            raise DataError(
+                missing_group_message(missing, np.unique(windows.recording_id).size, "group")
+            )
         return np.array([str(group[name]) for name in windows.recording_id.tolist()], dtype=np.str_)
     if group == "recording":
         return windows.recording_id
     if group == "condition":
         ids = windows.recording_id.tolist()
         return np.array(
-            condition_names(ids, windows.speed, windows.discharge_pressure), dtype=np.str_
+            name_conditions(ids, windows.speed, windows.discharge_pressure), dtype=np.str_
         )
     if group != "specimen":
         raise InputError(
@@ -62,7 +64,7 @@ def window_groups(
         )
     if (windows.specimen == "").any():
         missing = sorted(set(windows.recording_id[windows.specimen == ""].tolist()))
-        raise DataError(no_group(missing, np.unique(windows.recording_id).size, group))
+        raise DataError(missing_group_message(missing, np.unique(windows.recording_id).size, group))
     return windows.specimen
 
 
@@ -108,7 +110,7 @@ def split_by_recording(
     windows.require_labels("a split by class")
     groups, name = window_groups(windows, group), group if isinstance(group, str) else "group"
     _require_two_groups(windows, groups, f"{name}(s)")
-    names = sorted(seen_recordings(join_manifests([keep_in_training]), windows.recordings))
+    names = sorted(find_copies(join_manifests([keep_in_training]), windows.recordings))
     is_kept = np.isin(groups, groups[np.isin(windows.recording_id, names)])
     if is_kept.any():
         _require_two_groups(
@@ -119,7 +121,7 @@ def split_by_recording(
     rows = np.flatnonzero(~is_kept)
     pressures = np.unique(windows.cell_pressure, return_inverse=True)[1]
     cells = windows.target * (int(pressures.max()) + 1) + pressures
-    test = best_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
+    test = select_test_rows(windows.target[rows], cells[rows], groups[rows], test_fraction, seed)
     if test is None:
         raise DataError(
             f"no split by {name} keeps every class on both sides; name the recordings of the test."
@@ -139,9 +141,9 @@ def check_disjoint(train: WindowSet, test: WindowSet) -> None:
         raise LeakError(
             f"{test.recording_id[test.synthetic][0]} is synthetic; a test set holds measured windows only."
         )
-    if shared := seen_recordings(train.recordings, test.recordings):
+    if shared := find_copies(train.recordings, test.recordings):
         raise LeakError(
-            f"{say_seen(shared)} stands in training and in test; split by recording, and keep one of two copies."
+            f"{describe_copies(shared)} stands in training and in test; split by recording, and keep one of two copies."
         )
     trained = {
         window.tobytes(): name

@@ -16,7 +16,7 @@ from swashtwin.diagnosis import order_levels
 from swashtwin.foundation import DataError, from_table
 from swashtwin.learning import Deviation, LevelLayout, level_layout
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
-from swashtwin.recordings import Recording, stated_pressure, stated_speed
+from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
 from swashtwin.signals import OrderBands
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class OperatingPoint:
     @classmethod
     def of(cls, recording: Recording) -> "OperatingPoint":
         """What a recording states."""
-        shaft, pressure = stated_speed(recording), stated_pressure(recording)
+        shaft, pressure = specified_shaft_frequency(recording), specified_pressure(recording)
         return cls(
             2 * math.pi * shaft if shaft else None, None if math.isnan(pressure) else pressure
         )

@@ -26,7 +26,7 @@ from swashtwin.monitoring.alarms.baseline import (
     read_baseline,
 )
 from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
-from swashtwin.recordings import Recording, stated_speed
+from swashtwin.recordings import Recording, specified_shaft_frequency
 
 PERSISTENCE = 2
 """Recordings that must speak for an alarm, of the last `RECENT`."""
@@ -376,7 +376,9 @@ class PointMonitor:
         if change == "cleared":
             test = ConformalTest(test.scores)  # which has made no bet
         shifts, moved = level_changes(
-            baseline.deviation(levels, p_value), baseline.layout.levels, stated_speed(recording)
+            baseline.deviation(levels, p_value),
+            baseline.layout.levels,
+            specified_shaft_frequency(recording),
         )
         return PointJudgment(
             "watching",

@@ -11,7 +11,7 @@ import scipy
 from jaxtyping import Float, Float64
 
 from swashtwin.monitoring.alarms.baseline import SPREADS, PointBaseline
-from swashtwin.recordings import Recording, clipped_samples, stated_speed
+from swashtwin.recordings import Recording, count_clipped_samples, specified_shaft_frequency
 
 FLAT = 0.1
 """Share of the samples in stretches of one value that makes a channel flat."""
@@ -80,7 +80,7 @@ def sensor_findings(recording: Recording) -> tuple[SensorFinding, ...]:
     doubled channels.
     """
     flat_length = round(max(_FLAT_SAMPLES, _FLAT_TIME * recording.sample_rate))
-    turn = round(recording.sample_rate * (1 / (stated_speed(recording) or 1 / _SLOW)))
+    turn = round(recording.sample_rate * (1 / (specified_shaft_frequency(recording) or 1 / _SLOW)))
     signal, names = recording.signal, recording.channels
     found = (
         _finding(name, row, flat_length, max(turn, 1))
@@ -249,7 +249,7 @@ def _finding(
     if ratio >= SPIKES:
         sentence = f"channel {name} has single samples {ratio:.1g} times as far from the middle as the others: spikes."
         return SensorFinding("spikes", name, sentence)
-    clipped = clipped_samples(row) / row.size
+    clipped = count_clipped_samples(row) / row.size
     if clipped >= SATURATED:
         sentence = f"channel {name} stands at the end of its range in {clipped:.1%} of the samples."
         return SensorFinding("saturated", name, sentence)

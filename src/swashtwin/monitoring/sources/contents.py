@@ -183,7 +183,7 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
         ]:
             others = ", ".join(recording.channels)
             raise UnfitError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
-        recording = recording.picked(machine.channels or recording.channels)
+        recording = recording.select_channels(machine.channels or recording.channels)
     else:
         if "type" in delivery.facts:
             raise UnfitError(

@@ -42,7 +42,7 @@ from swashtwin.monitoring.sources.delivery import (
     check_facts,
     entry_facts,
 )
-from swashtwin.recordings import RawFile, ReadOptions, Recording, scale
+from swashtwin.recordings import RawFile, ReadOptions, Recording, resolve_scaling
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client, MQTTMessage
@@ -141,7 +141,9 @@ def samples_recording(
         dict(zip(channels, samples, strict=True)), units=dict.fromkeys(channels, facts["unit"])
     )
     sensitivity = entry_facts(facts).get("sensitivity", options.sensitivity)
-    factors, unit = scale(raw, replace(options, sensitivity=sensitivity), channels, "the message")
+    factors, unit = resolve_scaling(
+        raw, replace(options, sensitivity=sensitivity), channels, "the message"
+    )
     scaled = samples * np.array(factors)[:, None]
     return Recording(
         scaled,

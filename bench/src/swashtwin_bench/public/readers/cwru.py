@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swashtwin.foundation import DataError
-from swashtwin.recordings import Entry, ReadOptions, Recording, open_raw, recording_of
+from swashtwin.recordings import Entry, ReadOptions, Recording, load_entry, open_raw
 from swashtwin_bench.public.readers.named_files import facts_of, files_below, table_of
 
 _LOADS = {0: 1797, 1: 1772, 2: 1750, 3: 1730}
@@ -184,4 +184,4 @@ def _recordings(
             sha256=row.get("sha256"),
             attributes=facts_of(attributes),
         )
-        yield recording_of(path, entry)
+        yield load_entry(path, entry)

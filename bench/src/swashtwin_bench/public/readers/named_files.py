@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from swashtwin.foundation import DataError, MissingFileError
-from swashtwin.recordings import Entry, Recording, recording_of, stem_of, suffix_of
+from swashtwin.recordings import Entry, Recording, load_entry, stem_of, suffix_of
 
 
 def files_below(folder: Path, *suffixes: str) -> list[Path]:
@@ -67,7 +67,7 @@ def _read(
     for path in files_below(folder, *suffixes):
         if (match := re.fullmatch(pattern, stem_of(path))) is not None:
             name = path.relative_to(folder).as_posix()
-            recordings.append(recording_of(path, entry(name, match, table.get(name, {}))))
+            recordings.append(load_entry(path, entry(name, match, table.get(name, {}))))
     if not recordings:
         raise DataError(
             f'{folder} holds no file named like "{example}"; name the folder of the set.'

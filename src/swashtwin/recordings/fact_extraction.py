@@ -68,7 +68,7 @@ _PATIENCE = 1.0
 """Seconds that a pattern may search in one path."""
 
 
-def facts_of_name(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:
+def parse_path_facts(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[str]]:
     """(facts that a file's relative path states, keys of those that the pattern found).
 
     Speed and pressure with their units, and a machine, are read in any case.
@@ -91,12 +91,14 @@ def facts_of_name(name: str, pattern: str | None) -> tuple[dict[str, Any], Set[s
         words = words.replace(match[0], " ")
     if pattern is not None:
         found, beside = _matched(name, pattern)
-        return facts_of_texts({**texts, **found}, beside), found.keys()
+        return parse_fact_texts({**texts, **found}, beside), found.keys()
     parts = [word for word in re.split(r"[_\-\s.]+", words) if word and not re.search(r"\d", word)]
     parts = parts[1:] if len(parts) > 1 and parts[0] == machine else parts
     parent = path.parent.name
     is_class = bool(parent) and not re.search(r"\d", parent) and parent != machine
-    return facts_of_texts({"label": parent if is_class else "_".join(parts), **texts}), frozenset()
+    return parse_fact_texts(
+        {"label": parent if is_class else "_".join(parts), **texts}
+    ), frozenset()
 
 
 def _matched(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:
@@ -131,7 +133,7 @@ def _matched(name: str, pattern: str) -> tuple[dict[str, str], dict[str, str]]:
     return texts, beside
 
 
-def facts_of_table(
+def read_fact_table(
     folder: Path, table: Path, columns: Mapping[str, str]
 ) -> dict[str, dict[str, Any]]:
     """Facts of each file below `folder` that a table names, by the file's path relative to it.
@@ -170,7 +172,7 @@ def facts_of_table(
             cells = {
                 key: (row[column] or "").strip() for key, column in mapping.items() if key != "file"
             }
-            facts[path.relative_to(root).as_posix()] = facts_of_texts(cells, beside)
+            facts[path.relative_to(root).as_posix()] = parse_fact_texts(cells, beside)
     if not facts:
         raise DataError(
             f"{table} names no file below {folder}; its column {mapping['file']!r} holds paths relative to the table, "
@@ -179,7 +181,7 @@ def facts_of_table(
     return facts
 
 
-def facts_of_header(raw: RawFile) -> dict[str, Any]:
+def parse_header_facts(raw: RawFile) -> dict[str, Any]:
     """Speed, pressure and oil temperature that header lines or single numbers state, where the file
     has no facts.
     """
@@ -213,19 +215,19 @@ def facts_of_header(raw: RawFile) -> dict[str, Any]:
             texts[key] = (
                 f"{quantity[1]} {quantity[2] or unit or (suffix[1] if suffix else '')}".strip()
             )
-    facts = facts_of_texts(texts)
+    facts = parse_fact_texts(texts)
     return {
         key: text
         for key, text in facts.items()
         if (key in PRESSURES and re.fullmatch(_NUMBER, text))
         or (
-            is_quantity(text, key)
+            is_positive_quantity(text, key)
             and not (key == "pressure" and parse_quantity(text, "Pa") < _LEAST_PRESSURE)
         )
     }
 
 
-def contradictions(entry: Entry, header: Mapping[str, str]) -> str:
+def describe_contradictions(entry: Entry, header: Mapping[str, str]) -> str:
     """In what an entry differs by more than 3 % from the header of its file, in words; empty where
     in nothing.
     """
@@ -233,14 +235,14 @@ def contradictions(entry: Entry, header: Mapping[str, str]) -> str:
     return "; ".join(
         f"{key} = {stated[key]} is stated and counts, and the file says {text}"
         for key, text in header.items()
-        if is_quantity(stated[key], key)
+        if is_positive_quantity(stated[key], key)
         and not math.isclose(
             *(parse_quantity(each, QUANTITIES[key]) for each in (stated[key], text)), rel_tol=0.03
         )
     )
 
 
-def is_quantity(text: object, key: str) -> bool:
+def is_positive_quantity(text: object, key: str) -> bool:
     """Whether a text is a quantity above zero that an entry may state under a key."""
     try:
         return parse_quantity(text, QUANTITIES[key]) > 0
@@ -248,7 +250,7 @@ def is_quantity(text: object, key: str) -> bool:
         return False
 
 
-def facts_of_texts(
+def parse_fact_texts(
     texts: Mapping[str, str], beside: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """Entry keys and attributes; a bare number takes the unit `beside` it, or the usual one of its
@@ -275,7 +277,7 @@ def facts_of_texts(
     return facts | ({"attributes": attributes} if attributes else {})
 
 
-def bare_pressures(facts: Mapping[str, Any]) -> list[str]:
+def pressures_without_unit(facts: Mapping[str, Any]) -> list[str]:
     """Keys of pressures without a unit."""
     return [key for key in PRESSURES if re.fullmatch(_NUMBER, str(facts.get(key, "")))]
 
@@ -291,7 +293,7 @@ _MACHINE_IN_NAME = re.compile(
 """The same in the name of a file, where a number alone may be that of the measurement."""
 
 
-def machines_in_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
+def move_machines_out_of_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
     """Move the machine that begins each class, as ``A_normal`` and ``A_piston``, to the specimen;
     and say so.
     """
@@ -308,7 +310,7 @@ def machines_in_labels(entries: Iterable[dict[str, Any]]) -> list[str]:
     ]
 
 
-def only_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
+def find_single_label(entries: Iterable[Mapping[str, Any]]) -> str | None:
     """The class of all of several files, where it is one and not that of a healthy pump."""
     labels = [entry.get("label") for entry in entries]
     return (
@@ -324,7 +326,7 @@ def label_hints(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     """
     labeled = [entry for entry in entries if "label" in entry]
     hints = []
-    if only := only_label(labeled):
+    if only := find_single_label(labeled):
         hints.append(
             f"every file is of the class {only!r}: is that a class? --label-pattern says how paths state it."
         )

@@ -114,7 +114,7 @@ def test_other_and_former_files_are_refused_with_what_they_are(saved, metadata, 
 
 def test_text_and_missing_files_are_refused(tmp_path):
     (tmp_path / "text.safetensors").write_text("pump")
-    with pytest.raises(ArtifactError, match="damaged or no saved thing"):
+    with pytest.raises(ArtifactError, match="damaged or not a saved thing"):
         read(tmp_path / "text.safetensors")
     (tmp_path / "long.safetensors").write_bytes(b"\xff" * 64)
     with pytest.raises(ArtifactError, match="damaged"):

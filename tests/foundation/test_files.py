@@ -83,6 +83,6 @@ def test_streams_of_different_purposes_are_uncorrelated() -> None:
 @pytest.mark.parametrize("load", ["load_model", "load_calibration", "load_pump", "load_recordings"])
 def test_what_is_no_path_is_refused_in_one_sentence(load: str) -> None:
     with pytest.raises(
-        InputError, match=r"^3 is no path of a file; give it as text or as a pathlib.Path\.$"
+        InputError, match=r"^3 is not a path; give the file as text or as a pathlib.Path\.$"
     ):
         getattr(swashtwin, load)(3)

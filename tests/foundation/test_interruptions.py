@@ -15,8 +15,8 @@ from swashtwin.foundation import (
     ArtifactError,
     DataError,
     InputError,
+    atomic_files,
     atomic_write,
-    files,
     read_text,
     resume_folder,
     write_artifact,
@@ -37,7 +37,7 @@ with atomic_write(Path(sys.argv[1])) as temporary:
 @pytest.fixture(autouse=True)
 def _new_process() -> None:
     """Forget which folders were searched for leftovers, as a new process does not know either."""
-    files._remove_leftovers.cache_clear()
+    atomic_files._remove_leftovers.cache_clear()
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_the_next_start_removes_what_a_killed_process_left(
     assert len(os.listdir(tmp_path)) == 3, "the file of a living process is left alone"
     writer.kill()
     writer.wait()
-    files._remove_leftovers.cache_clear()
+    atomic_files._remove_leftovers.cache_clear()
     write_text(tmp_path / "c.txt", "whole")
     assert sorted(os.listdir(tmp_path)) == ["b.txt", "c.txt"]
 
@@ -76,14 +76,11 @@ def test_a_leftover_without_its_lock_is_removed_and_other_hidden_files_are_not(
     assert set(os.listdir(tmp_path)) == {"a.txt", *others}
 
 
-def test_a_file_is_replaced_on_a_system_without_locks(
+def test_a_file_is_replaced_although_windows_holds_it_for_a_moment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Windows: nothing locks, an open file cannot be removed, and a scanner may hold the target for
-    a moment.
-    """
-    monkeypatch.setattr(files, "fcntl", None)
-    monkeypatch.setattr(files, "_WAITS", (0.0, 0.0))
+    monkeypatch.setattr(atomic_files, "_IS_WINDOWS", True)
+    monkeypatch.setattr(atomic_files, "_REPLACE_DELAYS_S", (0.0, 0.0))
     real, refusals = Path.replace, [PermissionError(13, "in use"), PermissionError(13, "in use")]
 
     def busy(temporary: Path, target: Path) -> Path:
@@ -119,7 +116,7 @@ def test_text_is_the_same_on_every_system_and_read_with_or_without_a_byte_order_
     assert read_text(path) == "ä"
     path.write_bytes("ä".encode("utf-16"))
     with pytest.raises(
-        DataError, match=r"is no UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"
+        DataError, match=r"is not UTF-8 text \(byte 0xff at 0\); save it with the encoding UTF-8"
     ):
         read_text(path)
 

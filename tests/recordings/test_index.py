@@ -183,7 +183,7 @@ FACTS = 'unit = "1"\nsample_rate = "1 kHz"\n'
                 "header_lines = " + "9" * 4000: r"header_lines: expected a whole number <= \d+, got 9+\.\.\.9+\.",
                 "time_column = 1.5": "time_column: expected a whole number or text",
                 'separator = ""': "separator: expected text of length >= 1, got ''",
-                'decimal = "x"': "decimal: value 'x' is none of",
+                'decimal = "x"': "decimal: 'x' is invalid; choose one of",
                 'label = ""': "label: expected text of length >= 1",
                 "label = 2020-01-01": "label: expected text, got date",
                 "sensitivity = 3": "sensitivity: expected text or a list",

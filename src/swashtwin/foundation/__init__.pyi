@@ -1,14 +1,17 @@
 """Names that other rooms import, and where each lives."""
 
 from .artifacts import artifact_kind as artifact_kind
-from .artifacts import from_table as from_table
 from .artifacts import load_artifact as load_artifact
-from .artifacts import parse_json as parse_json
 from .artifacts import read_artifact as read_artifact
 from .artifacts import save_artifact as save_artifact
-from .artifacts import to_table as to_table
 from .artifacts import translate_load_errors as translate_load_errors
 from .artifacts import write_artifact as write_artifact
+from .atomic_files import TEXT as TEXT
+from .atomic_files import atomic_write as atomic_write
+from .atomic_files import write_text as write_text
+from .dataclass_tables import from_table as from_table
+from .dataclass_tables import parse_json as parse_json
+from .dataclass_tables import to_table as to_table
 from .errors import ArtifactError as ArtifactError
 from .errors import DataError as DataError
 from .errors import InputError as InputError
@@ -22,16 +25,10 @@ from .errors import UnitError as UnitError
 from .errors import render_settings as render_settings
 from .errors import spell_for_index as spell_for_index
 from .errors import spell_for_python as spell_for_python
-from .files import TEXT as TEXT
-from .files import as_path as as_path
-from .files import atomic_write as atomic_write
-from .files import first_difference as first_difference
-from .files import read_text as read_text
-from .files import require_disk_space as require_disk_space
-from .files import resume_folder as resume_folder
-from .files import safe_file_name as safe_file_name
-from .files import sha256_of as sha256_of
-from .files import write_text as write_text
+from .file_access import as_path as as_path
+from .file_access import read_text as read_text
+from .file_access import safe_file_name as safe_file_name
+from .file_access import sha256_of as sha256_of
 from .packages import VERSION as VERSION
 from .packages import __version__ as __version__
 from .packages import compiled as compiled
@@ -45,6 +42,9 @@ from .processes import one_thread as one_thread
 from .processes import parallel as parallel
 from .processes import require_memory as require_memory
 from .processes import return_memory as return_memory
+from .resumable_folders import first_difference as first_difference
+from .resumable_folders import require_disk_space as require_disk_space
+from .resumable_folders import resume_folder as resume_folder
 from .seeding import derive_seed as derive_seed
 from .seeding import random_stream as random_stream
 from .texts import csv_text as csv_text

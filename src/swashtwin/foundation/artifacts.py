@@ -1,190 +1,46 @@
-"""Dataclasses as tables of a file, and artifacts: such a table and its arrays in one safetensors
-file.
+"""Artifacts: a dataclass in one safetensors file, as a JSON card and its arrays.
 
-The dataclass is the form of what is saved, and nothing else is written; msgspec converts and checks
-every entry. Trained classifiers, window sets and checkpoints are artifacts. Reading one runs no
-code. A SHA-256 over kind, version, card and arrays tells a damaged or edited file; it is no
-signature. A crash while writing leaves the file as it was.
+Trained classifiers, window sets and checkpoints are artifacts. The dataclass alone defines what is
+saved. Reading an artifact runs no code from the file. A SHA-256 over kind, version, card and arrays
+detects a damaged or edited file; it is not a signature.
 """
 
-import difflib
 import hashlib
 import json
-import math
 import re
-import reprlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
-import msgspec
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from swashtwin.foundation.atomic_files import atomic_write
+from swashtwin.foundation.dataclass_tables import from_table, parse_json, to_table
 from swashtwin.foundation.errors import ArtifactError, InputError, MissingFileError
-from swashtwin.foundation.files import atomic_write
 
 T = TypeVar("T")
 
-_MOST_DIGITS = 40
-_KINDS = {
-    "str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "array": "a list",
-    "object": "a table", "null": "nothing",
-}  # fmt: skip
-_UNKNOWN = re.compile(r"Object contains unknown field `(.+)`")
-_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
-
-
-def to_table(thing: Any, *, of_array: Callable[[Any], Any] = lambda array: array.tolist()) -> Any:
-    """A dataclass, or what is made of such, as JSON or TOML can hold it.
-
-    Parameters
-    ----------
-    of_array : what stands for an array; its values as lists.
-
-    Examples
-    --------
-    >>> to_table({"rate": np.float64(2), "levels": np.arange(3)})
-    {'rate': 2.0, 'levels': [0, 1, 2]}
-    """
-
-    def encode(value: Any) -> Any:
-        if isinstance(value, np.generic):
-            return value.item()
-        if isinstance(value, MappingProxyType):
-            return dict(value)
-        return of_array(value)
-
-    return msgspec.to_builtins(thing, enc_hook=encode)
-
-
-def from_table(
-    table: Any,
-    form: Callable[..., T],
-    where: str = "",
-    *,
-    to_array: Callable[[type, Any], Any] | None = None,
-) -> T:
-    """What `to_table` made a table of.
-
-    Parameters
-    ----------
-    table : of JSON or TOML.
-    form : type of the result, such as a dataclass. A `msgspec.Struct` can refuse unknown entries
-        (``forbid_unknown_fields``).
-    where : file, and section of it, that the message begins with.
-    to_array : array of a type and of what stands for it in the table; takes lists if not given.
-
-    Raises
-    ------
-    InputError
-        An entry has another type than the form says, is missing or unknown, or the form itself
-        refuses it.
-
-    Examples
-    --------
-    >>> from_table(["a", 1], list[str], "card.json")
-    Traceback (most recent call last):
-    swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number: 1.
-    """
-    try:
-        return msgspec.convert(table, form, dec_hook=to_array or _array_of_list, str_keys=True)
-    except msgspec.ValidationError as cause:
-        misfit = _misfit(str(cause), form, table)
-        raise InputError(f"{where}: {misfit}." if where else f"{misfit}.") from cause
-
-
-def _array_of_list(kind: type, values: Any) -> Any:
-    names = [str(name) for name in getattr(kind, "dtypes", ())]
-    is_of = {
-        word: bool(names) and all(name.startswith(word) for name in names)
-        for word in ("float", "int", "bool")
-    }
-    array = np.asarray(values, dtype=next((word for word, holds in is_of.items() if holds), None))
-    return kind(array) if kind in (dict, tuple, list) else array
-
-
-def _misfit(message: str, form: Any, table: Any) -> str:
-    text, _, path = message.partition(" - at `$")
-    path = path.rstrip("`").lstrip(".")
-    if match := _UNKNOWN.fullmatch(text):
-        near = difflib.get_close_matches(match[1], _names(form), 1)
-        text = f"there is no entry {match[1]!r}{f'; did you mean {near[0]!r}?' if near else ''}"
-    elif text.startswith("Invalid enum value"):
-        kind = get_type_hints(form).get(path, None) if is_dataclass(form) else None
-        allowed = [
-            word
-            for part in (kind, *get_args(kind))
-            if get_origin(part) is Literal
-            for word in get_args(part)
-        ]
-        text = (
-            f"{text[13:]} is none of {', '.join(map(repr, allowed))}" if allowed else f"i{text[1:]}"
-        )
-    elif text.startswith("Expected"):
-        text = re.sub("`([^`]*)`", _in_words, f"e{text[1:]}")
-        if path and "[...]" not in path:
-            for number, name in _STEP.findall(path):
-                table = table[int(number) if number else name]
-            if isinstance(table, str | int | float | None):  # a list or table may hold a password
-                text += f"{':' if ', got ' in text else ', got'} {reprlib.repr(table)}"
-    else:
-        text = text[:1].lower() + text[1:].rstrip(".")
-    return f"{path}: {text}" if path else text
-
-
-def _in_words(kinds: re.Match[str]) -> str:
-    names = kinds[1].removesuffix(" | null").split(" | ")
-    return " or ".join(_KINDS.get(name, name) for name in names)
-
-
-def _names(form: Any) -> set[str]:
-    if is_dataclass(form):
-        kinds = {field.name: field.type for field in fields(form)}
-    elif isinstance(form, type) and issubclass(form, msgspec.Struct):
-        kinds = {field.encode_name: field.type for field in msgspec.structs.fields(form)}
-    else:
-        return {name for part in getattr(form, "__args__", ()) for name in _names(part)}
-    return {*kinds}.union(*map(_names, kinds.values()))
-
-
-def parse_json(text: str) -> Any:
-    """What a JSON text holds; a `ValueError` where a number is NaN, infinite, or longer than a
-    number can be.
-    """
-    return json.loads(
-        text, parse_constant=_parse_float, parse_int=_parse_int, parse_float=_parse_float
-    )
-
-
-def _parse_int(text: str) -> int:
-    if len(text) > _MOST_DIGITS:
-        raise ValueError(f"a number has {len(text)} digits")
-    return int(text)
-
-
-def _parse_float(text: str) -> float:
-    if not math.isfinite(number := float(text)):
-        raise ValueError(f"{text[:_MOST_DIGITS]} is no finite number")
-    return number
-
-
-_LONGEST_REASON = 300
-_ARRAY = "array"
-"""The one entry of what stands for an array in a card."""
-_KEY = "swashtwin"
-"""The one entry of a file's metadata; safetensors would write several in an order of its own."""
+_ARRAY_KEY = "array"
+"""The only key of the entry that stands for an array in a card."""
+_METADATA_KEY = "swashtwin"
+"""The only key of a file's metadata. safetensors writes several keys in random order, so that equal
+objects would give different files."""
+_MAX_REASON_CHARACTERS = 300
+_MAX_SHOWN_CHARACTERS = 40
+"""Length of text from a damaged file in a message."""
+_FORMER_FORMAT = re.compile(r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?")
+"""Names of formats before version numbers were kept apart from the kind."""
 
 
 def save_artifact(
     path: Path | str, kind: str, version: int, thing: Any, *, may_be_nan: Sequence[str] | None = ()
 ) -> Path:
-    """`path`, after a dataclass was written to it whole; its arrays, at any depth, become tensors
-    of the file, those of texts lists of the card.
+    """Write a dataclass to `path` as a complete file and return the path.
+
+    Its arrays, at any depth, become tensors of the file; arrays of text become lists of the card.
 
     Parameters
     ----------
@@ -200,32 +56,33 @@ def save_artifact(
     """
     arrays: list[Any] = []
 
-    def take(array: Any) -> Any:
+    def encode_array(array: Any) -> Any:
         if isinstance(array, np.ndarray) and array.dtype.kind == "U":
             return array.tolist()
         arrays.append(array)
-        return {_ARRAY: len(arrays) - 1}
+        return {_ARRAY_KEY: len(arrays) - 1}
 
-    names: dict[str, int] = {}
-    card = _with_names(to_table(thing, of_array=take), "", names)
-    named = {name: arrays[index] for name, index in names.items()}
-    return write_artifact(path, kind, version, card, named, may_be_nan=may_be_nan)
+    index_of: dict[str, int] = {}
+    card = _name_arrays(to_table(thing, of_array=encode_array), "", index_of)
+    named_arrays = {name: arrays[index] for name, index in index_of.items()}
+    return write_artifact(path, kind, version, card, named_arrays, may_be_nan=may_be_nan)
 
 
-def _with_names(card: Any, name: str, names: dict[str, int]) -> Any:
-    """A card whose arrays are named by where they stand in it; `names` is given the number of
-    each.
+def _name_arrays(card: Any, name: str, index_of: dict[str, int]) -> Any:
+    """Return a card in which arrays are named by their position; add their indices to `index_of`.
+
+    The array of the card's entry ``{"reference": {"speed": ...}}`` is named ``reference.speed``.
     """
     if isinstance(card, dict):
-        if [*card] == [_ARRAY]:
-            names[name] = card[_ARRAY]
-            return {_ARRAY: name}
-        return {
-            key: _with_names(value, f"{name}.{key}" if name else str(key), names)
-            for key, value in card.items()
-        }
+        if [*card] == [_ARRAY_KEY]:
+            index_of[name] = card[_ARRAY_KEY]
+            return {_ARRAY_KEY: name}
+        prefix = f"{name}." if name else ""
+        return {key: _name_arrays(value, f"{prefix}{key}", index_of) for key, value in card.items()}
     if isinstance(card, (list, tuple)):
-        return [_with_names(value, f"{name}.{index}", names) for index, value in enumerate(card)]
+        return [
+            _name_arrays(value, f"{name}.{index}", index_of) for index, value in enumerate(card)
+        ]
     return card
 
 
@@ -238,33 +95,29 @@ def load_artifact(
     advice: str,
     may_be_nan: Sequence[str] | None = (),
 ) -> T:
-    """What `save_artifact` wrote. An array must have the type and the number of axes that `form`
-    says.
+    """Return the dataclass that `save_artifact` wrote.
 
     Parameters
     ----------
-    form : the dataclass; it refuses what contradicts itself (``__post_init__``) with a
-        `ValueError`.
+    form : the dataclass. An array must have the type and the number of axes of its annotation;
+        ``__post_init__`` raises a `ValueError` if fields contradict each other.
     kind, version, may_be_nan : as in `save_artifact`; another kind or version is refused.
-    advice : how to come by a good file, such as ``"save it again"``; ends each message.
+    advice : how to get a valid file, such as ``"save it again"``; ends each message.
 
     Raises
     ------
     MissingFileError
-        There is no such file.
+        The file does not exist.
     ArtifactError
-        The file is damaged, edited, something else, of another version, or holds what `form`
-        refuses.
+        The file is damaged, edited, something else, of another version, or does not fit `form`.
     """
     card, arrays = read_artifact(path, kind, version, advice=advice, may_be_nan=may_be_nan)
+
+    def decode_array(array_type: type, entry: Any) -> Any:
+        return np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY_KEY]]
+
     with translate_load_errors(path, kind):
-        return from_table(
-            card,
-            form,
-            to_array=lambda _, entry: (
-                np.array(entry, str) if isinstance(entry, list) else arrays[entry[_ARRAY]]
-            ),
-        )
+        return from_table(card, form, to_array=decode_array)
 
 
 def write_artifact(
@@ -276,14 +129,14 @@ def write_artifact(
     *,
     may_be_nan: Sequence[str] | None = (),
 ) -> Path:
-    """`path`, after the artifact was written to it whole.
+    """Write a card and arrays to `path` as a complete file and return the path.
 
     Parameters
     ----------
     kind : what it is, such as ``"classifier"``.
     version : version of the kind's card and arrays.
-    card : everything that is no array, as JSON can hold it.
-    arrays : by name; tensors on the CPU are such too.
+    card : everything but the arrays, as JSON can hold it.
+    arrays : by name; NumPy arrays, or tensors on the CPU.
     may_be_nan : names of the arrays that may hold NaN or infinity; None for all.
 
     Raises
@@ -291,34 +144,36 @@ def write_artifact(
     ArtifactError
         An array holds NaN or infinity.
     """
-    saved = {name: np.asarray(array, order="C") for name, array in arrays.items()}
-    _require_finite(f"the {kind} is not saved to {path}", saved, may_be_nan)
+    arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    _require_finite(f"the {kind} is not saved to {path}", arrays, may_be_nan)
+
     card = json.loads(json.dumps(dict(card)))
-    note = {
+    header = {
         "kind": kind,
         "version": version,
         "card": card,
-        "sha256": _checksum(kind, version, card, saved),
+        "sha256": _checksum(kind, version, card, arrays),
     }
     with atomic_write(Path(path)) as temporary:
-        save_file(saved, temporary, metadata={_KEY: json.dumps(note, sort_keys=True)})
+        metadata = {_METADATA_KEY: json.dumps(header, sort_keys=True)}
+        save_file(arrays, temporary, metadata=metadata)
     return Path(path)
 
 
 def read_artifact(
     path: Path | str, kind: str, version: int, *, advice: str, may_be_nan: Sequence[str] | None = ()
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """(card, arrays) that `write_artifact` wrote.
+    """Return the card and the arrays that `write_artifact` wrote.
 
     Parameters
     ----------
     kind, version, may_be_nan : as in `write_artifact`; another kind or version is refused.
-    advice : how to come by a good file, such as ``"save it again"``; ends each message.
+    advice : how to get a valid file, such as ``"save it again"``; ends each message.
 
     Raises
     ------
     MissingFileError
-        There is no such file.
+        The file does not exist.
     ArtifactError
         The file is damaged, edited, something else, of another version, or an array holds NaN or
         infinity.
@@ -332,30 +187,32 @@ def read_artifact(
     except (SafetensorError, OSError) as cause:
         reason = str(cause).splitlines()[0]
         raise ArtifactError(
-            f"{path} is damaged or no saved {kind} ({reason}); {advice}."
+            f"{path} is damaged or not a saved {kind} ({reason}); {advice}."
         ) from cause
-    if _KEY not in metadata:
-        former = re.search(
-            r"swashtwin-[a-z]+(-[a-z]+)*(-\d+)?", " ".join([*metadata, *metadata.values()])
-        )
-        what = f"has the former format {former[0]}" if former else "was not written by swashtwin"
+
+    if _METADATA_KEY not in metadata:
         raise ArtifactError(
-            f"{path} {what}; this swashtwin reads version {version} of a {kind}: {advice}."
+            f"{path} {_describe_origin(metadata)}; this swashtwin reads version {version} of a "
+            f"{kind}: {advice}."
         )
+
     try:
-        note = parse_json(metadata[_KEY])
-        identity, card, checksum = (
-            (str(note["kind"]), note["version"]),
-            note["card"],
-            note["sha256"],
-        )
+        header = parse_json(metadata[_METADATA_KEY])
+        saved_kind = str(header["kind"])
+        saved_version = header["version"]
+        card = header["card"]
+        checksum = header["sha256"]
     except (ValueError, KeyError, TypeError, RecursionError) as cause:
         raise ArtifactError(f"{path} is damaged: its card cannot be read; {advice}.") from cause
-    if identity[0] != kind:
-        raise ArtifactError(f"{path} holds a {identity[0][:40]!r}, not a {kind}; {advice}.")
-    if identity[1] != version:
+
+    if saved_kind != kind:
+        shown_kind = saved_kind[:_MAX_SHOWN_CHARACTERS]
+        raise ArtifactError(f"{path} holds a {shown_kind!r}, not a {kind}; {advice}.")
+    if saved_version != version:
+        shown_version = str(saved_version)[:_MAX_SHOWN_CHARACTERS]
         raise ArtifactError(
-            f"{path} has version {str(identity[1])[:40]} of a {kind}, this swashtwin reads version {version}; {advice}."
+            f"{path} has version {shown_version} of a {kind}, this swashtwin reads version "
+            f"{version}; {advice}."
         )
     if checksum != _checksum(kind, version, card, arrays):
         raise ArtifactError(
@@ -365,44 +222,60 @@ def read_artifact(
     return card, arrays
 
 
+def _describe_origin(metadata: Mapping[str, str]) -> str:
+    former_format = _FORMER_FORMAT.search(" ".join([*metadata, *metadata.values()]))
+    if former_format:
+        return f"has the former format {former_format[0]}"
+    return "was not written by swashtwin"
+
+
 def artifact_kind(path: Path | str) -> str:
-    """Kind of the artifact in a file, empty where it is none; nothing else of it is read or
-    checked.
-    """
+    """Return the kind of the artifact in a file, without checking it; empty for other files."""
     try:
         with safe_open(path, framework="np") as file:
-            note = parse_json((file.metadata() or {}).get(_KEY, "{}"))
+            header = parse_json((file.metadata() or {}).get(_METADATA_KEY, "{}"))
     except (SafetensorError, OSError, ValueError, RecursionError):
         return ""
-    return str(note.get("kind", "")) if isinstance(note, dict) else ""
+    return str(header.get("kind", "")) if isinstance(header, dict) else ""
 
 
 @contextmanager
 def translate_load_errors(path: Path | str, kind: str) -> Iterator[None]:
-    """Within it, building an object from a card turns every misfit into an `ArtifactError` of one
-    line.
+    """Raise an `ArtifactError` of one line for any error while an object is built from a card.
+
+    A card whose checksum is right can still hold anything, since anybody can compute the checksum.
     """
     try:
         yield
     except ArtifactError:
         raise
     except (
-        InputError, LookupError, TypeError, ValueError, AttributeError, RuntimeError, ArithmeticError, MemoryError
-    ) as cause:  # fmt: skip
-        reason = (str(cause).splitlines() or [type(cause).__name__])[0][:_LONGEST_REASON]
+        InputError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        RuntimeError,
+        ArithmeticError,
+        MemoryError,
+    ) as cause:
+        lines = str(cause).splitlines() or [type(cause).__name__]
+        reason = lines[0][:_MAX_REASON_CHARACTERS]
         raise ArtifactError(
-            f"{path} is a {kind} that does not fit this swashtwin ({reason}); was it saved by a newer one?"
+            f"{path} is a {kind} that does not fit this swashtwin ({reason}); was it saved by a "
+            "newer version?"
         ) from cause
 
 
 def _require_finite(
-    where: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None
+    subject: str, arrays: Mapping[str, np.ndarray], may_be_nan: Sequence[str] | None
 ) -> None:
+    if may_be_nan is None:
+        return
     for name, array in arrays.items():
-        if may_be_nan is None or name in may_be_nan or array.dtype.kind != "f":
-            continue
-        if not np.isfinite(array).all():
-            raise ArtifactError(f"{where}: {name} holds NaN or infinity.")
+        is_checked = array.dtype.kind == "f" and name not in may_be_nan
+        if is_checked and not np.isfinite(array).all():
+            raise ArtifactError(f"{subject}: {name} holds NaN or infinity.")
 
 
 def _checksum(kind: str, version: int, card: Any, arrays: Mapping[str, np.ndarray]) -> str:

@@ -1,0 +1,205 @@
+"""Dataclasses as tables of JSON or TOML, and messages about entries that do not fit them.
+
+msgspec converts and checks every entry; its messages are reworded for people who write such files.
+"""
+
+import difflib
+import json
+import math
+import re
+import reprlib
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from types import MappingProxyType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from swashtwin.foundation.errors import InputError
+
+T = TypeVar("T")
+
+_MAX_DIGITS = 40
+"""Digits of a number in JSON. Python takes quadratic time to parse a long integer."""
+_TYPE_NAMES = {
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing",
+}
+_ARRAY_KINDS = ("float", "int", "bool")
+_UNKNOWN_FIELD = re.compile(r"Object contains unknown field `(.+)`")
+_INVALID_CHOICE = "Invalid enum value "
+_PATH_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+
+
+def to_table(thing: Any, *, of_array: Callable[[Any], Any] = lambda array: array.tolist()) -> Any:
+    """Return a dataclass, or a container of dataclasses, as JSON or TOML can hold it.
+
+    Parameters
+    ----------
+    of_array : returns what stands for an array; by default its values as lists.
+
+    Examples
+    --------
+    >>> to_table({"rate": np.float64(2), "powers": np.arange(3)})
+    {'rate': 2.0, 'powers': [0, 1, 2]}
+    """
+
+    def encode(value: Any) -> Any:
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, MappingProxyType):
+            return dict(value)
+        return of_array(value)
+
+    return msgspec.to_builtins(thing, enc_hook=encode)
+
+
+def from_table(
+    table: Any,
+    form: Callable[..., T],
+    location: str = "",
+    *,
+    to_array: Callable[[type, Any], Any] | None = None,
+) -> T:
+    """Return the object that `to_table` made a table of.
+
+    Parameters
+    ----------
+    table : of JSON or TOML.
+    form : type of the result, such as a dataclass. A `msgspec.Struct` can refuse unknown entries
+        (``forbid_unknown_fields``).
+    location : file, and section of it, with which an error message begins.
+    to_array : returns an array from its type and its entry in the table; by default from lists.
+
+    Raises
+    ------
+    InputError
+        An entry has another type than `form` requires, is missing or unknown, or `form` itself
+        refuses it.
+
+    Examples
+    --------
+    >>> from_table(["a", 1], list[str], "card.json")
+    Traceback (most recent call last):
+    swashtwin.foundation.errors.InputError: card.json: [1]: expected text, got a whole number: 1.
+    """
+    try:
+        return msgspec.convert(table, form, dec_hook=to_array or _array_from_lists, str_keys=True)
+    except msgspec.ValidationError as cause:
+        misfit = _describe_misfit(str(cause), form, table)
+        message = f"{location}: {misfit}." if location else f"{misfit}."
+        raise InputError(message) from cause
+
+
+def _array_from_lists(array_type: type, values: Any) -> Any:
+    """Return lists as an array whose kind of number is that of a jaxtyping annotation."""
+    dtype_names = [str(name) for name in getattr(array_type, "dtypes", ())]
+    dtype = None
+    for kind in _ARRAY_KINDS:
+        if dtype_names and all(name.startswith(kind) for name in dtype_names):
+            dtype = kind
+
+    array = np.asarray(values, dtype=dtype)
+    return array_type(array) if array_type in (dict, tuple, list) else array
+
+
+def _describe_misfit(message: str, form: Any, table: Any) -> str:
+    """Reword a message of msgspec, such as "Expected `int`, got `str` - at `$.rate`"."""
+    text, _, path = message.partition(" - at `$")
+    path = path.rstrip("`").lstrip(".")
+
+    unknown_field = _UNKNOWN_FIELD.fullmatch(text)
+    if unknown_field:
+        text = _describe_unknown_entry(unknown_field[1], form)
+    elif text.startswith(_INVALID_CHOICE):
+        text = _describe_invalid_choice(text.removeprefix(_INVALID_CHOICE), form, path)
+    elif text.startswith("Expected"):
+        text = _describe_wrong_type(text, path, table)
+    else:
+        text = text[:1].lower() + text[1:].rstrip(".")
+    return f"{path}: {text}" if path else text
+
+
+def _describe_unknown_entry(name: str, form: Any) -> str:
+    similar_names = difflib.get_close_matches(name, _entry_names(form), 1)
+    hint = f"; did you mean {similar_names[0]!r}?" if similar_names else ""
+    return f"there is no entry {name!r}{hint}"
+
+
+def _describe_invalid_choice(value: str, form: Any, path: str) -> str:
+    annotation = get_type_hints(form).get(path) if is_dataclass(form) else None
+    choices: list[str] = []
+    for option in (annotation, *get_args(annotation)):
+        if get_origin(option) is Literal:
+            choices += map(repr, get_args(option))
+
+    if not choices:
+        return f"invalid value {value}"
+    return f"{value} is invalid; choose one of {', '.join(choices)}"
+
+
+def _describe_wrong_type(text: str, path: str, table: Any) -> str:
+    text = re.sub("`([^`]*)`", _name_types, f"e{text[1:]}")
+    if not path or "[...]" in path:
+        return text
+
+    value = table
+    for index, name in _PATH_STEP.findall(path):
+        value = value[int(index) if index else name]
+
+    # A list or a table is not shown, since it may hold a password.
+    if isinstance(value, str | int | float | None):
+        separator = ":" if ", got " in text else ", got"
+        text += f"{separator} {reprlib.repr(value)}"
+    return text
+
+
+def _name_types(types: re.Match[str]) -> str:
+    names = types[1].removesuffix(" | null").split(" | ")
+    return " or ".join(_TYPE_NAMES.get(name, name) for name in names)
+
+
+def _entry_names(form: Any) -> set[str]:
+    """Return the names of all entries of a type and of the types inside it."""
+    if is_dataclass(form):
+        types = {field.name: field.type for field in fields(form)}
+    elif isinstance(form, type) and issubclass(form, msgspec.Struct):
+        types = {field.encode_name: field.type for field in msgspec.structs.fields(form)}
+    else:
+        return set[str]().union(*map(_entry_names, getattr(form, "__args__", ())))
+    return {*types}.union(*map(_entry_names, types.values()))
+
+
+def parse_json(text: str) -> Any:
+    """Return what a JSON text holds; every number must be finite and of at most 40 digits.
+
+    Raises
+    ------
+    ValueError
+        The text is not JSON, or a number is NaN, infinite or too long.
+    """
+    return json.loads(
+        text,
+        parse_constant=_parse_finite_float,
+        parse_int=_parse_short_int,
+        parse_float=_parse_finite_float,
+    )
+
+
+def _parse_short_int(text: str) -> int:
+    if len(text) > _MAX_DIGITS:
+        raise ValueError(f"a number has {len(text)} digits")
+    return int(text)
+
+
+def _parse_finite_float(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:_MAX_DIGITS]} is not a finite number")
+    return number

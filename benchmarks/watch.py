@@ -276,7 +276,8 @@ def latency(folder: Path, count: int = 40) -> dict[str, Any]:
     for number in range(count):
         closed = deliver(folder / "incoming" / "pump-1" / f"{number:05}.wav", wav(samples(number)))
         while (
-            not (newest := history.read.recordings(limit=1)) or newest[0].file != f"{number:05}.wav"
+            not (newest := history.reader.recordings(limit=1))
+            or newest[0].file != f"{number:05}.wav"
         ):
             if time.time() - closed > LONGEST:
                 raise RuntimeError("no verdict")
@@ -310,10 +311,10 @@ def plant(folder: Path) -> dict[str, Any]:
             largest = max(largest, watch.usage()["memory_mb"])
     history = open_history(watch.config)
     end = time.time() + LONGEST
-    while sum(history.read.counts().recordings.values()) < count and time.time() < end:
+    while sum(history.reader.counts().recordings.values()) < count and time.time() < end:
         time.sleep(0.2)
     drained, after = time.time(), watch.usage()
-    judged = sum(history.read.counts().recordings.values())
+    judged = sum(history.reader.counts().recordings.values())
     history.close()
     watch.stop()
     return {
@@ -478,10 +479,10 @@ def settle(
     end = time.monotonic() + seconds
     missing: set[str] = set(names)
     while missing and time.monotonic() < end:
-        counts = Counter(item.file for item in history.read.recordings(limit=1_000_000))
+        counts = Counter(item.file for item in history.reader.recordings(limit=1_000_000))
         missing = set(names) - counts.keys()
         time.sleep(0.5)
-    rejections = Counter(item.reason for item in history.read.rejections(limit=10_000))
+    rejections = Counter(item.reason for item in history.reader.rejections(limit=10_000))
     return {
         **events,
         "delivered": len(names),
@@ -489,7 +490,7 @@ def settle(
         "lost_count": len(missing),
         "twice": sum(count - 1 for count in counts.values()),
         "rejections": dict(rejections),
-        "states": dict(Counter(item.state for item in history.read.recordings(limit=1_000_000))),
+        "states": dict(Counter(item.state for item in history.reader.recordings(limit=1_000_000))),
     }
 
 

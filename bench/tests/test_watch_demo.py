@@ -27,6 +27,6 @@ def test_the_demo_ends_with_a_history_of_all_recordings(
     )
     assert (answer["judged"], answer["alarm"]) == (4, None)
     history = History.open("", tmp_path / "watch-data")
-    (machine,) = history.read.machines()
+    (machine,) = history.reader.machines()
     history.close()
     assert (machine.name, machine.recordings) == ("rig-pump", 4)

@@ -7,7 +7,7 @@ from judgments import judgment, waveform
 from swashtwin.monitoring.config.settings import Retention
 from swashtwin.monitoring.history.history import History
 
-RETENTION = Retention(per_day=1, last=5)
+RETENTION = Retention(per_day=1, latest=5)
 """Small, so that files are removed all the time."""
 
 
@@ -19,7 +19,7 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
     delivery.
     """
     history = History.open(url, folder, RETENTION)
-    point = next(iter(history.read.points(machine)), None)
+    point = next(iter(history.reader.operating_points(machine)), None)
     filed = (point.test if point and point.test else {}).get("filed", 0)
     for number in range(max(0, filed - 1), count):
         facts = judgment(number)
@@ -27,10 +27,10 @@ def file_recordings(url: str, folder: Path, machine: str, count: int) -> None:
         with history.machine(machine) as transaction:
             if transaction.recording_of(facts.content) is not None:
                 continue
-            point = transaction.point("a")
+            point = transaction.operating_point("a")
             filed = 0 if point is None or point.test is None else point.test["filed"]
             recording = transaction.add_recording(facts, {("x", "rms"): float(number)}, path)
-            transaction.save_point("a", test={"filed": filed + 1})
+            transaction.save_operating_point("a", test={"filed": filed + 1})
             transaction.post("log", {"recording": recording})
     history.close()
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from swashtwin.monitoring.history.tables import Judgment, Rejection
+from swashtwin.monitoring.history.schema import Judgment, Rejection
 from swashtwin.recordings import Recording
 
 START = datetime(2026, 3, 1, 6, tzinfo=UTC)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.recordings import Recording, write_recording
 
@@ -57,8 +57,8 @@ def watch_config(
     facts = f'speed = "1500 rpm"\ndischarge_pressure = "15 MPa"\n{machine}'
     lines += [f'[[machine]]\nname = "{name}"\n{facts}' for name in machines]
     lines += [
-        '[[source]]\nkind = "folder"\npath = "incoming"\nsettle = "0.05 s"',
-        f"[alarms]\nlearning = {LEARNING}",
+        '[[source]]\nkind = "folder"\npath = "incoming"\nsettle_time = "0.05 s"',
+        f"[alarms]\nbaseline_recordings = {LEARNING}",
     ]
     (folder / "incoming").mkdir(parents=True, exist_ok=True)
     (folder / "watch.toml").write_text("\n".join([*lines, text]), encoding="utf-8")

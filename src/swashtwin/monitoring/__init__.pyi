@@ -1,12 +1,12 @@
 """Names that other rooms import, and where each lives."""
 
-from .alarms.monitor import PointJudgment as PointJudgment
-from .alarms.monitor import PointMonitor as PointMonitor
-from .alarms.monitor import PointState as PointState
+from .alarms.monitor import OperatingPointJudgment as OperatingPointJudgment
+from .alarms.monitor import OperatingPointMonitor as OperatingPointMonitor
+from .alarms.monitor import OperatingPointState as OperatingPointState
 from .alarms.sensors import SensorFinding as SensorFinding
 from .alarms.suspect import Suspect as Suspect
-from .config.loading import load_watch_config as load_watch_config
-from .config.loading import write_example as write_example
+from .config.config_file import load_watch_config as load_watch_config
+from .config.config_file import write_example as write_example
 from .config.settings import PageSettings as PageSettings
 from .config.settings import WatchConfig as WatchConfig
 from .history.database import HistoryError as HistoryError
@@ -19,5 +19,5 @@ from .page.users import add_token as add_token
 from .page.users import add_user as add_user
 from .page.users import remove_entry as remove_entry
 from .service.judging import Outcome as Outcome
-from .service.running import WatchStatus as WatchStatus
 from .service.running import run_watch as run_watch
+from .status import WatchStatus as WatchStatus

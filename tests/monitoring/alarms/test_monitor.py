@@ -11,29 +11,37 @@ from hypothesis import strategies as some
 from small_machine import Machine
 
 from swashtwin.foundation import DataError, MPa, rpm, to_table
-from swashtwin.monitoring.alarms.baseline import OperatingPoint, baseline_levels, choose_point
-from swashtwin.monitoring.alarms.monitor import PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.baseline import (
+    OperatingPoint,
+    baseline_levels,
+    match_operating_point,
+)
+from swashtwin.monitoring.alarms.monitor import (
+    OperatingPointJudgment,
+    OperatingPointMonitor,
+    OperatingPointState,
+)
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
-MONITOR = PointMonitor("pump-1")
+MONITOR = OperatingPointMonitor("pump-1")
 
 
 def course(
-    machine: Machine, rises: list[float], state: PointState | None = None, first: int = 0
-) -> list[PointJudgment]:
+    machine: Machine, rises: list[float], state: OperatingPointState | None = None, first: int = 0
+) -> list[OperatingPointJudgment]:
     """Judgments on recordings with these rises [dB]; the state goes through JSON after each."""
     point_judgments = []
     for number, rise in enumerate(rises, first):
         point_judgment = MONITOR.judge(machine.recording(number, rise=rise), state)
         tables = (to_table(point_judgment.state.baseline), point_judgment.state.rest())
-        state = PointState.read(*(json.loads(json.dumps(table)) for table in tables))
+        state = OperatingPointState.read(*(json.loads(json.dumps(table)) for table in tables))
         point_judgments.append(point_judgment)
     return point_judgments
 
 
 @pytest.fixture(scope="module")
-def watched(machine: Machine) -> PointState:
+def watched(machine: Machine) -> OperatingPointState:
     """State after 20 healthy recordings were learned from and 20 watched."""
     return course(machine, [0.0] * 40)[-1].state
 
@@ -64,7 +72,7 @@ def test_recordings_that_the_baseline_dropped_count_as_large_ones_of_the_machine
 
 
 def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(
-    machine: Machine, watched: PointState
+    machine: Machine, watched: OperatingPointState
 ) -> None:
     point_judgments = course(machine, [12.0] * 8, watched, 40)
     raised = [item.pump for item in point_judgments].index("raised")
@@ -80,14 +88,16 @@ def test_a_rise_of_five_orders_raises_an_alarm_that_names_them(
     )
 
 
-def test_one_large_recording_raises_no_alarm(machine: Machine, watched: PointState) -> None:
+def test_one_large_recording_raises_no_alarm(
+    machine: Machine, watched: OperatingPointState
+) -> None:
     point_judgments = course(machine, [20.0, *[0.0] * 10], watched, 40)
     assert point_judgments[0].is_large
     assert not any(item.pump for item in point_judgments)
 
 
 def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it(
-    machine: Machine, watched: PointState
+    machine: Machine, watched: OperatingPointState
 ) -> None:
     point_judgments = course(machine, [*[12.0] * 8, *[0.0] * 6], watched, 40)
     assert len({item.capital for item in point_judgments if item.is_alarm}) == 1
@@ -97,7 +107,7 @@ def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it
 
 
 def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
-    machine: Machine, watched: PointState
+    machine: Machine, watched: OperatingPointState
 ) -> None:
     levels = baseline_levels(to_table(watched.baseline))
     point_judgment = course(machine, [0.0], watched, 40)[0]
@@ -110,7 +120,7 @@ def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
 
 
 def test_the_same_recordings_give_the_same_judgements(
-    machine: Machine, watched: PointState
+    machine: Machine, watched: OperatingPointState
 ) -> None:
     first, second = (course(machine, [0.0, 9.0, 12.0], watched, 40) for _ in range(2))
     assert [item.to_dict() for item in first] == [item.to_dict() for item in second]
@@ -128,7 +138,7 @@ def test_the_same_recordings_give_the_same_judgements(
     ],
 )
 def test_a_recording_that_does_not_fit_the_baseline_is_refused(
-    machine: Machine, watched: PointState, change, message: str
+    machine: Machine, watched: OperatingPointState, change, message: str
 ) -> None:
     with pytest.raises(DataError, match=message):
         MONITOR.judge(change(machine), watched)
@@ -167,11 +177,14 @@ POINTS = [
 def test_a_recording_belongs_to_the_nearest_point_or_makes_one(
     speed: float, pressure: float, name: str
 ) -> None:
-    assert choose_point(recording(speed, pressure), POINTS).name == name
-    assert choose_point(Recording(np.ones((1, 9)), 100.0, "states nothing"), POINTS).name == "any"
+    assert match_operating_point(recording(speed, pressure), POINTS).name == name
+    assert (
+        match_operating_point(Recording(np.ones((1, 9)), 100.0, "states nothing"), POINTS).name
+        == "any"
+    )
 
 
 @given(some.floats(100, 3000), some.floats(1, 30))
 def test_a_recording_belongs_to_the_point_that_it_made(speed: float, pressure: float) -> None:
-    point = choose_point(recording(speed, pressure), POINTS)
-    assert choose_point(recording(speed, pressure), [*POINTS, point]) == point
+    point = match_operating_point(recording(speed, pressure), POINTS)
+    assert match_operating_point(recording(speed, pressure), [*POINTS, point]) == point

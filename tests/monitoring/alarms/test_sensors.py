@@ -11,11 +11,11 @@ import scipy.stats
 from small_machine import Machine
 
 from swashtwin.foundation import random_stream
-from swashtwin.monitoring.alarms.monitor import PointMonitor, PointState
+from swashtwin.monitoring.alarms.monitor import OperatingPointMonitor, OperatingPointState
 from swashtwin.recordings import Recording
 from swashtwin_bench.rigs.courses import PlantCourse, plant_course
 
-MONITOR = PointMonitor("A", learning=8)
+MONITOR = OperatingPointMonitor("A", baseline_recordings=8)
 
 
 def first(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
@@ -107,7 +107,7 @@ def rig() -> list[Recording]:
 
 
 @pytest.fixture(scope="module")
-def watched(rig: list[Recording]) -> PointState:
+def watched(rig: list[Recording]) -> OperatingPointState:
     """State after the first ten."""
     state = None
     for recording in rig[:10]:
@@ -120,7 +120,7 @@ def watched(rig: list[Recording]) -> PointState:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_sensor_at_fault_on_the_rig_is_named_and_the_test_of_the_pump_does_not_move(
-    rig: list[Recording], watched: PointState, fault: str
+    rig: list[Recording], watched: OperatingPointState, fault: str
 ) -> None:
     state, changes = watched, []
     for recording in rig[10:]:
@@ -144,7 +144,7 @@ def test_healthy_recordings_show_a_finding_less_often_than_one_in_a_thousand() -
     """
     count = found = 0
     for pump in range(20):
-        monitor, state = PointMonitor(f"pump-{pump}"), None
+        monitor, state = OperatingPointMonitor(f"pump-{pump}"), None
         for number in range(280):
             judgment = monitor.judge(Machine().recording(1000 * pump + number, seconds=0.5), state)
             state = judgment.state
@@ -173,7 +173,7 @@ def test_a_faulty_pump_is_no_sensor_at_fault(machine: Machine) -> None:
 
 
 def test_levels_that_fall_while_none_rises_are_no_sign_of_health(machine: Machine) -> None:
-    monitor, state = PointMonitor("A"), None
+    monitor, state = OperatingPointMonitor("A"), None
     for number in range(22):
         recording = machine.recording(number)
         gain = 1.0 if number < 20 else 0.45

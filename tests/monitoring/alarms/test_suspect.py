@@ -17,9 +17,20 @@ from watched_pumps import LEARNING, hum, watch_config, write_hum
 
 from swashtwin.diagnosis import Diagnosis
 from swashtwin.foundation import DataError, to_table
-from swashtwin.monitoring import History, PointMonitor, PointState, WatchConfig, run_watch
+from swashtwin.monitoring import (
+    History,
+    OperatingPointMonitor,
+    OperatingPointState,
+    WatchConfig,
+    run_watch,
+)
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, read_baseline
-from swashtwin.monitoring.alarms.suspect import FaultSize, Suspect, Suspects, UnadaptedError
+from swashtwin.monitoring.alarms.suspect import (
+    PriorNotAdaptedError,
+    SeverityRequest,
+    Suspect,
+    Suspects,
+)
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service import judging
@@ -32,23 +43,28 @@ def at_speed(seed: int, gain: float = 1.0) -> Recording:
     return hum(seed, gain=gain).replace(attributes={"speed": "1500 rpm"})
 
 
-def learned(pistons: int | None = PISTONS, count: int = 6) -> PointState:
+def learned(pistons: int | None = PISTONS, count: int = 6) -> OperatingPointState:
     state = None
     for seed in range(count):
         state = (
-            PointMonitor("pump-1", learning=5, pistons=pistons).judge(at_speed(seed), state).state
+            OperatingPointMonitor("pump-1", baseline_recordings=5, pistons=pistons)
+            .judge(at_speed(seed), state)
+            .state
         )
     assert state is not None
     return state
 
 
 def named(
-    machine: Machine, recording: Recording, state: PointState, point: OperatingPoint = POINT
+    machine: Machine,
+    recording: Recording,
+    state: OperatingPointState,
+    point: OperatingPoint = POINT,
 ) -> Suspect:
     suspects = Suspects()
     try:
         return suspects.name(machine, point, state.baseline, recording)
-    except UnadaptedError as needed:
+    except PriorNotAdaptedError as needed:
         suspects.adapt(needed.healthy)
         return suspects.name(machine, point, state.baseline, recording)
 
@@ -85,13 +101,13 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
     )
     assert json.loads(run(*words).stdout)["found"] == "piston 3, 30 um"
     history = History.open("", config.folder)
-    (alarm,) = history.read.alarms("pump-1")
+    (alarm,) = history.reader.alarms("pump-1")
     assert (alarm.evidence["suspect"]["certainty"], alarm.evidence["suspect"]["label"]) == (
         "sure",
         "piston",
     )
     assert (
-        alarm.evidence["suspect"]["recording"] == history.read.recordings("pump-1", limit=1)[0].id
+        alarm.evidence["suspect"]["recording"] == history.reader.recordings("pump-1", limit=1)[0].id
     )
     assert (alarm.evidence["found"]["text"], alarm.state) == ("piston 3, 30 um", "closed")
     severity = alarm.evidence["severity"]
@@ -100,7 +116,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         alarm.evidence["suspect"]["recording"],
     )
     of_recording = {
-        item.state: item.reasons["suspect"] for item in history.read.recordings("pump-1")
+        item.state: item.reasons["suspect"] for item in history.reader.recordings("pump-1")
     }
     assert of_recording["alarm"]["probabilities"].keys() == {
         "normal",
@@ -109,7 +125,7 @@ def test_an_alarm_names_its_suspect_and_what_was_found_stands_beside_it(
         "other",
     }
     assert of_recording["learning"] is None
-    assert history.read.events("pump-1")[0].note == "found: piston 3, 30 um"
+    assert history.reader.events("pump-1")[0].note == "found: piston 3, 30 um"
     page = TestClient(build_watch_page(config, history), base_url="http://127.0.0.1:8642")
     shown = page.get("/alarms/1").text
     assert (
@@ -132,11 +148,11 @@ def measure_again(
     """A watch that starts anew measures the severity so many times, however often it looks."""
     asked = []
 
-    def measured_severity(question: FaultSize) -> dict[str, Any]:
+    def measure_severity(question: SeverityRequest) -> dict[str, Any]:
         asked.append(question)
         return {"label": question.label, "sentence": sentence, "notes": [], **answer}
 
-    monkeypatch.setattr(judging, "measured_severity", measured_severity)
+    monkeypatch.setattr(judging, "measured_severity", measure_severity)
     history = History.open("", config.folder)
     pipeline = judging.Pipeline(config, history)
     pipeline.measure_severities(threading.Event())
@@ -153,7 +169,7 @@ def test_the_calibrated_twin_measures_the_severity_of_a_suspect(
     ) -> dict[str, object]:
         machine = Machine(name="pump-1", pistons=pistons, calibration=plant.calibration)
         healthy = tuple(plant.worn.parent.glob("A_normal*"))
-        return FaultSize(machine, label, worn, healthy).answer()
+        return SeverityRequest(machine, label, worn, healthy).answer()
 
     found = measured("piston")  # the pump has a recess
     assert found["verdict"] == "not detected"
@@ -258,7 +274,11 @@ def test_levels_of_the_prior_are_those_of_the_recordings_that_were_learned(tmp_p
     state = None
     for seed in range(7):
         gain = 20.0 if seed == 2 else 1.0
-        state = PointMonitor("pump-1", pistons=PISTONS).judge(at_speed(seed, gain), state).state
+        state = (
+            OperatingPointMonitor("pump-1", pistons=PISTONS)
+            .judge(at_speed(seed, gain), state)
+            .state
+        )
         table = json.loads(json.dumps(to_table(state.baseline)).replace("NaN", "null"))
         state = replace(state, baseline=read_baseline(table))
     assert state is not None

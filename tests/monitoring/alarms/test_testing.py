@@ -17,7 +17,7 @@ from swashtwin.monitoring.alarms.monitor import (
     POWERS,
     QUIET,
     RECENT,
-    Condition,
+    AlarmState,
     ConformalTest,
     payoffs,
     rank_step,
@@ -147,7 +147,7 @@ def test_the_grid_keeps_the_order_of_scores(first: float, second: float) -> None
 def test_a_condition_is_raised_by_persistence_with_evidence_and_cleared_by_quiet(
     course: list[tuple[bool, bool]],
 ) -> None:
-    condition, events = Condition(), []
+    condition, events = AlarmState(), []
     for number, (is_large, is_proven) in enumerate(course):
         was_active = condition.is_active
         condition, change = condition.after(is_large, is_proven=is_proven)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swashtwin.foundation import SwashTwinError, rpm
-from swashtwin.monitoring.config.loading import load_watch_config, write_example
+from swashtwin.monitoring.config.config_file import load_watch_config, write_example
 from swashtwin.monitoring.config.settings import FolderSource, LogChannel, MqttSource
 
 SMALL = """
@@ -92,7 +92,7 @@ def test_every_entry_of_the_example_that_is_commented_out_loads_too(tmp_path: Pa
         ("[[source]]\nkind='mqtt'\nhost='h'\ntopic='t'\nport=99999", "65535"),
         ("[alarms]\nfalse_alarm_rate=2", "<= 0.5"),
         ("[page]\nhost='0.0.0.0'", "add users"),
-        ("[page]\nsecure=1", "expected true or false"),
+        ("[page]\nhttps=1", "expected true or false"),
         ("[page]\nproxy='proxy.example'", "must be an IP address"),
         ("[[alarms]]\n", "alarms: expected a table, got a list"),
         ("[channel]\nkind='log'\npassword='clear'", "channel: expected a list, got a table"),

@@ -10,7 +10,7 @@ import pytest
 from commandline import run
 from judgments import START, judgment, rejection
 
-from swashtwin.monitoring.config.loading import write_example
+from swashtwin.monitoring.config.config_file import write_example
 from swashtwin.monitoring.history.history import History
 
 

@@ -49,16 +49,16 @@ def start() -> Any:
 
 
 def _is_consistent(history: History, machine: str, count: int) -> None:
-    stored = history.read.recordings(machine, limit=10_000)
+    stored = history.reader.recordings(machine, limit=10_000)
     assert sorted(item.content for item in stored) == sorted(
         judgment(n).content for n in range(count)
     )
-    (point,) = history.read.points(machine)
+    (point,) = history.reader.operating_points(machine)
     assert point.test == {"filed": count}
-    overview = next(overview for overview in history.read.machines() if overview.name == machine)
+    overview = next(overview for overview in history.reader.machines() if overview.name == machine)
     assert overview.recordings == count
     assert overview.last == stored[0]
-    assert history.read.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(
+    assert history.reader.trend(machine, "x", "rms", limit=10_000).values.tolist() == list(
         range(count)
     )
     assert all(
@@ -79,14 +79,14 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     for _ in range(KILLS):
         history.close()  # no connection is shared
         process = start(file_recordings, history_url, tmp_path, "pump-1", 100_000)
-        while process.is_alive() and len(history.read.recordings(limit=10_000)) <= sum(
+        while process.is_alive() and len(history.reader.recordings(limit=10_000)) <= sum(
             counts[-1:], 1
         ):
             process.join(0.01)  # until it writes, however busy the machine is
         process.join(moments.uniform(0.0, 0.5))
         process.kill()
         process.join()
-        counts.append(len(history.read.recordings(limit=10_000)))
+        counts.append(len(history.reader.recordings(limit=10_000)))
     assert len(set(counts)) > 5, "kills must hit a process that writes"
     count = counts[-1] + 5
     start(file_recordings, history_url, tmp_path, "pump-1", count).join(120)
@@ -96,7 +96,7 @@ def test_a_writer_killed_at_random_moments_loses_nothing_and_files_nothing_twice
     history.waveforms.sweep()
     rows = [
         history.waveforms.folder / item.waveform
-        for item in history.read.recordings("pump-1", limit=10_000)
+        for item in history.reader.recordings("pump-1", limit=10_000)
         if item.waveform
     ]
     assert sorted(history.waveforms.folder.rglob("*.h5")) == sorted(rows)
@@ -174,12 +174,12 @@ def test_a_full_sqlite_disk_is_one_error_after_which_the_history_goes_on(tmp_pat
 
     with pytest.raises(HistoryError, match="full"):
         fill()
-    filed = len(history.read.recordings(limit=10_000))
+    filed = len(history.reader.recordings(limit=10_000))
     assert filed > 0
     pages[0] = 100_000
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(filed))
-    assert history.read.machines()[0].recordings == filed + 1
+    assert history.reader.machines()[0].recordings == filed + 1
     history.close()
 
 
@@ -209,12 +209,12 @@ def test_a_full_or_busy_postgresql_is_one_error_after_which_the_history_goes_on(
         )
     with pytest.raises(HistoryError, match="no room"), history.machine("pump-1") as transaction:
         transaction.post(str(transaction.add_recording(judgment(1))), {})
-    assert history.read.recordings() == []
+    assert history.reader.recordings() == []
     with history._database._engine.begin() as connection:
         connection.exec_driver_sql("DROP TRIGGER fail ON outbox")
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(1))
-    assert len(history.read.recordings()) == 1
+    assert len(history.reader.recordings()) == 1
     history.close()
 
 
@@ -228,7 +228,7 @@ def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
     postgres_server.stop()
     try:
         with pytest.raises(HistoryError):
-            history.read.sequence()
+            history.reader.sequence()
         with pytest.raises(HistoryError), history.machine("pump-1") as transaction:
             transaction.add_recording(judgment(2))
         with pytest.raises(HistoryError):
@@ -237,7 +237,7 @@ def test_a_stopped_postgresql_is_one_error_and_comes_back_by_itself(
         postgres_server.start()
     with history.machine("pump-1") as transaction:
         transaction.add_recording(judgment(2))
-    assert len(history.read.recordings()) == 2
+    assert len(history.reader.recordings()) == 2
     history.close()
 
 

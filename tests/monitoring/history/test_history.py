@@ -12,7 +12,7 @@ from judgments import START, judgment, rejection, waveform
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.config.settings import Retention
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.tables import Judgment
+from swashtwin.monitoring.history.schema import Judgment
 
 
 def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
@@ -31,14 +31,14 @@ def test_a_recording_is_read_as_it_was_filed(history: History) -> None:
     )
     with history.machine("pump-1") as transaction:
         number = transaction.add_recording(written, {("x", "rms"): 0.1, ("y", "rms"): -3.0})
-    stored = history.read.recording(number)
+    stored = history.reader.recording(number)
     assert stored is not None
     assert stored == written
     assert (stored.id, stored.machine, stored.waveform) == (number, "pump-1", None)
-    assert history.read.indicator_names("pump-1") == (("x", "rms"), ("y", "rms"))
-    assert history.read.recordings("pump-1") == [stored]
-    assert history.read.recordings("pump-2") == []
-    assert history.read.recording(number + 1) is None
+    assert history.reader.indicator_names("pump-1") == (("x", "rms"), ("y", "rms"))
+    assert history.reader.recordings("pump-1") == [stored]
+    assert history.reader.recordings("pump-2") == []
+    assert history.reader.recording(number + 1) is None
 
 
 def test_numbers_that_are_not_finite_become_null_or_the_largest_and_times_are_read_in_utc(
@@ -50,7 +50,7 @@ def test_numbers_that_are_not_finite_become_null_or_the_largest_and_times_are_re
     )
     with history.machine("pump-1") as transaction:
         number = transaction.add_recording(odd)
-    stored = history.read.recording(number)
+    stored = history.reader.recording(number)
     assert stored is not None
     assert stored.ood_p is None
     assert stored.capital == pytest.approx(1.797e308, rel=1e-3)
@@ -69,7 +69,7 @@ def test_recordings_come_newest_first_in_pages_and_by_filter(history: History) -
                 judgment(number, state=states[number], point="b" if number == 2 else "a")
             )
         assert transaction.newest() == START + timedelta(hours=4)
-    read = history.read
+    read = history.reader
 
     def numbers(**options: object) -> list[int]:
         results = read.recordings("pump-1", **options)  # type: ignore[arg-type]
@@ -92,20 +92,22 @@ def test_a_trend_has_its_newest_values_oldest_first_and_bridges_other_layouts(
             if number >= 3:
                 values = {("y", "kurtosis"): 3.0, **values}
             transaction.add_recording(judgment(number, alarm_p=0.5 if number else None), values)
-    trend = history.read.trend("pump-1", "x", "rms")
+    trend = history.reader.trend("pump-1", "x", "rms")
     np.testing.assert_array_equal(trend.values, np.arange(6.0))
     assert trend.times[0] == np.datetime64("2026-03-01T06:00")
     assert (np.diff(trend.times) == np.timedelta64(1, "h")).all()
-    np.testing.assert_array_equal(history.read.trend("pump-1", "x", "rms", limit=2).values, [4, 5])
     np.testing.assert_array_equal(
-        history.read.trend("pump-1", "x", "rms", since=START + timedelta(hours=5)).values, [5]
+        history.reader.trend("pump-1", "x", "rms", limit=2).values, [4, 5]
     )
     np.testing.assert_array_equal(
-        history.read.trend("pump-1", "", "alarm_p").values, [np.nan] + [0.5] * 5
+        history.reader.trend("pump-1", "x", "rms", since=START + timedelta(hours=5)).values, [5]
     )
-    assert history.read.trend("pump-1", "z", "rms").values.size == 0
+    np.testing.assert_array_equal(
+        history.reader.trend("pump-1", "", "alarm_p").values, [np.nan] + [0.5] * 5
+    )
+    assert history.reader.trend("pump-1", "z", "rms").values.size == 0
     with pytest.raises(InputError, match="capital"):
-        history.read.trend("pump-1", "", "content")
+        history.reader.trend("pump-1", "", "content")
 
 
 def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: History) -> None:
@@ -125,7 +127,7 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
         transaction.clear_alarm(second, START + timedelta(hours=2))
     with pytest.raises(InputError, match="no alarm"), history.machine("pump-2") as transaction:
         transaction.acknowledge(first, "operator")
-    alarm = history.read.alarm(first)
+    alarm = history.reader.alarm(first)
     assert alarm is not None
     assert (alarm.state, alarm.who, alarm.note, alarm.evidence) == (
         "closed",
@@ -133,9 +135,9 @@ def test_an_alarm_is_closed_when_it_is_both_cleared_and_acknowledged(history: Hi
         "seen",
         {"rise": 9.0},
     )
-    assert [alarm.id for alarm in history.read.alarms("pump-1")] == [second, first]
-    assert history.read.alarms(state="open") == []
-    assert history.read.alarm(999) is None
+    assert [alarm.id for alarm in history.reader.alarms("pump-1")] == [second, first]
+    assert history.reader.alarms(state="open") == []
+    assert history.reader.alarm(999) is None
 
 
 def test_a_rejection_of_the_same_content_is_counted_and_all_are_bounded(
@@ -145,15 +147,15 @@ def test_a_rejection_of_the_same_content_is_counted_and_all_are_bounded(
         time = START + timedelta(hours=hour)
         history.reject(rejection("a.wav", "c", received=time, machine="pump-1", reason="double"))
     history.reject(rejection("b.wav", "", source="http", copy="b.wav"))
-    last, first = history.read.rejections()
+    last, first = history.reader.rejections()
     assert (last.times, last.received, last.machine) == (3, START + timedelta(hours=2), "pump-1")
     assert (first.times, first.machine, first.copy) == (1, "", "b.wav")
-    assert history.read.rejections_by_reason() == {"double": 3, "broken": 1}
+    assert history.reader.rejections_by_reason() == {"double": 3, "broken": 1}
     monkeypatch.setattr("swashtwin.monitoring.history.history._REJECTIONS", 5)
     for number in range(9):
         history.reject(rejection(f"{number}.wav", str(number)))
         history.reject(rejection("again.wav", "again"))
-    assert len(history.read.rejections()) == 5
+    assert len(history.reader.rejections()) == 5
 
 
 def add(history: History, facts: Judgment, number: int) -> int:
@@ -164,28 +166,28 @@ def add(history: History, facts: Judgment, number: int) -> int:
 
 
 def test_retention_keeps_alarms_one_a_day_and_the_last(history_url: str, tmp_path: Path) -> None:
-    history = History.open(history_url, tmp_path, Retention(per_day=1, last=3))
+    history = History.open(history_url, tmp_path, Retention(per_day=1, latest=3))
     states = {30: "alarm", 31: "alarm"}
     for number in range(60):
         add(history, judgment(number, state=states.get(number, "normal")), number)
-    stored = history.read.recordings("pump-1", limit=100)
+    stored = history.reader.recordings("pump-1", limit=100)
     numbers = [int(item.file[:-4]) for item in reversed(stored) if item.waveform is not None]
     # Recordings begin at six o'clock, so days begin with numbers 0, 18 and 42.
     assert numbers == [0, 18, 30, 31, 42, 57, 58, 59]
     assert len(list(history.waveforms.folder.rglob("*.h5"))) == len(numbers)
     alarm = next(item for item in stored if item.file == "30.wav")
-    samples = history.read.waveform(alarm.id)
+    samples = history.reader.waveform(alarm.id)
     assert samples is not None
     np.testing.assert_array_equal(samples.signal, waveform(30).signal)
-    assert history.read.waveform(stored[10].id) is None
+    assert history.reader.waveform(stored[10].id) is None
     history.close()
-    history = History.open(history_url, tmp_path, Retention(per_day=0, last=3))
+    history = History.open(history_url, tmp_path, Retention(per_day=0, latest=3))
     for number in range(60, 70):
         added = add(history, judgment(number), number)
         if number == 64:  # its alarm keeps the recordings before it too
             with history.machine("pump-1") as transaction:
                 transaction.open_alarm("pump", "a", START, {}, added)
-    stored = history.read.recordings("pump-1", limit=10)
+    stored = history.reader.recordings("pump-1", limit=10)
     assert [int(item.file[:-4]) for item in stored if item.waveform] == [69, 68, 67, 64, 63, 62]
     history.close()
 

@@ -16,14 +16,14 @@ from judgments import rejection
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import MPa, rpm
-from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.service.judging import Pipeline
-from swashtwin.monitoring.service.running import WatchStatus
-from swashtwin.monitoring.sources.delivery import Delivery, Standing
+from swashtwin.monitoring.sources.delivery import Delivery
 from swashtwin.monitoring.sources.spool import Spool
+from swashtwin.monitoring.status import SourceStatus, WatchStatus
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_recording
 
@@ -33,7 +33,7 @@ _CLASSES = ("swash_plate", "normal", "piston", "valve_plate", "cylinder_block")
 _CONFIG = """
 folder = "data"
 [alarms]
-learning = 10
+baseline_recordings = 10
 [[machine]]
 name = "pump-1"
 pump = "25scy14-1b"
@@ -146,7 +146,7 @@ def plant(filled_folder: Path, tmp_path: Path) -> Iterator[Plant]:
 
 def watch_status() -> WatchStatus:
     """A watch that works."""
-    source = Standing("http", "http")
+    source = SourceStatus("http", "http")
     source.succeed(86)
     return WatchStatus(NOW, 2, 1, (source,), 5 * 10**9, {"judged": 90.0, "seconds_judging": 2.5})
 

@@ -10,8 +10,8 @@ from starlette.testclient import TestClient
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
 from swashtwin.monitoring.page.watch_page import build_watch_page
-from swashtwin.monitoring.service.running import WatchStatus
 from swashtwin.monitoring.sources.delivery import check_facts
+from swashtwin.monitoring.status import WatchStatus
 
 HOST = "http://127.0.0.1:8642"
 

@@ -11,7 +11,7 @@ import pytest
 from chromium import MARKS, check_access, check_phone, playwright, started_browser, tabs  # noqa: F401
 from mqtt_broker import free_port
 
-from swashtwin.monitoring.config.loading import load_watch_config
+from swashtwin.monitoring.config.config_file import load_watch_config
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.page.server import serving_page
 from swashtwin.monitoring.page.watch_page import build_watch_page
@@ -41,7 +41,7 @@ def tab(browser, served) -> Iterator[object]:
 
 
 def _newest(served, machine: str) -> int:
-    return served[1].read.recordings(machine, limit=1)[0].id
+    return served[1].reader.recordings(machine, limit=1)[0].id
 
 
 def _addresses(served) -> list[str]:

@@ -23,12 +23,12 @@ def send(client: TestClient, address: str, **values: object):
 
 
 def newest(plant, machine: str) -> int:
-    return plant.history.read.recordings(machine, limit=1)[0].id
+    return plant.history.reader.recordings(machine, limit=1)[0].id
 
 
 def silence_of_pump_1(plant) -> datetime | None:
     return next(
-        machine.silenced for machine in plant.history.read.machines() if machine.name == "pump-1"
+        machine.silenced for machine in plant.history.reader.machines() if machine.name == "pump-1"
     )
 
 
@@ -83,7 +83,7 @@ def test_a_recording_shows_verdict_evidence_and_what_to_check(client: TestClient
 def test_an_open_alarm_stays_listed_after_hundreds_of_closed_ones(
     client: TestClient, plant
 ) -> None:
-    alarm = plant.history.read.alarm(1)
+    alarm = plant.history.reader.alarm(1)
     with plant.history.machine("pump-2") as machine:
         for _ in range(210):
             other = machine.open_alarm(
@@ -123,7 +123,7 @@ def test_a_form_acknowledges_an_alarm_once(client: TestClient, plant) -> None:
         ).status_code
         == 303
     )
-    alarm = plant.history.read.alarm(1)
+    alarm = plant.history.reader.alarm(1)
     assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "Ada", "on it")
     assert send(client, "/alarms/1/acknowledge", who="Bob").status_code == 409
     assert "Acknowledged by Ada" in client.get("/machines/pump-1").text
@@ -153,9 +153,9 @@ def test_after_maintenance_the_baseline_is_learned_anew_and_alarms_are_closed(
         note="new slippers",
         found="slipper 2",
     )
-    assert plant.history.read.alarm(1).state == "closed"
-    read = plant.history.read
-    assert read.points("pump-1") == []
+    assert plant.history.reader.alarm(1).state == "closed"
+    read = plant.history.reader
+    assert read.operating_points("pump-1") == []
     text = client.get("/machines/pump-1").text
     assert all(
         words in text
@@ -180,7 +180,7 @@ def test_a_history_that_cannot_be_reached_is_answered_by_a_page(
         raise HistoryError("postgresql://user:secret@host is gone")
 
     for name in ("machines", "sequence", "recordings_by_state"):
-        monkeypatch.setattr(type(plant.history.read), name, fail)
+        monkeypatch.setattr(type(plant.history.reader), name, fail)
     answer = client.get("/")
     assert answer.status_code == 503
     assert "secret" not in answer.text

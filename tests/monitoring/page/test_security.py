@@ -130,7 +130,7 @@ def test_a_stranger_reads_and_changes_nothing(guarded: TestClient, plant) -> Non
             ).status_code
             == 401
         )
-    assert plant.history.read.alarm(1).state == "open"
+    assert plant.history.reader.alarm(1).state == "open"
     assert guarded.get("/health").json() == {"status": "ok"}
 
 
@@ -142,7 +142,7 @@ def test_who_logs_in_reads_and_acknowledges_under_that_name(guarded: TestClient,
         "/alarms/1/acknowledge", data={"form_token": token, "who": "Eve", "note": "seen"}
     )
     assert answer.status_code == 303
-    alarm = plant.history.read.alarm(1)
+    alarm = plant.history.reader.alarm(1)
     assert (alarm.state, alarm.who, alarm.note) == ("acknowledged", "ada", "seen")
 
 
@@ -224,7 +224,7 @@ def test_a_program_reads_and_with_control_it_changes(
         "/api/machines/pump-1/silence/end",
     ):  # the cookie alone
         assert guarded.post(address).status_code == 403
-    assert plant.history.read.alarm(1).state == "open"
+    assert plant.history.reader.alarm(1).state == "open"
     headers = {"authorization": f"Bearer {add_token(users, 'scada', control=True)}"}
     for address, hours, code in (
         ("alarms/1/acknowledge", 1, 204), ("alarms/1/acknowledge", 1, 409), ("machines/pump-1/silence", 2, 204)
@@ -336,7 +336,7 @@ def test_a_request_of_another_site_or_visit_changes_nothing(client: TestClient, 
     for token in (data["form_token"], None, "", "0" * 64, "ä"):
         form = {"who": "Eve"} | ({} if token is None else {"form_token": token})
         assert client.post("/alarms/1/acknowledge", data=form).status_code == 403
-    assert plant.history.read.alarm(1).state == "open"
+    assert plant.history.reader.alarm(1).state == "open"
 
 
 @pytest.mark.parametrize(

@@ -89,13 +89,13 @@ def file_all(
             repeat(lambda file=file: spool.remove(file))
     if kind == "statement":
         event.remove(history._database._engine, "before_cursor_execute", counter)
-    contents = [item.content for item in history.read.recordings()]
-    names = {item.waveform for item in history.read.recordings()}
+    contents = [item.content for item in history.reader.recordings()]
+    names = {item.waveform for item in history.reader.recordings()}
     assert len(contents) == 1
     assert all((history.waveforms.folder / str(name)).is_file() for name in names)
-    assert history.read.machines()[0].recordings == 1
-    assert history.read.recordings_by_state() == {("pump-1", "learning"): 1}
-    assert {item.reason for item in history.read.rejections()} <= {"double"}
+    assert history.reader.machines()[0].recordings == 1
+    assert history.reader.recordings_by_state() == {("pump-1", "learning"): 1}
+    assert {item.reason for item in history.reader.rejections()} <= {"double"}
     assert not list((config.folder / "spool").iterdir())
     history.close()
     return failure.has_failed

@@ -71,7 +71,7 @@ def watching(config: WatchConfig) -> Iterator[tuple[str, list[Outcome]]]:
 def contents(configs: Sequence[WatchConfig]) -> list[str]:
     history = History.open(configs[0].history_url, configs[0].folder)
     try:
-        return [item.content for item in history.read.recordings(limit=10_000)]
+        return [item.content for item in history.reader.recordings(limit=10_000)]
     finally:
         history.close()
 

@@ -27,13 +27,13 @@ from watched_pumps import watch_config
 from swashtwin.foundation import InputError
 from swashtwin.learning import LevelLayout
 from swashtwin.monitoring import History, record_event
-from swashtwin.monitoring.alarms.baseline import PointBaseline
+from swashtwin.monitoring.alarms.baseline import OperatingPointBaseline
 from swashtwin.monitoring.alarms.monitor import (
-    Condition,
+    AlarmState,
     ConformalTest,
-    PointJudgment,
-    PointMonitor,
-    PointState,
+    OperatingPointJudgment,
+    OperatingPointMonitor,
+    OperatingPointState,
 )
 from swashtwin.monitoring.service import judging
 from swashtwin.monitoring.sources.contents import Contents
@@ -45,15 +45,19 @@ START = datetime.now(UTC) - timedelta(days=30)
 
 
 def judge(
-    monitor: PointMonitor, recording: Recording, state: PointState | None, *, point: str
-) -> PointJudgment:
+    monitor: OperatingPointMonitor,
+    recording: Recording,
+    state: OperatingPointState | None,
+    *,
+    point: str,
+) -> OperatingPointJudgment:
     """An alarm whose only evidence is the first sample: large or not."""
-    condition = state.pump if state is not None else Condition()
+    condition = state.pump if state is not None else AlarmState()
     is_large = bool(recording.signal[0, 0] > 0)
     after, change = condition.after(is_large)
-    baseline = PointBaseline.empty(LevelLayout(1.0, ("x",), "", 2, 0))
-    state = PointState(baseline, ConformalTest({}), after, Condition())
-    return PointJudgment(
+    baseline = OperatingPointBaseline.empty(LevelLayout(1.0, ("x",), "", 2, 0))
+    state = OperatingPointState(baseline, ConformalTest({}), after, AlarmState())
+    return OperatingPointJudgment(
         "watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0
     )
 
@@ -66,7 +70,7 @@ class WatchModel(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp())
         self.config = watch_config(self.folder, '[[channel]]\nkind = "log"')
         self.patches = [
-            patch.object(PointMonitor, "judge", judge),
+            patch.object(OperatingPointMonitor, "judge", judge),
             patch.object(judging, "read_contents", self._read),
         ]
         for item in self.patches:
@@ -74,7 +78,7 @@ class WatchModel(RuleBasedStateMachine):
         self.count = 0
         self.filed: list[str] = []
         self.rejected: set[str] = set()
-        self.condition = Condition()
+        self.condition = AlarmState()
         self.alarm: str | None = None  # open, acknowledged, or None
         self.is_cleared = False
         self.opened = 0
@@ -136,7 +140,7 @@ class WatchModel(RuleBasedStateMachine):
     @rule()
     def acknowledge(self) -> None:
         """Somebody acknowledges the alarm, if there is an open one."""
-        alarms = self.history.read.alarms(state="open")
+        alarms = self.history.reader.alarms(state="open")
         assert len(alarms) == (self.alarm == "open")
         for alarm in alarms:
             with self.history.machine("pump-1") as machine:
@@ -163,14 +167,14 @@ class WatchModel(RuleBasedStateMachine):
     def maintain(self) -> None:
         """After maintenance everything begins anew."""
         record_event(self.config, self.history, "pump-1", who="Ada", note="", maintenance=True)
-        self.condition, self.alarm, self.is_cleared = Condition(), None, False
+        self.condition, self.alarm, self.is_cleared = AlarmState(), None, False
 
     @invariant()
     def holds(self) -> None:
         """Nothing is lost or there twice, and alarms and messages are those of the model."""
         if not hasattr(self, "history"):
             return
-        read = self.history.read
+        read = self.history.reader
         assert sorted(item.content for item in read.recordings(limit=1000)) == sorted(self.filed)
         assert {item.reason for item in read.rejections()} == self.rejected
         alarms = read.alarms(limit=1000)
@@ -180,7 +184,7 @@ class WatchModel(RuleBasedStateMachine):
         )
         assert all(item.who == "Ada" for item in alarms if item.state != "open")
         with self.history.machine("pump-1") as machine:
-            untold = [item for item in machine.untold_alarms() if item.cleared is None]
+            untold = [item for item in machine.unreported_alarms() if item.cleared is None]
         assert not untold or self.is_silenced or self.count == 0 or not self.told_since_silence()
         assert len(self.spool) == 0
 
@@ -188,7 +192,7 @@ class WatchModel(RuleBasedStateMachine):
         """Whether a recording was judged after the last silence, which posts what was raised in
         it.
         """
-        newest = self.history.read.recordings(limit=1)
+        newest = self.history.reader.recordings(limit=1)
         with self.history.machine("pump-1") as machine:
             return not newest or not machine.silenced(newest[0].received)
 

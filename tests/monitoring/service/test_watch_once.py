@@ -28,7 +28,7 @@ def opened(config: WatchConfig) -> History:
 def reasons(config: WatchConfig) -> dict[str, str]:
     with_reasons = opened(config)
     try:
-        return {rejection.file: rejection.reason for rejection in with_reasons.read.rejections()}
+        return {rejection.file: rejection.reason for rejection in with_reasons.reader.rejections()}
     finally:
         with_reasons.close()
 
@@ -45,7 +45,7 @@ def test_a_pump_is_learned_then_watched_and_a_louder_one_raises_an_alarm(
         write_hum(tmp_path / "incoming" / f"{number:03}.h5", number, number, gain=6.0)
     assert judge(config)[-1].state == "alarm"
     history = opened(config)
-    (alarm,) = history.read.alarms("pump-1")
+    (alarm,) = history.reader.alarms("pump-1")
     assert (alarm.kind, alarm.state, alarm.point) == ("pump", "open", "1500 rpm, 15 MPa")
     assert history.outbox.waiting(["log"]) == 0
     history.close()
@@ -124,17 +124,17 @@ def test_a_history_that_is_away_for_a_while_loses_nothing(
 def test_an_error_of_ours_is_filed_and_the_next_recording_is_judged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from swashtwin.monitoring.alarms.monitor import PointMonitor
+    from swashtwin.monitoring.alarms.monitor import OperatingPointMonitor
 
     config = watch_config(tmp_path)
-    original, failures = PointMonitor.judge, [ZeroDivisionError("division by zero")]
+    original, failures = OperatingPointMonitor.judge, [ZeroDivisionError("division by zero")]
 
     def unsteady(*arguments: object, **options: object):
         if failures:
             raise failures.pop()
         return original(*arguments, **options)
 
-    monkeypatch.setattr(PointMonitor, "judge", unsteady)
+    monkeypatch.setattr(OperatingPointMonitor, "judge", unsteady)
     for number in range(2):
         write_hum(tmp_path / "incoming" / f"{number}.h5", number, number)
     assert [outcome.state for outcome in judge(config)] == ["rejected", "learning"]

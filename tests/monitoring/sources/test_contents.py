@@ -12,7 +12,7 @@ import pytest
 from swashtwin.foundation import DataError, MPa, rpm
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.contents import Tags, read_contents
-from swashtwin.monitoring.sources.delivery import Delivery, UnfitError
+from swashtwin.monitoring.sources.delivery import Delivery, RejectionError
 from swashtwin.monitoring.sources.mqtt import read_message
 from swashtwin.monitoring.sources.spool import Spool, SpoolFile
 from swashtwin.pump import OperatingCondition
@@ -83,7 +83,7 @@ def test_what_cannot_be_read_as_configured_has_a_reason_that_names_the_file(
     deliver: Deliver, content: Recording | bytes, file: str, settings: dict[str, object], words: str
 ) -> None:
     spooled = deliver(content, file)
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(RejectionError) as caught:
         read_contents(spooled, Machine(name="pump-1", **settings), None)
     assert caught.value.reason == "broken"
     assert words in str(caught.value)

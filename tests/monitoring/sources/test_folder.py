@@ -14,7 +14,9 @@ from swashtwin.monitoring.sources.folder import FolderWatch
 
 def folder_watch(tmp_path: Path, deliveries, **settings) -> FolderWatch:
     (tmp_path / "inbox").mkdir(exist_ok=True)
-    source = FolderSource(name="inbox", path=tmp_path / "inbox", **{"settle": 0.05, **settings})
+    source = FolderSource(
+        name="inbox", path=tmp_path / "inbox", **{"settle_time": 0.05, **settings}
+    )
     return FolderWatch(source, deliveries.accept, tmp_path)
 
 
@@ -80,13 +82,13 @@ def test_a_full_disk_or_a_folder_that_is_away_is_a_problem_until_it_is_over(
     watch = folder_watch(tmp_path, deliveries)
     (tmp_path / "inbox").rmdir()
     watch.poll()
-    assert "cannot be read" in str(watch.standing.problem)
+    assert "cannot be read" in str(watch.status.problem)
     deliveries.failures = 1
     put(tmp_path, "a.wav")
     take(watch)
-    assert watch.standing.problem == "No space left on device"
+    assert watch.status.problem == "No space left on device"
     watch.poll()
-    assert watch.standing.problem is None
+    assert watch.status.problem is None
     assert len(deliveries.items) == 1
 
 
@@ -135,11 +137,11 @@ def test_a_file_that_cannot_be_removed_or_read_is_a_problem_and_holds_nothing_up
         thread.join(5)
         assert not thread.is_alive()
     assert sorted(taken(deliveries)) == taken_first
-    assert problem in str(watch.standing.problem)
+    assert problem in str(watch.status.problem)
     monkeypatch.undo()
     (tmp_path / "inbox" / "a.wav").unlink()
     watch.poll()
-    assert watch.standing.problem is None
+    assert watch.status.problem is None
 
 
 def test_a_file_that_is_too_large_is_not_read_and_stays(
@@ -198,11 +200,11 @@ def test_a_sub_folder_that_cannot_be_read_or_is_too_deep_is_said_and_stops_nothi
     monkeypatch.setattr(folder.os, "scandir", refuse)
     take(watch)
     assert len(deliveries.items) == 1
-    assert "closed cannot be read: Permission denied" in str(watch.standing.problem)
+    assert "closed cannot be read: Permission denied" in str(watch.status.problem)
     (tmp_path / "inbox" / "closed").rmdir()
     (tmp_path / "inbox" / "/".join("abcdefghi")).mkdir(parents=True)
     take(watch)
-    assert "deeper than 8 folders" in str(watch.standing.problem)
+    assert "deeper than 8 folders" in str(watch.status.problem)
 
 
 def grow(path: Path) -> None:
@@ -268,7 +270,7 @@ def test_whatever_happens_to_a_file_each_content_that_stays_is_taken(
             change_once()
         return stat(this, **options)
 
-    watch = folder_watch(tmp_path, deliveries, remove=remove, settle=1e-9)
+    watch = folder_watch(tmp_path, deliveries, remove=remove, settle_time=1e-9)
     watch._accept = accept
     path.write_bytes(b"first")
     monkeypatch.setattr(Path, "stat", changed_stat)
@@ -293,11 +295,11 @@ def test_a_restart_after_a_cut_takes_again_what_was_not_remembered_or_left_aside
     tmp_path: Path, deliveries
 ) -> None:
     put(tmp_path, "a.wav", "b.wav")
-    take(folder_watch(tmp_path, deliveries, settle=1e-9))
+    take(folder_watch(tmp_path, deliveries, settle_time=1e-9))
     remembered = tmp_path / "taken" / "inbox.txt"
     remembered.write_bytes(remembered.read_bytes()[:-9])
     (tmp_path / "inbox" / ".c.wav.swashtwin-taken").write_bytes(b"left aside")
-    watch = folder_watch(tmp_path, deliveries, settle=1e-9, remove=True)
+    watch = folder_watch(tmp_path, deliveries, settle_time=1e-9, remove=True)
     take(watch)
     take(watch)
     assert taken(deliveries) == ["a.wav", "b.wav", "b.wav", "c.wav"]

@@ -12,7 +12,7 @@ import pytest
 from mqtt_broker import wait_for
 
 from swashtwin.monitoring.config.settings import MqttSource
-from swashtwin.monitoring.sources.delivery import LARGEST, UnfitError
+from swashtwin.monitoring.sources.delivery import LARGEST, RejectionError
 from swashtwin.monitoring.sources.mqtt import MqttWatch, read_message, samples_recording
 from swashtwin.recordings import ReadOptions
 
@@ -97,7 +97,7 @@ def test_a_message_states_type_count_unit_and_sensitivity(
 def test_samples_of_another_number_than_stated_are_refused(tmp_path, size, count, reason) -> None:
     (path := tmp_path / "message.f32").write_bytes(WAVE.astype("<f4").tobytes()[:size])
     facts = HEADER | {"channels": "x,y", "count": count}
-    with pytest.raises(UnfitError, match=reason):
+    with pytest.raises(RejectionError, match=reason):
         samples_recording(path, facts, "m", ReadOptions())
 
 
@@ -110,11 +110,11 @@ def watching(broker, deliveries, **settings) -> Iterator[MqttWatch]:
         **{"topic": "plant/+/vibration", **settings},
     )
     watch, stop = MqttWatch(source, deliveries.accept, "test-watch"), threading.Event()
-    watch.standing.fail("not connected yet")
+    watch.status.fail("not connected yet")
     thread = threading.Thread(target=watch.run, args=(stop,))
     thread.start()
     try:
-        wait_for(lambda: watch.standing.problem is None or deliveries.failures)
+        wait_for(lambda: watch.status.problem is None or deliveries.failures)
         yield watch
     finally:
         stop.set()
@@ -156,11 +156,11 @@ def test_a_broker_that_stops_and_starts_loses_nothing(broker, deliveries) -> Non
         broker.publish("plant/pump-1/vibration", block(1))
         wait_for(lambda: deliveries.items)
         broker.stop()
-        wait_for(lambda: watch.standing.problem is not None)
+        wait_for(lambda: watch.status.problem is not None)
         broker.start()
         broker.publish("plant/pump-1/vibration", block(2))
         wait_for(lambda: len(deliveries.items) == 2)
-        wait_for(lambda: watch.standing.problem is None)
+        wait_for(lambda: watch.status.problem is None)
     assert names(deliveries) == [1, 2]
 
 
@@ -170,7 +170,7 @@ def test_a_message_is_acknowledged_only_once_it_is_on_the_disk(broker, deliverie
     broker.publish("plant/pump-1/vibration", block(5))
     deliveries.failures = 2
     with watching(broker, deliveries) as watch:
-        wait_for(lambda: watch.standing.received)
+        wait_for(lambda: watch.status.received)
     with watching(broker, deliveries):
         time.sleep(0.3)
     assert names(deliveries) == [5]
@@ -185,15 +185,15 @@ def test_watches_of_one_group_share_the_messages(broker, deliveries) -> None:
             broker.publish("plant/pump-1/vibration", block(number))
         wait_for(lambda: len(deliveries.items) == 20)
         time.sleep(0.2)
-        assert first.standing.received
-        assert second.standing.received
+        assert first.status.received
+        assert second.status.received
     assert sorted(names(deliveries)) == list(range(20))
 
 
 def test_a_retained_message_is_taken_once(broker, deliveries) -> None:
     broker.publish("plant/pump-1/vibration", block(1), retain=True)
     with watching(broker, deliveries) as watch:
-        wait_for(lambda: watch.standing.received)
+        wait_for(lambda: watch.status.received)
     with watching(broker, deliveries):
         time.sleep(0.3)
     assert names(deliveries) == [1]

@@ -34,11 +34,11 @@ calibration = "calibration.json"
 [[source]]
 kind = "folder"
 path = "incoming"
-settle = "0.2 s"
+settle_time = "0.2 s"
 remove = true
 
 [alarms]
-learning = {LEARNING}
+baseline_recordings = {LEARNING}
 
 [[channel]]
 kind = "log"

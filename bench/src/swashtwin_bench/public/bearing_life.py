@@ -1,6 +1,6 @@
 """When alarms come in the life of bearings that ran until they failed, by two rules.
 
-The watch: `PointMonitor` with its defaults. The plain rule: a band stands 6 dB above its median of
+The watch: `OperatingPointMonitor` with its defaults. The plain rule: a band stands 6 dB above its median of
 the first 20 recordings, which are taken for healthy, in two of three. No threshold is fitted to
 these bearings.
 """
@@ -15,7 +15,7 @@ from jaxtyping import Float64
 
 from swashtwin.foundation import InputError
 from swashtwin.learning import level_layout
-from swashtwin.monitoring import PointMonitor
+from swashtwin.monitoring import OperatingPointMonitor
 from swashtwin.recordings import Recording
 from swashtwin_bench.public.readers.named_files import read_bearing_run_to_failure
 from swashtwin_bench.results.runs import Work
@@ -105,7 +105,7 @@ def watch_alarm(life: Sequence[Recording]) -> float:
     ----------
     life : recordings of one bearing, in order of time to its end.
     """
-    monitor, state = PointMonitor(str(life[0].specimen)), None
+    monitor, state = OperatingPointMonitor(str(life[0].specimen)), None
     for recording, share in zip(life, _shares(life), strict=True):
         point_judgment = monitor.judge(recording, state)
         if point_judgment.is_alarm and share < 1:

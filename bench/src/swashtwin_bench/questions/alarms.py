@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from swashtwin.diagnosis import PriorClassifier
-from swashtwin.monitoring import PointMonitor, Suspect
+from swashtwin.monitoring import OperatingPointMonitor, Suspect
 from swashtwin.pump import CLASSES, load_pump
 from swashtwin.recordings import Recording
 from swashtwin_bench.results.runs import Task, Work
@@ -121,8 +121,10 @@ def _course(kind: str, seed: int, pump: str, settings: AlarmStudySettings) -> di
         duration=settings.duration,
         version=settings.rig,
     )
-    monitor = PointMonitor(
-        f"{seed}-{pump}", false_alarm_rate=settings.false_alarm_rate, learning=settings.learning
+    monitor = OperatingPointMonitor(
+        f"{seed}-{pump}",
+        false_alarm_rate=settings.false_alarm_rate,
+        baseline_recordings=settings.learning,
     )
     counts = ("watched", "false_alarms", "large", "findings")
     state, values = None, {name: 0.0 if name in counts else math.nan for name in METRICS}

@@ -20,7 +20,7 @@ from swashtwin.recordings import Recording, specified_pressure, specified_shaft_
 from swashtwin.signals import OrderBands
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring.history.tables import Point
+    from swashtwin.monitoring.history.schema import OperatingPointRow
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class OperatingPoint:
             parts.append(f"{self.pressure / 1e6:.3g} MPa")
         return ", ".join(parts) or "any"
 
-    def distance(self, other: "OperatingPoint | Point") -> float:
+    def distance(self, other: "OperatingPoint | OperatingPointRow") -> float:
         """Relative difference to another point in units of the tolerances, infinite where they are
         not the same.
 
@@ -79,8 +79,8 @@ class OperatingPoint:
         return distance
 
 
-def choose_point(
-    recording: Recording, points: Iterable["OperatingPoint | Point"]
+def match_operating_point(
+    recording: Recording, points: Iterable["OperatingPoint | OperatingPointRow"]
 ) -> OperatingPoint:
     """The nearest of a machine's points that a recording belongs to, or a new one at what the
     recording states.
@@ -92,7 +92,7 @@ def choose_point(
     return OperatingPoint(nearest.speed, nearest.pressure)
 
 
-def point_layout(recording: Recording) -> LevelLayout:
+def choose_layout(recording: Recording) -> LevelLayout:
     """Levels of the recordings of a point, by its first one; segments are of a length that
     transforms fast.
     """
@@ -123,7 +123,7 @@ _LEAST_CHANNEL_SPREAD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class PointBaseline:
+class OperatingPointBaseline:
     """Levels of the healthy recordings of one operating point, while they are learned and after."""
 
     layout: LevelLayout
@@ -139,12 +139,12 @@ class PointBaseline:
     orders: Float64[np.ndarray, "recording order_level"] = field(
         default_factory=lambda: np.empty((0, 0)), repr=False
     )
-    """Levels of the same recordings that a pump prior compares (`measured_orders`)."""
+    """Levels of the same recordings that a pump prior compares (`measure_orders`)."""
     pistons: int | None = None
     """Pistons of the machine as `orders` were measured; None where they were not."""
 
     @classmethod
-    def empty(cls, layout: LevelLayout) -> "PointBaseline":
+    def empty(cls, layout: LevelLayout) -> "OperatingPointBaseline":
         """A baseline that has learned nothing."""
         return cls(layout, 0, np.empty((0, len(layout.levels))))
 
@@ -196,13 +196,13 @@ class PointBaseline:
             )
         return levels
 
-    def learned_from(
+    def learn(
         self,
         levels: Float64[np.ndarray, " level"],
         recording: Recording,
         learning: int,
         pistons: int | None = None,
-    ) -> tuple["PointBaseline", tuple[str, ...]]:
+    ) -> tuple["OperatingPointBaseline", tuple[str, ...]]:
         """(the baseline with one more recording, what was not learned from and why).
 
         Once there are five, a recording is dropped whose furthest levels are `UNUSUAL` from the
@@ -215,7 +215,7 @@ class PointBaseline:
         pistons : of the machine, where they are known; `orders` are then learned too.
         """
         rows, notes = np.vstack([self.rows, levels.round(3)]), []
-        new = np.empty(0) if pistons is None else measured_orders(recording, pistons)
+        new = np.empty(0) if pistons is None else measure_orders(recording, pistons)
         is_alike = pistons == self.pistons and self.orders.shape == (len(self.rows), new.size)
         orders = np.vstack(
             [self.orders if is_alike else np.full((len(self.rows), new.size), np.nan), new]
@@ -241,11 +241,11 @@ class PointBaseline:
             min(self.shortest, recording.n_samples) if len(self.rows) else recording.n_samples
         )
         dropped, is_complete = self.dropped + len(notes), len(rows) >= learning
-        return PointBaseline(
+        return OperatingPointBaseline(
             self.layout, shortest, rows, is_complete, dropped, orders, pistons
         ), tuple(notes)
 
-    def left_out_scores(self) -> list[tuple[float, bool]]:
+    def held_out_scores(self) -> list[tuple[float, bool]]:
         """(score, whether it is large) of each recording that it learned from, against the others.
 
         Those that it dropped count as the largest of all: without them, a machine that is loud now
@@ -312,13 +312,13 @@ def baseline_levels(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[flo
     return dict(zip(level_names(baseline.layout), pairs, strict=True))
 
 
-def read_baseline(table: Mapping[str, Any]) -> PointBaseline:
+def read_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
     """The baseline that the history has as a table."""
 
     def rows(_: type, values: Any) -> Float64[np.ndarray, "recording level"]:
         return np.array(values, np.float64) if values else np.empty((0, 0))
 
-    return from_table(table, PointBaseline, to_array=rows)
+    return from_table(table, OperatingPointBaseline, to_array=rows)
 
 
 @lru_cache(maxsize=256)
@@ -327,7 +327,7 @@ def level_names(layout: LevelLayout) -> Sequence[tuple[str, str]]:
     return [(level.channel, level.words()) for level in layout.levels]
 
 
-def measured_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
+def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
     """Levels of all channels that a prior compares [log10 of the squared unit], NaN where they
     cannot be measured.
     """

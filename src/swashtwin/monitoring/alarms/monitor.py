@@ -20,12 +20,12 @@ from jaxtyping import Float64
 from swashtwin.diagnosis import LevelChange, level_changes
 from swashtwin.foundation import DataError, InputError, from_table, plural, random_stream, to_table
 from swashtwin.monitoring.alarms.baseline import (
-    PointBaseline,
+    OperatingPointBaseline,
+    choose_layout,
     level_names,
-    point_layout,
     read_baseline,
 )
-from swashtwin.monitoring.alarms.sensors import SensorFinding, baseline_findings, sensor_findings
+from swashtwin.monitoring.alarms.sensors import SensorFinding, check_against_baseline, check_sensors
 from swashtwin.recordings import Recording, specified_shaft_frequency
 
 PERSISTENCE = 2
@@ -35,7 +35,7 @@ RECENT = 3
 QUIET = 5
 """Recordings in a row that do not speak for the alarm, until its condition is over."""
 
-Change = Literal["raised", "cleared"]
+AlarmChange = Literal["raised", "cleared"]
 """What happened to an alarm condition at a recording."""
 
 
@@ -166,7 +166,7 @@ def payoffs(p_value: float, large_share: float) -> Float64[np.ndarray, " bet"]:
 
 
 @dataclass(frozen=True)
-class Condition:
+class AlarmState:
     """Whether an alarm condition holds, and what the last recordings said.
 
     That a raised alarm stands until a person acknowledged it is kept in the history.
@@ -179,7 +179,9 @@ class Condition:
     quiet: int = 0
     """Recordings in a row that did not speak for it, `QUIET` at most."""
 
-    def after(self, is_large: bool, *, is_proven: bool = True) -> tuple["Condition", Change | None]:
+    def after(
+        self, is_large: bool, *, is_proven: bool = True
+    ) -> tuple["AlarmState", AlarmChange | None]:
         """(the condition after one more recording, what changed).
 
         Parameters
@@ -190,10 +192,10 @@ class Condition:
         recent = (*self.recent, is_large)[-RECENT:]
         quiet = 0 if is_large else min(self.quiet + 1, QUIET)
         if not self.is_active and is_proven and sum(recent) >= PERSISTENCE:
-            return Condition(True, recent, quiet), "raised"
+            return AlarmState(True, recent, quiet), "raised"
         if self.is_active and quiet == QUIET:
-            return Condition(False, recent, quiet), "cleared"
-        return Condition(self.is_active, recent, quiet), None
+            return AlarmState(False, recent, quiet), "cleared"
+        return AlarmState(self.is_active, recent, quiet), None
 
 
 LEAST_LEARNING = 5
@@ -203,26 +205,26 @@ _LEAST_SAMPLES = 64
 
 
 @dataclass(frozen=True)
-class PointState:
+class OperatingPointState:
     """What is known of a machine at one operating point."""
 
-    baseline: PointBaseline
+    baseline: OperatingPointBaseline
     """Levels of the healthy recordings; the same object where a recording did not change it."""
     test: ConformalTest
     """The sequential test."""
-    pump: Condition
+    pump: AlarmState
     """Condition of the pump's alarm."""
-    sensor: Condition
+    sensor: AlarmState
     """Condition of the sensors' alarm."""
 
     @classmethod
-    def read(cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]) -> "PointState":
+    def read(cls, baseline: Mapping[str, Any], rest: Mapping[str, Any]) -> "OperatingPointState":
         """The state of two tables, which the history keeps apart: the large one changes rarely."""
         return cls(
             read_baseline(baseline),
             from_table(rest["test"], ConformalTest),
-            from_table(rest["pump"], Condition),
-            from_table(rest["sensor"], Condition),
+            from_table(rest["pump"], AlarmState),
+            from_table(rest["sensor"], AlarmState),
         )
 
     def rest(self) -> dict[str, Any]:
@@ -231,14 +233,14 @@ class PointState:
 
 
 @dataclass(frozen=True)
-class PointJudgment:
+class OperatingPointJudgment:
     """What one recording says."""
 
     stage: Literal["learning", "watching", "sensor"]
     """``sensor``: a sensor is at fault, and the recording says nothing about the pump."""
     learned: int
     """Recordings that the baseline has learned from."""
-    state: PointState = field(repr=False)
+    state: OperatingPointState = field(repr=False)
     """State for the next recording."""
     levels: Mapping[tuple[str, str], float] = field(repr=False, default_factory=dict)
     """Each level [dB of the squared unit] by its channel and name; empty where a channel is
@@ -264,9 +266,9 @@ class PointJudgment:
     """
     findings: tuple[SensorFinding, ...] = ()
     """What is wrong with the sensors."""
-    pump: Change | None = None
+    pump: AlarmChange | None = None
     """Change of the condition of the pump's alarm."""
-    sensor: Change | None = None
+    sensor: AlarmChange | None = None
     """Change of the condition of the sensors' alarm."""
     notes: tuple[str, ...] = ()
     """What was not learned from, and why."""
@@ -278,7 +280,7 @@ class PointJudgment:
 
 
 @dataclass(frozen=True)
-class PointMonitor:
+class OperatingPointMonitor:
     """The rule of alarms for one machine; it holds no state. docs/how-to/alarms.md has the
     method.
     """
@@ -289,7 +291,7 @@ class PointMonitor:
     """Chance that a healthy machine that does not change ever raises an alarm at one operating
     point, at most.
     """
-    learning: int = 20
+    baseline_recordings: int = 20
     """Recordings that a baseline learns from."""
     pistons: int | None = None
     """Pistons of the machine, where they are known: what a pump prior compares is then learned
@@ -301,14 +303,14 @@ class PointMonitor:
             raise InputError(
                 f"false_alarm_rate ({self.false_alarm_rate:g}) must lie between 0 and 1, such as 0.01."
             )
-        if self.learning < LEAST_LEARNING:
+        if self.baseline_recordings < LEAST_LEARNING:
             raise InputError(
-                f"learning ({self.learning}) must be {LEAST_LEARNING} recordings at least."
+                f"baseline_recordings ({self.baseline_recordings}) must be {LEAST_LEARNING} recordings at least."
             )
 
     def judge(
-        self, recording: Recording, state: PointState | None, *, point: str = "any"
-    ) -> PointJudgment:
+        self, recording: Recording, state: OperatingPointState | None, *, point: str = "any"
+    ) -> OperatingPointJudgment:
         """What a recording says, and the state for the next one.
 
         Parameters
@@ -328,17 +330,20 @@ class PointMonitor:
                 f"{recording.recording_id} has {samples}; record {_LEAST_SAMPLES} at least, better a second."
             )
         if state is None or not len(state.baseline.rows):
-            sensor = Condition() if state is None else state.sensor
-            state = PointState(
-                PointBaseline.empty(point_layout(recording)), ConformalTest({}), Condition(), sensor
+            sensor = AlarmState() if state is None else state.sensor
+            state = OperatingPointState(
+                OperatingPointBaseline.empty(choose_layout(recording)),
+                ConformalTest({}),
+                AlarmState(),
+                sensor,
             )
-        findings = sensor_findings(recording)
+        findings = check_sensors(recording)
         if any(finding.kind == "flat" for finding in findings):
             return _at_fault(state, findings, {})
         levels = state.baseline.measure(recording)
         named = dict(zip(level_names(state.baseline.layout), levels.tolist(), strict=True))
         if not findings and state.baseline.is_complete:
-            findings = baseline_findings(state.baseline, levels)
+            findings = check_against_baseline(state.baseline, levels)
         if findings:
             return _at_fault(state, findings, named)
         sensor, sensor_change = state.sensor.after(False)
@@ -346,25 +351,25 @@ class PointMonitor:
         if state.baseline.is_complete:
             judgment = self._watched(state, levels, recording, point)
         else:
-            baseline, notes = state.baseline.learned_from(
-                levels, recording, self.learning, self.pistons
+            baseline, notes = state.baseline.learn(
+                levels, recording, self.baseline_recordings, self.pistons
             )
             test = (
-                ConformalTest.calibrated(baseline.left_out_scores())
+                ConformalTest.calibrated(baseline.held_out_scores())
                 if baseline.is_complete
                 else state.test
             )
             state = replace(state, baseline=baseline, test=test)
-            judgment = PointJudgment("learning", len(baseline.rows), state, notes=notes)
+            judgment = OperatingPointJudgment("learning", len(baseline.rows), state, notes=notes)
         return replace(judgment, levels=named, sensor=sensor_change)
 
     def _watched(
         self,
-        state: PointState,
+        state: OperatingPointState,
         levels: Float64[np.ndarray, " level"],
         recording: Recording,
         point: str,
-    ) -> PointJudgment:
+    ) -> OperatingPointJudgment:
         baseline, test = state.baseline, state.test
         score, is_large = baseline.score(levels), baseline.is_large(levels)
         tie = random_stream(0, "alarm", self.machine, point, test.n_scores).random()
@@ -380,7 +385,7 @@ class PointMonitor:
             baseline.layout.levels,
             specified_shaft_frequency(recording),
         )
-        return PointJudgment(
+        return OperatingPointJudgment(
             "watching",
             len(baseline.rows),
             replace(state, test=test, pump=pump),
@@ -396,11 +401,13 @@ class PointMonitor:
 
 
 def _at_fault(
-    state: PointState, findings: tuple[SensorFinding, ...], levels: Mapping[tuple[str, str], float]
-) -> PointJudgment:
+    state: OperatingPointState,
+    findings: tuple[SensorFinding, ...],
+    levels: Mapping[tuple[str, str], float],
+) -> OperatingPointJudgment:
     """What a recording says with a sensor at fault: nothing is learned, nothing is bet."""
     sensor, change = state.sensor.after(True)
-    return PointJudgment(
+    return OperatingPointJudgment(
         "sensor",
         len(state.baseline.rows),
         replace(state, sensor=sensor),

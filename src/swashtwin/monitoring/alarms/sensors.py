@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Float64
 
-from swashtwin.monitoring.alarms.baseline import SPREADS, PointBaseline
+from swashtwin.monitoring.alarms.baseline import SPREADS, OperatingPointBaseline
 from swashtwin.recordings import Recording, count_clipped_samples, specified_shaft_frequency
 
 FLAT = 0.1
@@ -75,7 +75,7 @@ class SensorFinding:
     """The finding in words, with the number that led to it."""
 
 
-def sensor_findings(recording: Recording) -> tuple[SensorFinding, ...]:
+def check_sensors(recording: Recording) -> tuple[SensorFinding, ...]:
     """Findings that need no baseline, one by channel: flat, spiky, saturated, loose, dead and
     doubled channels.
     """
@@ -118,8 +118,8 @@ def _compared_channels(
     )
 
 
-def baseline_findings(
-    baseline: PointBaseline, levels: Float64[np.ndarray, " level"]
+def check_against_baseline(
+    baseline: OperatingPointBaseline, levels: Float64[np.ndarray, " level"]
 ) -> tuple[SensorFinding, ...]:
     """Findings against a complete baseline: levels that fell, and channels that are swapped.
 
@@ -205,7 +205,7 @@ def _has_lost_lines(
 
 
 def _swapped_channels(
-    baseline: PointBaseline, levels: Float64[np.ndarray, " level"]
+    baseline: OperatingPointBaseline, levels: Float64[np.ndarray, " level"]
 ) -> SensorFinding | None:
     """Channels whose levels are those of each other in the baseline, or None.
 

@@ -25,7 +25,7 @@ from jaxtyping import Float64
 
 from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
 from swashtwin.foundation import DataError, SwashTwinError, exit_with_parent
-from swashtwin.monitoring.alarms.baseline import OperatingPoint, PointBaseline
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, OperatingPointBaseline
 from swashtwin.monitoring.config.settings import Machine
 from swashtwin.pump import FAULT_KINDS, is_healthy, load_pump
 from swashtwin.recordings import Recording, load_recordings
@@ -83,7 +83,7 @@ class Suspect:
 
 
 @dataclass(frozen=True, eq=False)
-class HealthyOrders:
+class PriorAdaptation:
     """What adapts a prior to a machine at an operating point."""
 
     machine: Machine
@@ -91,7 +91,7 @@ class HealthyOrders:
     unit: str
     point: OperatingPoint
     rows: Float64[np.ndarray, "recording order_level"]
-    """Of `measured_orders`."""
+    """Of `measure_orders`."""
 
     @property
     def key(self) -> str:
@@ -127,7 +127,7 @@ class HealthyOrders:
 
 
 @dataclass(frozen=True)
-class FaultSize:
+class SeverityRequest:
     """A recording in which a machine has a fault, whose severity its calibrated twin measures."""
 
     machine: Machine
@@ -212,10 +212,10 @@ class FaultSize:
         }
 
 
-class UnadaptedError(Exception):
+class PriorNotAdaptedError(Exception):
     """No prior is adapted to these yet: `Suspects.adapt` does that, outside of any transaction."""
 
-    def __init__(self, healthy: HealthyOrders) -> None:
+    def __init__(self, healthy: PriorAdaptation) -> None:
         super().__init__()
         self.healthy = healthy
 
@@ -228,7 +228,11 @@ class Suspects:
         """Priors, or why there is none, and when [s] adapting failed; infinite where it did not."""
 
     def name(
-        self, machine: Machine, point: OperatingPoint, baseline: PointBaseline, recording: Recording
+        self,
+        machine: Machine,
+        point: OperatingPoint,
+        baseline: OperatingPointBaseline,
+        recording: Recording,
     ) -> Suspect:
         """The suspect of a recording that moved far from a complete baseline.
 
@@ -252,15 +256,15 @@ class Suspects:
             except DataError as cause:
                 reason = str(cause)
             return _none(reason)
-        healthy = HealthyOrders(machine, recording.channels, recording.unit, point, rows)
+        healthy = PriorAdaptation(machine, recording.channels, recording.unit, point, rows)
         prior, failed = self._adapted.get(healthy.key, ("", -math.inf))
         if time.monotonic() - failed > _RETRY:
-            raise UnadaptedError(healthy)
+            raise PriorNotAdaptedError(healthy)
         if isinstance(prior, str):
             return _none(prior)
         return Suspect.of(prior.diagnose(recording.replace(specimen=machine.name)))
 
-    def adapt(self, healthy: HealthyOrders) -> None:
+    def adapt(self, healthy: PriorAdaptation) -> None:
         """Adapt a prior in another process, and keep it, or why it cannot be adapted."""
         answer, has_failed = _answered(healthy, "its prior could not be adapted", _PATIENCE)
         self._adapted[healthy.key] = answer, time.monotonic() if has_failed else math.inf
@@ -268,8 +272,8 @@ class Suspects:
             self._adapted.popitem(last=False)
 
 
-def measured_severity(question: FaultSize) -> dict[str, Any]:
-    """`FaultSize.answer` of another process, with its class; only a ``sentence`` that says why
+def measure_severity(question: SeverityRequest) -> dict[str, Any]:
+    """`SeverityRequest.answer` of another process, with its class; only a ``sentence`` that says why
     where there is none.
     """
     answer, _ = _answered(question, "an error", 10 * _PATIENCE)
@@ -282,7 +286,7 @@ def measured_severity(question: FaultSize) -> dict[str, Any]:
 
 
 def _answered(
-    question: HealthyOrders | FaultSize, failure: str, patience: float
+    question: PriorAdaptation | SeverityRequest, failure: str, patience: float
 ) -> tuple[Any, bool]:
     """(a question's answer by another process or why there is none, whether the process failed)."""
     try:
@@ -321,7 +325,7 @@ def serve() -> None:
     """Answer the question of the standard input; what another process runs."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the watch
     exit_with_parent(os.getppid())
-    question: HealthyOrders | FaultSize = pickle.load(sys.stdin.buffer)
+    question: PriorAdaptation | SeverityRequest = pickle.load(sys.stdin.buffer)
     try:
         answer: PriorClassifier | dict[str, Any] | str = question.answer()
     except SwashTwinError as cause:

@@ -182,7 +182,7 @@ class FolderSource(Entries, frozen=True, kw_only=True, tag_field="kind", tag="fo
     """Folder, searched with its sub-folders."""
     pattern: Text = "*"
     """Names of the files, such as ``*.wav``."""
-    settle: Seconds = Seconds(1.0)
+    settle_time: Seconds = Seconds(1.0)
     """Time for which a file's size and date stay the same before it is read [s]."""
     machine: Text | None = None
     """Machine of all files; by default the name of the first sub-folder."""
@@ -215,7 +215,7 @@ class AlarmSettings(Entries, frozen=True, kw_only=True):
 
     false_alarm_rate: Annotated[float, Meta(gt=0, le=0.5)] = 0.01
     """Chance that a healthy machine ever raises an alarm at one operating point."""
-    learning: Annotated[int, Meta(ge=10, le=1000)] = 20
+    baseline_recordings: Annotated[int, Meta(ge=10, le=1000)] = 20
     """Recordings from which a baseline is learned."""
 
 
@@ -269,7 +269,7 @@ class Retention(Entries, frozen=True, kw_only=True):
     """Those of alarms, at most this many of the latest by machine."""
     per_day: Annotated[int, Meta(ge=0)] = 1
     """The first so many of each machine and day."""
-    last: Annotated[int, Meta(ge=0)] = 100
+    latest: Annotated[int, Meta(ge=0)] = 100
     """The last so many of each machine that stay for no other reason."""
 
 
@@ -285,7 +285,7 @@ class PageSettings(Entries, frozen=True, kw_only=True):
     """
     hosts: tuple[Text, ...] = ()
     """Further names under which browsers reach the page, such as that of a proxy."""
-    secure: bool = False
+    https: bool = False
     """Whether a proxy before the page serves it by HTTPS."""
     proxy: Text | None = None
     """Address of that proxy, which states the address of each client in ``X-Forwarded-For``."""
@@ -318,10 +318,10 @@ class PageSettings(Entries, frozen=True, kw_only=True):
 
         Examples
         --------
-        >>> PageSettings().address, PageSettings(hosts=("watch.plant.example",), secure=True).address
+        >>> PageSettings().address, PageSettings(hosts=("watch.plant.example",), https=True).address
         ('http://127.0.0.1:8642', 'https://watch.plant.example')
         """
-        if self.hosts and self.secure:
+        if self.hosts and self.https:
             return f"https://{self.hosts[0]}"
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{self.port}"

@@ -26,7 +26,7 @@ from swashtwin.foundation import (
     require_modules,
     safe_file_name,
 )
-from swashtwin.monitoring.history.tables import Judgment, Machine, Row, Version
+from swashtwin.monitoring.history.schema import Judgment, Machine, Row, Version
 from swashtwin.recordings import Recording, load_recordings, write_store
 
 FILE = "history.sqlite"

@@ -15,8 +15,8 @@ from sqlalchemy.orm import Session
 from swashtwin.foundation import TEXT, InputError, atomic_write, safe_file_name, spreadsheet_text
 from swashtwin.monitoring.config.settings import Retention, WatchConfig
 from swashtwin.monitoring.history.database import Database, Waveforms, json_text, lock_machine
-from swashtwin.monitoring.history.reading import Names, Reads
-from swashtwin.monitoring.history.tables import (
+from swashtwin.monitoring.history.reading import HistoryReader, Names
+from swashtwin.monitoring.history.schema import (
     Alarm,
     Event,
     Indicators,
@@ -107,7 +107,7 @@ class History:
         self._database = database
         self._retention = retention
         self.waveforms = Waveforms(folder / "waveforms", database)
-        self.read = Reads(database, self.waveforms)
+        self.reader = HistoryReader(database, self.waveforms)
         self.outbox = Outbox(database)
 
     @classmethod
@@ -185,8 +185,8 @@ class History:
                     select(*columns).order_by(kind.id).execution_options(yield_per=1000)
                 )
                 save(kind.__tablename__, [column.name for column in columns], rows)
-            for machine in self.read.machines():
-                names = self.read.indicator_names(machine.name)
+            for machine in self.reader.machines():
+                names = self.reader.indicator_names(machine.name)
                 header = [
                     "recording",
                     "time",
@@ -282,11 +282,11 @@ def record_event(
         )
     with history.machine(machine) as transaction:
         if found:
-            transaction.note_found(found, who)
+            transaction.record_finding(found, who)
             note = f"found: {found}" + (f"; {note}" if note else "")
         number = transaction.add_event("maintenance" if maintenance else "note", who, note)
         if maintenance:
-            transaction.forget_points()
+            transaction.forget_operating_points()
             for alarm in transaction.alarms():
                 if alarm.state == "open":
                     transaction.acknowledge(alarm.id, who, note)

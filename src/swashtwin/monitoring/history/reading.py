@@ -12,7 +12,7 @@ from sqlalchemy import ColumnElement, Select, func, select
 
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.history.database import Database, Waveforms
-from swashtwin.monitoring.history.tables import (
+from swashtwin.monitoring.history.schema import (
     Alarm,
     Baseline,
     Event,
@@ -20,14 +20,14 @@ from swashtwin.monitoring.history.tables import (
     Judgment,
     Layout,
     Machine,
-    Point,
+    OperatingPointRow,
     Rejection,
     Silence,
     Tally,
 )
 from swashtwin.recordings import Recording
 
-FACTS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
+TREND_COLUMNS = ("alarm_p", "capital", "probability", "confidence", "ood_p", "speed", "pressure")
 """Columns of recordings that have a trend; their channel is empty."""
 
 _SEARCH = 200
@@ -66,7 +66,7 @@ class Trend:
     """The indicator; NaN where a recording has none."""
 
 
-class Reads:
+class HistoryReader:
     """Reads of the history, each in a transaction of its own.
 
     Every method raises `HistoryError` where the database cannot be read.
@@ -215,8 +215,8 @@ class Reads:
         """
         queries: list[Select[Any]] = []
         if channel == "":
-            if name not in FACTS:
-                raise InputError(f"{name!r} has no trend; {', '.join(FACTS)} have one.")
+            if name not in TREND_COLUMNS:
+                raise InputError(f"{name!r} has no trend; {', '.join(TREND_COLUMNS)} have one.")
             queries = [select(Judgment.id, Judgment.time, getattr(Judgment, name))]
         else:
             for layout in self._all(select(Layout).where(Layout.machine == machine)):
@@ -247,9 +247,13 @@ class Reads:
             ),
         )
 
-    def points(self, machine: str) -> Sequence[Point]:
+    def operating_points(self, machine: str) -> Sequence[OperatingPointRow]:
         """Operating points of a machine by name, without what was learned there, which is large."""
-        return self._all(select(Point).where(Point.machine == machine).order_by(Point.name))
+        return self._all(
+            select(OperatingPointRow)
+            .where(OperatingPointRow.machine == machine)
+            .order_by(OperatingPointRow.name)
+        )
 
     def baseline(self, machine: str, point: str) -> dict[str, Any] | None:
         """What the alarm learned at an operating point, or None."""

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from swashtwin.foundation import InputError
 from swashtwin.monitoring.config.settings import Retention
 from swashtwin.monitoring.history.database import json_text, lock_machine
-from swashtwin.monitoring.history.tables import (
+from swashtwin.monitoring.history.schema import (
     Alarm,
     Baseline,
     Event,
@@ -21,7 +21,7 @@ from swashtwin.monitoring.history.tables import (
     Layout,
     Machine,
     Message,
-    Point,
+    OperatingPointRow,
     Row,
     Silence,
     Tally,
@@ -55,22 +55,24 @@ class MachineTransaction:
             select(func.max(Judgment.time)).where(Judgment.machine == self.name)
         ).one()
 
-    def points(self) -> Sequence[Point]:
+    def operating_points(self) -> Sequence[OperatingPointRow]:
         """Operating points of the machine, without what was learned there, which is large."""
         return self._session.scalars(
-            select(Point).where(Point.machine == self.name).order_by(Point.name)
+            select(OperatingPointRow)
+            .where(OperatingPointRow.machine == self.name)
+            .order_by(OperatingPointRow.name)
         ).all()
 
-    def point(self, name: str) -> Point | None:
+    def operating_point(self, name: str) -> OperatingPointRow | None:
         """Operating point of that name, or None."""
-        return self._session.get(Point, (self.name, name))
+        return self._session.get(OperatingPointRow, (self.name, name))
 
     def baseline(self, point: str) -> dict[str, Any] | None:
         """What was learned at an operating point, or None."""
         stored = self._session.get(Baseline, (self.name, point))
         return None if stored is None else stored.baseline
 
-    def save_point(
+    def save_operating_point(
         self,
         name: str,
         *,
@@ -88,14 +90,16 @@ class MachineTransaction:
         speed : angular speed of the shaft [rad/s].
         pressure : discharge pressure [Pa].
         """
-        point = Point(machine=self.name, name=name, speed=speed, pressure=pressure, test=dict(test))
+        point = OperatingPointRow(
+            machine=self.name, name=name, speed=speed, pressure=pressure, test=dict(test)
+        )
         self._session.merge(point)
         if baseline is not None:
             self._session.merge(Baseline(machine=self.name, point=name, baseline=dict(baseline)))
 
-    def forget_points(self) -> None:
+    def forget_operating_points(self) -> None:
         """Remove what was learned at all operating points, so that it is learned anew."""
-        for kind in (Point, Baseline):
+        for kind in (OperatingPointRow, Baseline):
             self._session.execute(delete(kind).where(kind.machine == self.name))
 
     def add_recording(
@@ -157,7 +161,10 @@ class MachineTransaction:
         return "day" if count < self._retention.per_day else "last"
 
     def _apply_retention(self) -> None:
-        for retention, count in (("last", self._retention.last), ("alarm", self._retention.alarms)):
+        for retention, count in (
+            ("last", self._retention.latest),
+            ("alarm", self._retention.alarms),
+        ):
             if count == "all":
                 continue
             query = select(Judgment.id, Judgment.waveform).where(
@@ -213,7 +220,7 @@ class MachineTransaction:
         )
         return self._session.scalars(query).all()
 
-    def untold_alarms(self) -> Sequence[Alarm]:
+    def unreported_alarms(self) -> Sequence[Alarm]:
         """Those of `alarms` about which no message was posted."""
         alarms = self.alarms()
         query = select(Message.alarm).where(Message.alarm.in_([alarm.id for alarm in alarms]))
@@ -245,7 +252,7 @@ class MachineTransaction:
         if stored.cleared is not None:
             stored.state, stored.closed = "closed", time
 
-    def note_found(self, found: str, who: str) -> None:
+    def record_finding(self, found: str, who: str) -> None:
         """Keep what was wrong with the machine in the evidence of its newest alarm of the pump.
 
         Raises
@@ -269,7 +276,7 @@ class MachineTransaction:
             "found": {"text": found, "who": who, "time": datetime.now(UTC).isoformat()},
         }
 
-    def note_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
+    def record_severity(self, alarm: int, severity: Mapping[str, Any]) -> Alarm | None:
         """An alarm, in whose evidence the severity of its suspect is kept now; None where one or
         the same reason is.
         """

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query
 
-from swashtwin.monitoring.history.reading import FACTS, MachineOverview
-from swashtwin.monitoring.history.tables import Judgment
+from swashtwin.monitoring.history.reading import TREND_COLUMNS, MachineOverview
+from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.monitoring.page.site import Site, state_of
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _machine(machine: MachineOverview) -> dict[str, Any]:
 def machine_answers(site: Site) -> APIRouter:
     """Addresses of machines."""
     routes = APIRouter(prefix="/api")
-    read = site.history.read
+    read = site.history.reader
 
     @routes.get("/sequence", tags=["watch"])
     def sequence() -> int:
@@ -89,8 +89,10 @@ def machine_answers(site: Site) -> APIRouter:
         `probability`.
         """
         site.machine(name)
-        if not channel and level not in FACTS:
-            raise HTTPException(422, f"Without a channel the level is one of {', '.join(FACTS)}.")
+        if not channel and level not in TREND_COLUMNS:
+            raise HTTPException(
+                422, f"Without a channel the level is one of {', '.join(TREND_COLUMNS)}."
+            )
         values = read.trend(
             name,
             channel,
@@ -118,7 +120,7 @@ def machine_answers(site: Site) -> APIRouter:
 def record_answers(site: Site) -> APIRouter:
     """Addresses of recordings and alarms."""
     routes = APIRouter(prefix="/api")
-    read = site.history.read
+    read = site.history.reader
 
     @routes.get("/recordings", tags=["recordings"])
     def recordings(

@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 
 from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.history.reading import Trend
-from swashtwin.monitoring.history.tables import Alarm, Judgment
+from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page.site import Site
 from swashtwin.recordings import Recording
 
@@ -257,7 +257,7 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
     spectrum.
     """
     try:
-        recording = site.history.read.waveform(stored.id)
+        recording = site.history.reader.waveform(stored.id)
         if recording is None:
             return ()
         frequency, amplitude = _lines(recording)
@@ -268,7 +268,7 @@ def draw_spectrum(site: Site, stored: Judgment, healthy_ids: Sequence[int]) -> S
     healthy = []
     for number in healthy_ids:
         with suppress(SwashTwinError, OSError):  # removed by retention meanwhile
-            other = site.history.read.waveform(number)
+            other = site.history.reader.waveform(number)
             if other is not None and (spectrum := _lines(other)[1]).shape == amplitude.shape:
                 healthy.append(spectrum)
     x = Axis(0.0, float(frequency[-1]))

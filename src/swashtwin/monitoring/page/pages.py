@@ -14,7 +14,7 @@ from starlette.responses import HTMLResponse
 from swashtwin.diagnosis import Check, next_checks
 from swashtwin.monitoring.alarms.baseline import baseline_levels
 from swashtwin.monitoring.history.reading import MachineOverview
-from swashtwin.monitoring.history.tables import Judgment
+from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend
 from swashtwin.monitoring.page.site import (
     STATES,
@@ -45,7 +45,7 @@ class Pages:
 
     def __init__(self, site: Site) -> None:
         self._site = site
-        self._read = site.history.read
+        self._read = site.history.reader
         self._spectra = lru_cache(maxsize=_SPECTRA)(self._drawn)
 
     def _drawn(self, number: int, _: bool, healthy: tuple[int, ...]) -> Sequence[Markup]:
@@ -133,7 +133,7 @@ class Pages:
         for its_channel, name in self._read.indicator_names(machine.name):
             by_channel.setdefault(its_channel, []).append(name)
         by_channel[""] = list(VERDICT_NAMES)
-        points = [known.name for known in self._read.points(machine.name)]
+        points = [known.name for known in self._read.operating_points(machine.name)]
         if point is None:
             point = (machine.last.point if machine.last is not None else None) or ""
         point = point if point in points else ""

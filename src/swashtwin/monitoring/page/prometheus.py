@@ -14,7 +14,7 @@ from swashtwin.foundation import VERSION, SwashTwinError
 from swashtwin.monitoring.page.site import STATES, Site, state_of
 
 if TYPE_CHECKING:
-    from swashtwin.monitoring.service.running import WatchStatus
+    from swashtwin.monitoring.status import WatchStatus
 
 
 Values = Iterable[tuple[tuple[str, ...], float]]
@@ -41,7 +41,7 @@ class WatchCollector(Collector):
             yield from _status_metrics(self._site.status())
 
     def _history_metrics(self) -> Iterator[Metric]:
-        machines, read = self._site.machines(), self._site.history.read
+        machines, read = self._site.machines(), self._site.history.reader
         newest = [(machine.name, machine.last) for machine in machines if machine.last is not None]
         for name, text, value in (
             (
@@ -143,7 +143,7 @@ def metric_routes(site: Site) -> APIRouter:
         """
         problems = list(site.status().problems) if site.status is not None else []
         try:
-            site.history.read.sequence()
+            site.history.reader.sequence()
         except SwashTwinError:
             problems.append("the history cannot be reached")
         answer: dict[str, object] = {"status": "problem" if problems else "ok"}

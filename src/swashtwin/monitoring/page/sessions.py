@@ -135,7 +135,7 @@ class Access:
         (``Lax``), so that an alarm's mail leads to the alarm and not to the login.
         """
         response.set_cookie(
-            COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.secure, path="/"
+            COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.https, path="/"
         )
 
     def _session(self, users: UserFile, visit: str) -> str | None:

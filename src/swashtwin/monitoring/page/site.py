@@ -23,9 +23,9 @@ from swashtwin.foundation import VERSION
 from swashtwin.monitoring.config.settings import WatchConfig
 from swashtwin.monitoring.history.history import History
 from swashtwin.monitoring.history.reading import MachineOverview
-from swashtwin.monitoring.history.tables import Alarm, Judgment
+from swashtwin.monitoring.history.schema import Alarm, Judgment
 from swashtwin.monitoring.page.sessions import COOKIE, Access, Visitor
-from swashtwin.monitoring.service.running import WatchStatus
+from swashtwin.monitoring.status import WatchStatus
 
 RECORDING_STATES: Mapping[str, str] = MappingProxyType(
     {
@@ -243,7 +243,7 @@ class Site:
 
     def machines(self) -> Sequence[MachineOverview]:
         """Machines of the history, and those of the configuration that sent nothing yet."""
-        stored = self.history.read.machines()
+        stored = self.history.reader.machines()
         new = {machine.name for machine in self.config.machines} - {
             machine.name for machine in stored
         }
@@ -256,13 +256,13 @@ class Site:
 
     def recording(self, number: int) -> Judgment:
         """A stored recording by its number; 404 where there is none."""
-        stored = self.history.read.recording(number) if 0 < number < 2**31 else None
+        stored = self.history.reader.recording(number) if 0 < number < 2**31 else None
         return _found(stored, f"recording {number}")
 
     def alarm(self, number: int) -> Alarm:
         """An alarm by its number; 404 where there is none."""
         return _found(
-            self.history.read.alarm(number) if 0 < number < 2**31 else None, f"alarm {number}"
+            self.history.reader.alarm(number) if 0 < number < 2**31 else None, f"alarm {number}"
         )
 
     @property

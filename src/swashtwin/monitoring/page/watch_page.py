@@ -22,7 +22,7 @@ from swashtwin.monitoring.page.prometheus import metric_routes
 from swashtwin.monitoring.page.sessions import Access
 from swashtwin.monitoring.page.site import Site, Upload
 from swashtwin.monitoring.page.uploads import upload_routes
-from swashtwin.monitoring.service.running import WatchStatus
+from swashtwin.monitoring.status import WatchStatus
 
 _LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 _ANY = ("0.0.0.0", "::", "")

@@ -11,22 +11,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swashtwin.foundation import DataError, SwashTwinError, sha256_of, to_table
-from swashtwin.monitoring.alarms.baseline import OperatingPoint, choose_point
+from swashtwin.monitoring.alarms.baseline import OperatingPoint, match_operating_point
 from swashtwin.monitoring.alarms.channels import AlarmMessage
-from swashtwin.monitoring.alarms.monitor import Change, PointJudgment, PointMonitor, PointState
+from swashtwin.monitoring.alarms.monitor import (
+    AlarmChange,
+    OperatingPointJudgment,
+    OperatingPointMonitor,
+    OperatingPointState,
+)
 from swashtwin.monitoring.alarms.suspect import (
-    FaultSize,
+    PriorNotAdaptedError,
+    SeverityRequest,
     Suspects,
-    UnadaptedError,
-    measured_severity,
+    measure_severity,
 )
 from swashtwin.monitoring.config.settings import Machine, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.tables import Alarm, Judgment, Rejection
+from swashtwin.monitoring.history.schema import Alarm, Judgment, Rejection
 from swashtwin.monitoring.history.transaction import MachineTransaction
 from swashtwin.monitoring.sources.contents import Contents, Tags, read_contents
-from swashtwin.monitoring.sources.delivery import UnfitError
+from swashtwin.monitoring.sources.delivery import RejectionError
 from swashtwin.monitoring.sources.spool import RejectedFiles, SpoolFile
 from swashtwin.recordings import Recording
 
@@ -105,8 +110,8 @@ class Pipeline:
                 return Outcome(
                     machine.name, delivery.file, stored.state, "was judged before the restart"
                 )
-            raise UnfitError("double", f"it holds what recording {stored.id} holds.")
-        except UnfitError as cause:
+            raise RejectionError("double", f"it holds what recording {stored.id} holds.")
+        except RejectionError as cause:
             return self._reject(file, cause.reason, str(cause))
         except (HistoryError, OSError):
             raise
@@ -128,7 +133,7 @@ class Pipeline:
         HistoryError
             The database is not reached.
         """
-        for alarm in self._history.read.alarms(limit=_LOOKED_AT):
+        for alarm in self._history.reader.alarms(limit=_LOOKED_AT):
             suspect, before = alarm.evidence.get("suspect"), alarm.evidence.get("severity", {})
             machine = self._config.machine(alarm.machine)
             if (
@@ -145,23 +150,27 @@ class Pipeline:
             )
             if certainty not in ("sure", "unsure") or (is_known and not is_new):
                 continue
-            judgment = self._history.read.recording(suspect["recording"])
+            judgment = self._history.reader.recording(suspect["recording"])
             assert judgment is not None
             folder = self._history.waveforms.folder
-            healthy = self._history.read.healthy_files(judgment, _HEALTHY).values()
+            healthy = self._history.reader.healthy_files(judgment, _HEALTHY).values()
             worn = folder / judgment.waveform if judgment.waveform else None
-            severity = measured_severity(
-                FaultSize(machine, suspect["label"], worn, tuple(folder / name for name in healthy))
+            severity = measure_severity(
+                SeverityRequest(
+                    machine, suspect["label"], worn, tuple(folder / name for name in healthy)
+                )
             )
             if stop.is_set():  # which may have ended the process that measures, too
                 return
             with self._history.machine(alarm.machine) as transaction:
-                stored = transaction.note_severity(
+                stored = transaction.record_severity(
                     alarm.id, {**severity, "certainty": certainty, "recording": judgment.id}
                 )
                 self._tried.add(alarm.id)
                 is_told = (
-                    stored and stored.closed is None and stored not in transaction.untold_alarms()
+                    stored
+                    and stored.closed is None
+                    and stored not in transaction.unreported_alarms()
                 )
                 if stored and is_told and not transaction.silenced(datetime.now(UTC)):
                     self._post(
@@ -179,7 +188,7 @@ class Pipeline:
         machine = None if name is None else self._config.machine(name)
         if machine is None:
             stated = "states no machine" if name is None else f"is of {name!r}"
-            raise UnfitError("machine", f"it {stated}; there are {self._config.machine_names}.")
+            raise RejectionError("machine", f"it {stated}; there are {self._config.machine_names}.")
         return machine
 
     def _diagnosed(self, machine: Machine, recording: Recording) -> dict[str, Any]:
@@ -222,7 +231,7 @@ class Pipeline:
                         else stored
                     )
             except (
-                UnadaptedError
+                PriorNotAdaptedError
             ) as needed:  # which takes seconds, in which nobody else could write
                 self._suspects.adapt(needed.healthy)
 
@@ -237,32 +246,34 @@ class Pipeline:
         recording, delivery = contents.recording, file.delivery
         newest = transaction.newest()
         if newest is not None and newest <= delivery.received and contents.time < newest - _LATE:
-            raise UnfitError(
+            raise RejectionError(
                 "late",
                 f"it is of {contents.time:%Y-%m-%d %H:%M:%S}, and {newest:%Y-%m-%d %H:%M:%S} was judged already.",
             )
-        points = transaction.points()
-        point = choose_point(recording, points)
+        points = transaction.operating_points()
+        point = match_operating_point(recording, points)
         if len(points) >= _MOST_POINTS and all(known.name != point.name for known in points):
-            raise UnfitError(
+            raise RejectionError(
                 "points",
                 f"{point.name} would be a new operating point, and {transaction.name} has {len(points)} already, which "
                 "is the most; record it at fewer speeds and pressures, then note a maintenance, which forgets all "
                 "points.",
             )
-        stored, baseline = transaction.point(point.name), transaction.baseline(point.name)
+        stored, baseline = transaction.operating_point(point.name), transaction.baseline(point.name)
         state = (
-            PointState.read(baseline, stored.test)
+            OperatingPointState.read(baseline, stored.test)
             if stored and stored.test and baseline is not None
             else None
         )
         settings = self._config.alarms
         pistons = self._pistons[machine.name]
-        monitor = PointMonitor(machine.name, settings.false_alarm_rate, settings.learning, pistons)
+        monitor = OperatingPointMonitor(
+            machine.name, settings.false_alarm_rate, settings.baseline_recordings, pistons
+        )
         try:
             found = monitor.judge(recording, state, point=point.name)
         except DataError as cause:
-            raise UnfitError("unfit", str(cause)) from cause
+            raise RejectionError("unfit", str(cause)) from cause
         stated = OperatingPoint.of(recording)
         if found.stage == "sensor":  # whatever the model says of it, it says nothing of the pump
             verdict = {
@@ -294,7 +305,7 @@ class Pipeline:
                 "moved": to_table(found.moved),
                 "score": found.score,
                 "learned": found.learned,
-                "learning": settings.learning,
+                "learning": settings.baseline_recordings,
                 "verdict": verdict.pop("answer", {}),
                 "no_verdict": verdict.pop("no_verdict", None),
                 "suspect": suspect,
@@ -306,7 +317,7 @@ class Pipeline:
         )
         transaction.add_recording(judgment, found.levels, path)
         is_unchanged = state is not None and found.state.baseline is state.baseline
-        transaction.save_point(
+        transaction.save_operating_point(
             point.name,
             speed=point.speed,
             pressure=point.pressure,
@@ -317,7 +328,7 @@ class Pipeline:
             if change is not None:
                 self._change_alarm(transaction, kind, change, judgment, found)
         _follow_suspect(transaction, judgment)
-        untold = [alarm for alarm in transaction.untold_alarms() if alarm.cleared is None]
+        untold = [alarm for alarm in transaction.unreported_alarms() if alarm.cleared is None]
         if untold and not transaction.silenced(judgment.received):
             for alarm in untold:
                 self._post(
@@ -334,9 +345,9 @@ class Pipeline:
         self,
         transaction: MachineTransaction,
         kind: str,
-        change: Change,
+        change: AlarmChange,
         judgment: Judgment,
-        found: PointJudgment,
+        found: OperatingPointJudgment,
     ) -> None:
         alarms = [
             alarm
@@ -431,7 +442,7 @@ def _follow_suspect(transaction: MachineTransaction, judgment: Judgment) -> None
                 }
 
 
-def _state(found: PointJudgment) -> str:
+def _state(found: OperatingPointJudgment) -> str:
     if found.stage == "sensor":
         return "sensor"
     if found.is_alarm:
@@ -441,10 +452,10 @@ def _state(found: PointJudgment) -> str:
     return "unusual" if found.is_large else "normal"
 
 
-def _sentence(found: PointJudgment, judgment: Judgment, config: WatchConfig) -> str:
+def _sentence(found: OperatingPointJudgment, judgment: Judgment, config: WatchConfig) -> str:
     words = [judgment.state]
     if judgment.state == "learning":
-        words = [f"learning {found.learned}/{config.alarms.learning}"]
+        words = [f"learning {found.learned}/{config.alarms.baseline_recordings}"]
     elif found.capital is not None:
         words.append(f"evidence {found.capital:.3g} of {1 / config.alarms.false_alarm_rate:.3g}")
     if judgment.label is not None:

@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -21,11 +20,12 @@ from swashtwin.monitoring.alarms.channels import AlarmMessage, send
 from swashtwin.monitoring.config.settings import FolderSource, HttpSource, MqttSource, WatchConfig
 from swashtwin.monitoring.history.database import HistoryError
 from swashtwin.monitoring.history.history import History
-from swashtwin.monitoring.history.tables import Message
-from swashtwin.monitoring.sources.delivery import Delivery, Standing, check_facts
+from swashtwin.monitoring.history.schema import Message
+from swashtwin.monitoring.sources.delivery import Delivery, check_facts
 from swashtwin.monitoring.sources.folder import FolderWatch
 from swashtwin.monitoring.sources.mqtt import MqttWatch
 from swashtwin.monitoring.sources.spool import Spool, lock_folder
+from swashtwin.monitoring.status import SourceStatus, WatchStatus
 
 if TYPE_CHECKING:
     from swashtwin.monitoring.service.judging import Outcome, Pipeline
@@ -47,28 +47,6 @@ _FIRST_DELAY, _LONGEST_DELAY = 2.0, 600.0
 _log = logging.getLogger("swashtwin.watch")
 
 
-@dataclass(frozen=True)
-class WatchStatus:
-    """How a watch is doing."""
-
-    started: datetime
-    """When it started (UTC)."""
-    waiting: int
-    """Recordings that arrived and are not judged yet."""
-    outbox: int
-    """Messages that are not sent yet."""
-    sources: tuple[Standing, ...]
-    """Each source."""
-    free_bytes: int
-    """Free space on the disk of the watch's folder."""
-    counters: Mapping[str, float]
-    """What was counted since the start: ``judged``, ``rejected``, ``failures`` (recordings that our
-    own error stopped), and ``seconds_judging``.
-    """
-    problems: tuple[str, ...] = ()
-    """What keeps the watch from its work, one line each; empty while all is well."""
-
-
 class Watch:
     """A watch that runs in this process."""
 
@@ -86,7 +64,7 @@ class Watch:
             f"{socket.gethostname()} {config.folder.resolve()}".encode()
         ).hexdigest()[:16]
         self._sources: list[FolderWatch | MqttWatch] = []
-        self._uploads: Standing | None = None
+        self._uploads: SourceStatus | None = None
         for source in config.sources:
             match source:
                 case FolderSource():
@@ -94,7 +72,7 @@ class Watch:
                 case MqttSource():
                     self._sources.append(MqttWatch(source, self._spool.add, f"swashtwin-{name}"))
                 case HttpSource():
-                    self._uploads = Standing(source.name, source.kind)
+                    self._uploads = SourceStatus(source.name, source.kind)
         self._counters = {"judged": 0.0, "rejected": 0.0, "failures": 0.0, "seconds_judging": 0.0}
         self._model_problems: list[str] = []
         self._history_problem: str | None = None
@@ -109,7 +87,7 @@ class Watch:
         application = build_watch_page(self.config, self.history, self.upload, self.status)
         with serving_page(application, page.host, page.port):
             tasks: dict[str, Callable[[], None]] = {
-                f"source {source.standing.name}": partial(source.run, self._stop)
+                f"source {source.status.name}": partial(source.run, self._stop)
                 for source in self._sources
             }
             tasks |= {
@@ -180,18 +158,18 @@ class Watch:
 
     def status(self) -> WatchStatus:
         """How the watch is doing; without any look at the disk but for its free space."""
-        standings = [source.standing for source in self._sources] + (
+        statuses = [source.status for source in self._sources] + (
             [self._uploads] if self._uploads else []
         )
         problems = [
-            f"source {item.name}: {item.problem}" for item in standings if item.problem is not None
+            f"source {item.name}: {item.problem}" for item in statuses if item.problem is not None
         ]
         problems += filter(None, (self._history_problem, self._sender.problem))
         return WatchStatus(
             started=self._started,
             waiting=len(self._spool),
             outbox=self._sender.waiting,
-            sources=tuple(standings),
+            sources=tuple(statuses),
             free_bytes=shutil.disk_usage(self.config.folder).free,
             counters=dict(self._counters),
             problems=(*problems, *self._model_problems),

@@ -23,7 +23,7 @@ from swashtwin.monitoring.config.settings import Machine
 from swashtwin.monitoring.sources.delivery import (
     QUANTITIES,
     Delivery,
-    UnfitError,
+    RejectionError,
     entry_facts,
     read_time,
     safe_name,
@@ -148,23 +148,23 @@ def read_contents(file: SpoolFile, machine: Machine, tags: Tags | None) -> Conte
     """
     delivery = file.delivery
     if delivery.problem is not None:
-        raise UnfitError("broken", delivery.problem)
+        raise RejectionError("broken", delivery.problem)
     try:
         recording = _load(file, machine)
         signal = recording.signal  # which reads the samples
         time, notes = _time(delivery)
         recording, tag_notes = _with_condition(recording, delivery, machine, tags, time)
-    except UnfitError:
+    except RejectionError:
         raise
     except OSError as cause:
         if cause.errno in _PASSING:
             raise
-        raise UnfitError(
+        raise RejectionError(
             "broken", f"{delivery.file} cannot be read: {cause.strerror or cause}"
         ) from cause
     except (SwashTwinError, MemoryError) as cause:
         text = str(cause) or "it takes more memory than there is."
-        raise UnfitError("broken", text.replace(str(file.path), delivery.file)) from cause
+        raise RejectionError("broken", text.replace(str(file.path), delivery.file)) from cause
     digest = recording.fingerprint()
     if signal.size and np.all(signal == signal[:, :1]):
         digest = sha256(f"{digest} {time.isoformat()}".encode()).hexdigest()
@@ -182,11 +182,11 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
             channel for channel in machine.channels if channel not in recording.channels
         ]:
             others = ", ".join(recording.channels)
-            raise UnfitError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
+            raise RejectionError("broken", f"it has no channel {missing[0]!r}; it has {others}.")
         recording = recording.select_channels(machine.channels or recording.channels)
     else:
         if "type" in delivery.facts:
-            raise UnfitError(
+            raise RejectionError(
                 "broken", "a type is of samples behind a line of JSON; a file says that of its own."
             )
         usual = {
@@ -198,12 +198,12 @@ def _load(file: SpoolFile, machine: Machine) -> Recording:
             stated.pop("discharge_pressure", None)
         recording = load_recording(file.path, id=name, **stated, **usual)
         if (count := delivery.facts.get("count")) and recording.n_samples != int(count):
-            raise UnfitError(
+            raise RejectionError(
                 "broken", f"it has {recording.n_samples} samples of each channel, not {count}."
             )
     rate = machine.sample_rate
     if rate is not None and abs(recording.sample_rate / rate - 1) > _RATE_TOLERANCE:
-        raise UnfitError(
+        raise RejectionError(
             "broken",
             f"its rate is {recording.sample_rate:g} Hz, that of {machine.name} {rate:g} Hz.",
         )
@@ -261,7 +261,7 @@ def _with_condition(
         if {"speed", "discharge_pressure"} <= values.keys():
             return recording.replace(condition=OperatingCondition(**values)), notes
     except InputError as cause:
-        raise UnfitError("broken", str(cause)) from cause
+        raise RejectionError("broken", str(cause)) from cause
     if "speed" in values:
         speed = f"{values['speed'] * 30 / math.pi!r} rpm"
         return recording.replace(attributes={**recording.attributes, "speed": speed}), notes

@@ -31,7 +31,7 @@ _LONGEST_STATED = 300
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)
 
 
-class UnfitError(DataError):
+class RejectionError(DataError):
     """A delivery that cannot be judged, with the code of the reason."""
 
     def __init__(self, reason: str, detail: str) -> None:
@@ -69,29 +69,6 @@ Accept = Callable[[Delivery, bytes | Path], str]
 SHA-256 once it is safe on the disk. Raises OSError where it is not, and the source offers it again
 later.
 """
-
-
-class Standing:
-    """Whether a source is reached, and what it delivered; its own thread writes, any thread
-    reads.
-    """
-
-    def __init__(self, name: str, kind: str) -> None:
-        self.name = name
-        self.kind = kind
-        self.received = 0
-        """Recordings that it delivered since the start."""
-        self.problem: str | None = None
-        """What is wrong, in one line; None while it works."""
-
-    def succeed(self, count: int = 0) -> None:
-        """It is reached, and delivered `count` more."""
-        self.received += count
-        self.problem = None
-
-    def fail(self, problem: str) -> None:
-        """It is not reached, or what it has cannot be taken."""
-        self.problem = escape_controls(problem)[:_LONGEST_STATED]
 
 
 def check_facts(facts: Mapping[str, Any]) -> dict[str, str]:

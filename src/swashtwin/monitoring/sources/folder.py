@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 from swashtwin.foundation import atomic_write, safe_file_name
 from swashtwin.monitoring.config.settings import FolderSource
-from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery, Standing
+from swashtwin.monitoring.sources.delivery import LARGEST, Accept, Delivery
+from swashtwin.monitoring.status import SourceStatus
 
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", ".swp")
 """Suffixes that programs give to files they are still writing."""
@@ -51,7 +52,7 @@ class FolderWatch:
 
     def __init__(self, source: FolderSource, accept: Accept, folder: Path) -> None:
         """Watch `source`; what was taken is remembered in `folder`."""
-        self.standing = Standing(source.name, source.kind)
+        self.status = SourceStatus(source.name, source.kind)
         self._source = source
         self._accept = accept
         self._taken = TakenFiles(folder / "taken" / f"{safe_file_name(source.name)}.txt")
@@ -70,7 +71,7 @@ class FolderWatch:
 
     def run(self, stop: threading.Event) -> None:
         """Look into the folder until `stop` is set."""
-        pause = min(_LONGEST_PAUSE, max(0.02, self._source.settle / _POLLS))
+        pause = min(_LONGEST_PAUSE, max(0.02, self._source.settle_time / _POLLS))
         while not stop.is_set():
             began = time.monotonic()
             self.poll()
@@ -81,7 +82,7 @@ class FolderWatch:
     def drain(self, stop: threading.Event) -> None:
         """Take every file that is there now, and return when none is left that may still change."""
         while (self.poll() and self._waiting) or self._is_settling:
-            if stop.wait(max(0.02, self._source.settle / _POLLS)):
+            if stop.wait(max(0.02, self._source.settle_time / _POLLS)):
                 return
 
     def poll(self) -> int:
@@ -92,7 +93,7 @@ class FolderWatch:
             stamps = dict(self._walk(self._source.path, 0))
             self._may_put_back = False
         except OSError as cause:
-            self.standing.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
+            self.status.fail(f"{self._source.path} cannot be read: {cause.strerror or cause}")
             return 0
         now = time.monotonic()
         still = {
@@ -105,7 +106,9 @@ class FolderWatch:
             for path, (stamp, since) in still.items()
         }
         ready = [
-            path for path, (_, since) in self._waiting.items() if now - since >= self._source.settle
+            path
+            for path, (_, since) in self._waiting.items()
+            if now - since >= self._source.settle_time
         ]
         self._is_settling = len(ready) < len(self._waiting)
         self._problems = {
@@ -119,12 +122,12 @@ class FolderWatch:
                 count += self._take(Path(path), stamps[path])
         except OSError as cause:
             problem = cause.strerror or str(cause)
-        self.standing.received += count
+        self.status.received += count
         problem = problem or next(iter((*self._problems.values(), *self._left_out)), None)
         if problem is not None:
-            self.standing.fail(problem)
+            self.status.fail(problem)
         else:
-            self.standing.succeed()
+            self.status.succeed()
         return count
 
     def _take(self, path: Path, stamp: Stamp) -> bool:

@@ -36,12 +36,12 @@ from swashtwin.monitoring.sources.delivery import (
     TYPES,
     Accept,
     Delivery,
-    Standing,
-    UnfitError,
+    RejectionError,
     channel_names,
     check_facts,
     entry_facts,
 )
+from swashtwin.monitoring.status import SourceStatus
 from swashtwin.recordings import RawFile, ReadOptions, Recording, resolve_scaling
 
 if TYPE_CHECKING:
@@ -127,13 +127,13 @@ def samples_recording(
     channels, kind, data = channel_names(facts["channels"]), facts["type"], path.read_bytes()
     size = np.dtype(TYPES[kind]).itemsize
     if not channels or not data or len(data) % (size * len(channels)):
-        raise UnfitError(
+        raise RejectionError(
             "broken",
             f"{len(data)} bytes are no whole number of {kind} samples of {plural(len(channels), 'channel')}.",
         )
     samples = np.frombuffer(data, TYPES[kind]).reshape(-1, len(channels)).T
     if "count" in facts and samples.shape[1] != int(facts["count"]):
-        raise UnfitError(
+        raise RejectionError(
             "broken",
             f"it has {samples.shape[1]} {kind} samples of each channel, not {facts['count']}.",
         )
@@ -180,7 +180,7 @@ class MqttWatch:
         MissingExtraError
             paho-mqtt is not installed.
         """
-        self.standing = Standing(source.name, source.kind)
+        self.status = SourceStatus(source.name, source.kind)
         self._source = source
         self._accept = accept
         self._session = source.client or f"{client}-{safe_file_name(source.name)}"
@@ -215,7 +215,7 @@ class MqttWatch:
             except (OSError, ValueError) as cause:
                 self._fail(str(cause))
             else:
-                if not stop.is_set() and self.standing.problem is None:
+                if not stop.is_set() and self.status.problem is None:
                     self._fail("the connection was lost")
             pause = (
                 _FIRST_PAUSE
@@ -225,7 +225,7 @@ class MqttWatch:
             stop.wait(pause)
 
     def _fail(self, reason: str) -> None:
-        self.standing.fail(f"broker {self._source.host}:{self._source.port}: {reason}")
+        self.status.fail(f"broker {self._source.host}:{self._source.port}: {reason}")
 
     def _on_connect(self, client: "Client", _: Any, __: Any, reason: Any, ___: Any) -> None:
         from paho.mqtt.subscribeoptions import SubscribeOptions
@@ -251,7 +251,7 @@ class MqttWatch:
             self._fail(f"refused the subscription of {self._source.topic} ({reasons[0]})")
             client.disconnect()
         else:
-            self.standing.succeed()
+            self.status.succeed()
 
     def _on_message(self, client: "Client", _: Any, message: "MQTTMessage") -> None:
         machine = self._source.machine or _machine_of(self._source.topic, message.topic)
@@ -263,11 +263,11 @@ class MqttWatch:
         except (
             OSError
         ) as cause:  # not acknowledged: the broker sends it again on the next connection
-            self.standing.fail(cause.strerror or str(cause))
+            self.status.fail(cause.strerror or str(cause))
             client.disconnect()
             return
         client.ack(message.mid, message.qos)
-        self.standing.succeed(1)
+        self.status.succeed(1)
 
 
 def broker_client(broker: Broker, name: str = "", *, manual_ack: bool = False) -> "Client":

@@ -192,7 +192,7 @@ class Indicators(Row, kw_only=True):
     """float32, little-endian, in the order of the layout."""
 
 
-class Point(Row, kw_only=True):
+class OperatingPointRow(Row, kw_only=True):
     """An operating point of a machine, with the small state of its test."""
 
     __tablename__ = "points"

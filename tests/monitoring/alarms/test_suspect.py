@@ -152,7 +152,7 @@ def measure_again(
         asked.append(question)
         return {"label": question.label, "sentence": sentence, "notes": [], **answer}
 
-    monkeypatch.setattr(judging, "measured_severity", measure_severity)
+    monkeypatch.setattr(judging, "measure_severity", measure_severity)
     history = History.open("", config.folder)
     pipeline = judging.Pipeline(config, history)
     pipeline.measure_severities(threading.Event())

@@ -53,7 +53,7 @@ def test_the_base_install_lacks_networks_and_nothing_else() -> None:
     assert set(printed.split()) == {
         "foundation.TorchStream",
         *(f"learning.{name}" for name in ("BiTCN", "Branch", "Network", "batches")),
-        *("report.calibration_blocks", "report.verdict_counts"),  # of a twin
+        *("report.build_calibration_blocks", "report.describe_verdicts"),  # of a twin
     }
 
 

@@ -25,7 +25,7 @@ from swashtwin.calibration.posterior import estimates_of, posterior_covariance, 
 from swashtwin.foundation import InputError, random_stream
 from swashtwin.physics import Scales, Twin
 from swashtwin.pump import Interfaces
-from swashtwin.report.calibration_part import interval_words
+from swashtwin.report.calibration_part import describe_interval
 from swashtwin.signals import add_noise
 
 NONE = Nuisances()
@@ -160,10 +160,10 @@ def test_a_one_sided_interval_is_said_to_be_one(objective: Objective) -> None:
     on_top = estimates_of(objective, unknowns.upper, np.eye(6) * 0.01)[0]
     assert on_top.verdict == "at bound"
     assert on_top.open_sides == (False, True)
-    assert interval_words(on_top).startswith("at least ")
+    assert describe_interval(on_top).startswith("at least ")
     middle = (unknowns.lower + unknowns.upper) / 2
-    assert " to " in interval_words(estimates_of(objective, middle, np.eye(6) * 0.01)[0])
-    assert interval_words(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
+    assert " to " in describe_interval(estimates_of(objective, middle, np.eye(6) * 0.01)[0])
+    assert describe_interval(estimates_of(objective, middle, np.eye(6) * 400)[0]) != "at least"
 
 
 def test_a_calibration_on_a_wrong_twin_says_so_and_calls_nothing_identified_that_is_wrong(

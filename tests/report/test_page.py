@@ -17,12 +17,12 @@ from stub_runs import scored
 from swashtwin.diagnosis import AlarmScores, Diagnosis, HealthySpectrum
 from swashtwin.diagnosis.alarm_scores import ClassAlarms
 from swashtwin.physics import Twin
-from swashtwin.plot import panels
+from swashtwin.plot import create_panels
 from swashtwin.pump import CLASSES, FAULT_KINDS, is_healthy
 from swashtwin.recordings import Recording, RecordingSummary, summarize_recordings
-from swashtwin.report import page_text, render_drawing, write_report
-from swashtwin.report.drawing import cutaway_html, cutaway_of
-from swashtwin.report.wording import Glossary, fact_entries
+from swashtwin.report import render_drawing, render_page, write_report
+from swashtwin.report.drawing import build_cutaways, render_cutaway
+from swashtwin.report.wording import Glossary, list_facts
 
 CHROMIUM = "/usr/bin/chromium"
 RIG = "swashtwin virtual rig, version 1"
@@ -56,7 +56,7 @@ def diagnosis(name: str = "a", label: str = "piston", **changes: object) -> Diag
 
 
 def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -> None:
-    page = page_text(diagnosis(), about={"Model": "model.safetensors"})
+    page = render_page(diagnosis(), about={"Model": "model.safetensors"})
     names, values = zip(*re.findall(r"<dt>(.*?)</dt> <dd>(.*?)</dd>", page), strict=True)
     assert names == ("Machine", "Recorded", "Condition", "File", "Model")
     point = "860 rev/min, 15 MPa (150 bar absolute)"
@@ -65,7 +65,7 @@ def test_a_page_states_machine_date_condition_model_and_file_below_its_title() -
 
 
 def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -> None:
-    page = page_text(diagnosis())
+    page = render_page(diagnosis())
     order = [
         page.index(text)
         for text in ("Suspected fault: piston", "How sure", "What to do", "<figure>", "part-1")
@@ -75,34 +75,34 @@ def test_the_answer_stands_before_every_section_with_how_sure_and_what_to_do() -
     assert "20 to 40 Hz, channel x" in page
     assert "narrow range" not in page
     few = replace(spectrum(), healthy=spectrum().healthy[:2])
-    assert "2 healthy recordings span a narrow range" in page_text(diagnosis(spectrum=few))
+    assert "2 healthy recordings span a narrow range" in render_page(diagnosis(spectrum=few))
 
 
 def test_a_healthy_or_uncertain_recording_has_no_part_marked() -> None:
-    assert "Where to look" in page_text(diagnosis())
-    healthy = page_text(diagnosis(label="normal"))
+    assert "Where to look" in render_page(diagnosis())
+    healthy = render_page(diagnosis(label="normal"))
     assert "No fault found" in healthy
     assert "Where to look" not in healthy
-    silent = page_text(
+    silent = render_page(
         diagnosis(label=None, no_verdict="channel x is dead.", probabilities={}, spectrum=None)
     )
     assert ("No verdict" in silent, "Channel x is dead." in silent) == (True, True)
 
 
 def test_only_recordings_of_the_virtual_rig_are_called_no_real_pump() -> None:
-    assert "Not a real pump" not in page_text(diagnosis())
+    assert "Not a real pump" not in render_page(diagnosis())
     facts = replace(diagnosis().facts, origin=RIG)
-    assert "Not a real pump" in page_text(diagnosis(facts=facts))
+    assert "Not a real pump" in render_page(diagnosis(facts=facts))
     samples = np.random.default_rng(0).normal(size=(1, 64))
     rig = Recording(samples, 10.0, "a", attributes={"origin": RIG})
-    assert "Not a real pump" not in page_text(
+    assert "Not a real pump" not in render_page(
         scored(0.7), recordings=[rig.replace(attributes={"origin": "bench 3"})]
     )
-    assert "Not a real pump" in page_text(scored(0.7), recordings=[rig])
+    assert "Not a real pump" in render_page(scored(0.7), recordings=[rig])
 
 
 def test_many_recordings_are_a_table_and_each_is_folded_away() -> None:
-    page = page_text(*(diagnosis(name) for name in "abcd"))
+    page = render_page(*(diagnosis(name) for name in "abcd"))
     assert page.count('<th scope="row">') >= 4
     assert page.count("<details><summary>") == 4
     assert 'class="card' not in page[: page.index("<details>")]
@@ -123,7 +123,7 @@ def test_every_figure_has_words_for_screen_readers_and_its_data(tmp_path: Path) 
 
 
 def test_colors_of_a_figure_follow_the_page_and_stay_in_its_file() -> None:
-    figure, axes = panels(1, 1, 2.0)
+    figure, axes = create_panels(1, 1, 2.0)
     axes[0, 0].plot([0, 1], [0, 1], color="#0072b2")
     drawing = render_drawing("f", figure, {"x": [0.0]}, title="", caption="")
     assert "var(--blue)" not in drawing.svg
@@ -144,13 +144,13 @@ def test_a_word_is_explained_where_it_stands_first_and_only_there() -> None:
         "train --group specimen"
     )
     assert re.search(
-        r'<th scope="row"><button class="term"[^>]*>macro recall</button>', page_text(scored(0.7))
+        r'<th scope="row"><button class="term"[^>]*>macro recall</button>', render_page(scored(0.7))
     )
 
 
 @pytest.mark.parametrize("name", [name for name in CLASSES if not is_healthy(name)])
 def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at_15) -> None:
-    (cutaway,) = cutaway_of(name, pump.rotating_group.piston_count)
+    (cutaway,) = build_cutaways(name, pump.rotating_group.piston_count)
     fault = FAULT_KINDS[name]
     turns, per_turn = 10, 1024
     rate = at_15.shaft_frequency * per_turn
@@ -168,7 +168,7 @@ def test_the_orders_beside_the_drawing_are_those_of_the_twin(name: str, pump, at
 
 def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_number() -> None:
     def strip(label: str, pistons: int | None) -> tuple[list[str], list[int]]:
-        html = cutaway_html(label, pistons, 14.3)
+        html = render_cutaway(label, pistons, 14.3)
         bars = re.findall(r'class="(excited|calm)"', html)
         return re.findall(r">(\w+×)<", html), [
             order for order, kind in enumerate(bars, 1) if kind == "excited"
@@ -178,7 +178,7 @@ def test_the_strip_of_orders_names_multiples_of_the_pistons_or_of_their_unknown_
     assert names == ["1×", "9×", "18×", "27×"]
     assert {9, 18, 27}.isdisjoint(orders)
     assert strip("valve_plate", None) == (["1×", "z×", "2z×", "3z×"], [7, 14, 21])
-    assert cutaway_of("normal") == cutaway_of("bearing") == ()
+    assert build_cutaways("normal") == build_cutaways("bearing") == ()
 
 
 def test_facts_of_several_recordings_are_listed_or_counted() -> None:
@@ -198,7 +198,7 @@ def test_facts_of_several_recordings_are_listed_or_counted() -> None:
     assert summarize_recordings(recordings[:2]).condition == "900 rev/min, 5 / 10 MPa"
     assert (facts.shaft, facts.pistons) == (pytest.approx(15), 9)
     assert summarize_recordings([]) == RecordingSummary()
-    shown = fact_entries(RecordingSummary(machine="A, B", file="60 files"))
+    shown = list_facts(RecordingSummary(machine="A, B", file="60 files"))
     assert shown == (("Machines", "A, B"), ("Files", "60"))
 
 
@@ -219,11 +219,11 @@ def test_a_diagnosis_prints_on_at_most_four_pages(tmp_path: Path) -> None:
 
 def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> None:
     faulty = ClassAlarms("piston", False, 12, 0, 9, None, 0.75, (0.5, 0.9), None)
-    page = page_text(AlarmScores(0.05, (faulty,)))
+    page = render_page(AlarmScores(0.05, (faulty,)))
     assert "9 of 12 faulty recordings raised an alarm" in page
     assert "No healthy recording was tested" in page
     healthy = replace(faulty, label="normal", is_healthy=True, n_alarms=1)
-    assert "Of 12 healthy recordings, 1 raised a false alarm." in page_text(
+    assert "Of 12 healthy recordings, 1 raised a false alarm." in render_page(
         AlarmScores(0.05, (healthy, faulty))
     )
 
@@ -233,7 +233,7 @@ def test_a_test_without_healthy_recordings_counts_every_class_as_faulty() -> Non
 def test_a_page_on_a_phone_does_not_scroll_sideways(tmp_path: Path) -> None:
     api = pytest.importorskip("playwright.sync_api")
     page = tmp_path / "page.html"
-    page.write_text(page_text(diagnosis(notes=("a note",) * 4), scored(0.7)), encoding="utf-8")
+    page.write_text(render_page(diagnosis(notes=("a note",) * 4), scored(0.7)), encoding="utf-8")
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(
             executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]

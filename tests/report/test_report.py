@@ -23,9 +23,9 @@ from swashtwin.learning import SPLITS
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, SwashPlateDefect
 from swashtwin.recordings import Recording
-from swashtwin.report import page_text, write_report
-from swashtwin.report.calibration_part import calibration_answer, directions_table
-from swashtwin.report.writing import part_of
+from swashtwin.report import render_page, write_report
+from swashtwin.report.calibration_part import directions_table, summarize_calibration
+from swashtwin.report.writing import build_part
 from swashtwin_bench import StudyResult, plan_of, rig_recordings, write_study_report
 from swashtwin_bench.rigs.writing import RigSize
 from swashtwin_bench.studies.runner import study_of
@@ -166,11 +166,11 @@ def test_the_answer_of_a_calibration_names_each_operating_point_and_what_became_
     fit = calibration.fits[0]
     at_10 = replace(fit, condition=OperatingCondition(speed=rpm(860), discharge_pressure=MPa(10)))
     assert "(860 rev/min, 10 and 15 MPa, " in " ".join(
-        calibration_answer(replace(calibration, fits=(at_10, fit)))
+        summarize_calibration(replace(calibration, fits=(at_10, fit)))
     )
     worse = replace(calibration.fit_before, rmse=2 * calibration.fit_before.rmse)
     answer = " ".join(
-        calibration_answer(
+        summarize_calibration(
             replace(calibration, fits=(replace(fit, before=calibration.fit_before, after=worse),))
         )
     )
@@ -187,12 +187,12 @@ def test_each_combination_of_values_has_the_sign_of_its_greatest_weight(calibrat
 
 def test_the_page_of_a_calibration_states_whose_recordings_it_used(calibration):
     samples = np.random.default_rng(0).normal(size=(1, 64))
-    page = page_text(
+    page = render_page(
         calibration, recordings=[Recording(samples, 10.0, "a", attributes={"file": "a.h5"})]
     )
     assert "<dt>File</dt> <dd>a.h5</dd>" in page
     assert "they stand in for a machine" in page
-    assert not part_of(replace(calibration, origin=""), key="twin").notice
+    assert not build_part(replace(calibration, origin=""), key="twin").notice
 
 
 def test_what_a_user_wrote_is_text_and_never_markup(diagnosis, calibration, tmp_path):
@@ -322,9 +322,9 @@ def test_a_users_own_figure_settings_neither_leak_in_nor_out(diagnosis, tmp_path
 
 def test_what_cannot_be_reported_is_refused_in_one_line(diagnosis, tmp_path):
     with pytest.raises(InputError, match=r"no report can be made of a str; give"):
-        part_of("report", key="report")
+        build_part("report", key="report")
     with pytest.raises(InputError, match=r"no report can be made of a FaultLaw; give"):
-        part_of(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")
+        build_part(FaultLaw(SwashPlateDefect(depth=1e-4), (), {}, 1.0, ()), key="law")
     with pytest.raises(InputError, match="at least one"):
         write_report(folder=tmp_path)
     (tmp_path / "taken").write_text("mine")

@@ -14,7 +14,7 @@ from pathlib import Path
 from swashtwin.diagnosis import Diagnosis, diagnose, load_classifier, save_classifier
 from swashtwin.foundation import plural
 from swashtwin.learning import FittedClassifier, allowed_error_rate, cut_windows, learn_confidence
-from swashtwin.plot import words
+from swashtwin.plot import format_label
 from swashtwin.recordings import Recording, load_recordings
 from swashtwin.report import (
     Cell,
@@ -23,8 +23,8 @@ from swashtwin.report import (
     Section,
     SectionOrder,
     Table,
-    part_of,
-    percent,
+    build_part,
+    format_percent,
     write_report,
 )
 from swashtwin_bench.results.page import study_part
@@ -194,7 +194,7 @@ def answer_of_demo(demo: Demo) -> tuple[str, ...]:
         sum(verdict.label == demo.label for verdict in verdicts)
         for verdicts in (demo.with_twin, demo.without_twin)
     ]
-    fault, shown = words(demo.label), demo.with_twin[0]
+    fault, shown = format_label(demo.label), demo.with_twin[0]
     verdict = "right" if shown.label == demo.label else "wrong"
     return (
         f"The pump has a {fault} fault, so this is {verdict}. No recording of a {fault} fault at this pressure, and no "
@@ -217,7 +217,8 @@ def _recalls(demo: Demo) -> str:
         if row["classifier"] == demo.study.main_classifier
     }
     return ", and ".join(
-        f"{percent(recall[WITH, split])} right with them and {percent(recall[WITHOUT, split])} without on {pumps}"
+        f"{format_percent(recall[WITH, split])} right with them and "
+        f"{format_percent(recall[WITHOUT, split])} without on {pumps}"
         for split, pumps in (
             (_UNSEEN, "unseen pumps"),
             (_FAMILIAR, "other recordings of the training pumps"),
@@ -229,7 +230,7 @@ def _part(demo: Demo) -> Part:
     """The page: the question and the diagnosis, then the recordings with and without the twin, then
     the paper's tables; what lies behind these is folded away.
     """
-    verdict = part_of(demo.with_twin[0], "diagnosis")
+    verdict = build_part(demo.with_twin[0], "diagnosis")
     study = study_part(demo.study, "study")
     lead = Section(SectionOrder.VERDICT, "With the twin and without", (_comparison(demo),))
     paper = Section(SectionOrder.SCORES, "Case II of the paper", tuple(study.answer))
@@ -254,7 +255,8 @@ def _comparison(demo: Demo) -> Table:
         for without, with_twin in zip(demo.without_twin, demo.with_twin, strict=True)
     )
     caption = (
-        f"Every recording of the fault ({words(demo.label)}) at this pressure from pumps that no model was trained on: "
+        f"Every recording of the fault ({format_label(demo.label)}) at this pressure from pumps that no "
+        "model was trained on: "
         "class named by the network, and its probability, pooled over the windows."
     )
     return Table(caption, ("recording", "without the twin", "with the twin"), rows)
@@ -263,4 +265,6 @@ def _comparison(demo: Demo) -> Table:
 def _verdict_cell(verdict: Diagnosis) -> Cell:
     if verdict.label is None:
         return Cell("no verdict", verdict.no_verdict or "")
-    return Cell(f"{words(verdict.label)}, {percent(verdict.probabilities[verdict.label])}")
+    return Cell(
+        f"{format_label(verdict.label)}, {format_percent(verdict.probabilities[verdict.label])}"
+    )

@@ -221,7 +221,7 @@ def spectrum(
     SVG.
     """
     from swashtwin.foundation import write_text
-    from swashtwin.report import spectrum_drawing
+    from swashtwin.report import draw_spectrum
     from swashtwin.signals import spectrum_of
 
     target = out or Path(f"{file.stem}_{kind.value}.svg")
@@ -239,7 +239,7 @@ def spectrum(
         )
     vibration, angle = shaft.vibration_of(recordings[0]), shaft.angle_of(recordings[0])
     lines = spectrum_of(vibration, kind.value, angle=angle, pistons=pistons, band=edges)
-    drawing = spectrum_drawing(lines)
+    drawing = draw_spectrum(lines)
     data = write_text(csv_file, drawing.csv)
     write_text(target, drawing.svg)
     marks = [
@@ -310,7 +310,7 @@ def trend(
     recordings at least.
     """
     from swashtwin.foundation import write_text
-    from swashtwin.report import trend_drawing
+    from swashtwin.report import draw_trend
     from swashtwin.signals import trend_of
 
     csv_file = None if out is None else _csv_beside(out, [source], force)
@@ -324,7 +324,7 @@ def trend(
         healthy=baseline or ("normal",),
     )
     if out is not None and csv_file is not None:
-        drawing = trend_drawing(result)
+        drawing = draw_trend(result)
         write_text(csv_file, drawing.csv)
         write_text(out, drawing.svg)
 

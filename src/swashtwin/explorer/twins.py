@@ -29,7 +29,7 @@ from swashtwin.pump import (
     read_nameplate,
 )
 from swashtwin.recordings import INDEX_NAME, Recordings
-from swashtwin.report import cutaway_html
+from swashtwin.report import render_cutaway
 from swashtwin.signals import spectral_correlation, spectrum_value_error
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ class TwinWorkbench:
 
     def cutaway(self, label: Name, pistons: int, shaft: float) -> dict[str, Any]:
         """The pump, cut open, with the part of a class marked."""
-        return {"html": cutaway_html(label, pistons, shaft)}
+        return {"html": render_cutaway(label, pistons, shaft)}
 
     def save(self, name: Annotated[str, Body(embed=True)]) -> dict[str, Any]:
         """Save the last calibration beside the recordings."""

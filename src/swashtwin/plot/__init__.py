@@ -4,8 +4,8 @@ figure.
 Examples
 --------
 >>> from swashtwin import plot
->>> from swashtwin.plot import panels
->>> figure, axes = panels(2, 1, height=4.0)
+>>> from swashtwin.plot import create_panels
+>>> figure, axes = create_panels(2, 1, height=4.0)
 >>> figure.get_size_inches().tolist(), axes.shape
 ([9.0, 4.0], (2, 1))
 """

@@ -15,11 +15,11 @@ from swashtwin.plot.style import (
     MEASURED,
     ON_DARK,
     ON_SHADE,
+    create_panels,
     figure_style,
-    log_axis,
-    panels,
+    format_label,
+    label_log_axis,
     spread_labels,
-    words,
 )
 from swashtwin.recordings import Recording
 from swashtwin.signals import LineSpectrum, LineSpectrumKind, spectrum_of
@@ -65,13 +65,15 @@ def confusion(
         list(dict.fromkeys(key[0] for key in matrices)),
         list(dict.fromkeys(key[1] for key in matrices)),
     )
-    figure, axes = panels(len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True)
+    figure, axes = create_panels(
+        len(down), len(across), 1.1 + 2.9 * len(down), sharex=True, sharey=True
+    )
     for (row, column), matrix in matrices.items():
         panel = axes[down.index(row), across.index(column)]
         _draw_matrix(panel, np.asarray(matrix))
         panel.set_title(", ".join(part for part in (row, column) if part))
     n_columns = max(np.shape(matrix)[1] for matrix in matrices.values())
-    names = [words(label) for label in classes]
+    names = [format_label(label) for label in classes]
     columns = [*names, *["no verdict"] * (n_columns - len(classes))]
     axes[0, 0].set(xticks=range(n_columns), yticks=range(len(classes)), yticklabels=names)
     for panel in axes[:, 0]:
@@ -153,7 +155,7 @@ def spectrum(
     )
     is_shown = (spectrum.position >= start) & (spectrum.position <= end)
     count = len(spectrum.channels)
-    figure, axes = panels(count, 1, 1.0 + 1.9 * count, sharex=True)
+    figure, axes = create_panels(count, 1, 1.0 + 1.9 * count, sharex=True)
     marks = [mark for mark in spectrum.marks if start <= mark.at <= end]
     for panel, name, row, number in zip(
         axes[:, 0], spectrum.channels, spectrum.amplitude, range(count), strict=True
@@ -161,7 +163,7 @@ def spectrum(
         x, y = _thin_out(spectrum.position[is_shown], row[is_shown])
         panel.plot(x, y, color=MEASURED, linewidth=0.8)
         _level_axis(panel, spectrum, y)
-        title = words(name)
+        title = format_label(name)
         if spectrum.bands:
             low, high = spectrum.bands[number]
             title += f", envelope of {low:.0f} to {high:.0f} Hz"
@@ -187,7 +189,7 @@ def spectrum(
     return figure
 
 
-def unit_words(unit: str) -> str:
+def format_unit(unit: str) -> str:
     """Unit as figures show it."""
     return unit.replace("^2", "²") or "1"
 
@@ -203,7 +205,7 @@ def _thin_out(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> None:
-    panel.set_ylabel(f"peak amplitude\n[{unit_words(spectrum.unit)}]")
+    panel.set_ylabel(f"peak amplitude\n[{format_unit(spectrum.unit)}]")
     if spectrum.kind == "envelope":
         panel.set_ylim(bottom=0)
         return
@@ -214,4 +216,4 @@ def _level_axis(panel: Axes, spectrum: LineSpectrum, amplitudes: np.ndarray) -> 
             max(float(np.median(positive)) / 5, float(positive.max()) * 1e-5),
             float(positive.max()) * 2,
         )
-        log_axis(panel.yaxis)
+        label_log_axis(panel.yaxis)

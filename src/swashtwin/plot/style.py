@@ -91,7 +91,9 @@ def series_colors(names: Sequence[str]) -> dict[str, str]:
     return {name: (_OF_NAMES | more)[name] for name in names}
 
 
-def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
+def create_panels(
+    rows: int, columns: int, height: float, **options: Any
+) -> tuple[Figure, np.ndarray]:
     """Empty figure of the common width and a `height` [inch], and its axes as an array of (row,
     column).
     """
@@ -115,7 +117,7 @@ def spread_labels(positions: Sequence[float], gap: float) -> list[float]:
     return [round(float(spot), 12) for spot in moved]
 
 
-def log_axis(axis: Axis) -> None:
+def label_log_axis(axis: Axis) -> None:
     """Label a logarithmic axis 0.1, 1, 10, and between them where it spans few decades."""
     low, high = axis.get_view_interval()
     steps = (
@@ -130,6 +132,6 @@ def log_axis(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def words(label: str) -> str:
+def format_label(label: str) -> str:
     """Name of a class, a sensor or a setting in words, without control characters."""
     return escape_controls(label.replace("_", " "))

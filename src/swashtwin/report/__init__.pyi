@@ -1,14 +1,14 @@
 """Names that other rooms import, and where each lives."""
 
-from .calibration_part import calibration_blocks as calibration_blocks
-from .calibration_part import verdict_counts as verdict_counts
+from .calibration_part import build_calibration_blocks as build_calibration_blocks
+from .calibration_part import describe_verdicts as describe_verdicts
 from .drawing import Drawing as Drawing
-from .drawing import cutaway_html as cutaway_html
+from .drawing import render_cutaway as render_cutaway
 from .drawing import render_drawing as render_drawing
 from .drawing import tabulate as tabulate
-from .indicator_figures import spectrum_drawing as spectrum_drawing
-from .indicator_figures import trend_drawing as trend_drawing
-from .model_part import confusion_drawing as confusion_drawing
+from .indicator_figures import draw_spectrum as draw_spectrum
+from .indicator_figures import draw_trend as draw_trend
+from .model_part import draw_confusion as draw_confusion
 from .page import Bullets as Bullets
 from .page import Cell as Cell
 from .page import Group as Group
@@ -16,11 +16,11 @@ from .page import Part as Part
 from .page import Section as Section
 from .page import SectionOrder as SectionOrder
 from .page import Table as Table
-from .page import drawings as drawings
-from .wording import facts_table as facts_table
+from .page import iterate_drawings as iterate_drawings
+from .wording import build_facts_table as build_facts_table
 from .wording import flatten_settings as flatten_settings
-from .wording import number as number
-from .wording import percent as percent
-from .writing import page_text as page_text
-from .writing import part_of as part_of
+from .wording import format_number as format_number
+from .wording import format_percent as format_percent
+from .writing import build_part as build_part
+from .writing import render_page as render_page
 from .writing import write_report as write_report

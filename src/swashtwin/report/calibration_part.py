@@ -18,25 +18,25 @@ from swashtwin.plot import (
     LIGHT,
     MEASURED,
     NOMINAL,
+    create_panels,
     figure_style,
-    log_axis,
-    panels,
-    words,
+    format_label,
+    label_log_axis,
 )
 from swashtwin.pump import PARAMETERS
 from swashtwin.recordings import RecordingSummary
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
 from swashtwin.report.wording import (
-    also_in_bar,
-    facts_table,
+    add_bar_values,
+    build_facts_table,
+    end_sentence,
     flatten_settings,
-    number,
-    number_cell,
-    parameter_words,
-    percent,
+    format_number,
+    format_number_cell,
+    format_parameter,
+    format_percent,
     rig_notice,
-    sentence,
 )
 
 FIGURES = MappingProxyType(
@@ -51,35 +51,35 @@ FIGURES = MappingProxyType(
 """How well a twin fits its recordings, by name: in words."""
 
 
-def calibration_part(calibration: Calibration, key: str) -> Part:
+def build_calibration_part(calibration: Calibration, key: str) -> Part:
     """Part of the page about one calibration."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     change = _change(calibration, "spectrum_value_error")
     has_improved = (
         calibration.fit_after.spectrum_value_error < calibration.fit_before.spectrum_value_error
     )
-    provenance = facts_table(
+    provenance = build_facts_table(
         "How the calibration was made.",
         [
             ("method", calibration.method),
             *flatten_settings(calibration.settings),
             ("condition", describe_conditions(calibration)),
             ("simulations", calibration.simulations),
-            ("time taken", f"{number(calibration.wall_s)} s"),
+            ("time taken", f"{format_number(calibration.wall_s)} s"),
             ("swashtwin version", calibration.version),
             ("calibration recordings", list(calibration.recording_ids)),
         ],
     )
-    more = Bullets("More to know", tuple(map(sentence, calibration.notes[_MOST_NOTES:])))
+    more = Bullets("More to know", tuple(map(end_sentence, calibration.notes[_MOST_NOTES:])))
     return Part(
         title=f"Calibration of {calibration.twin.pump.name}",
-        answer=calibration_answer(calibration)[:1],
+        answer=summarize_calibration(calibration)[:1],
         notice=rig_notice(RecordingSummary(origin=calibration.origin)),
         sections=(
             Section(
                 SectionOrder.CALIBRATION,
                 "Calibration",
-                (more, *calibration_blocks(calibration, key)[1:]),
+                (more, *build_calibration_blocks(calibration, key)[1:]),
             ),
             Section(SectionOrder.PROVENANCE, "Where the calibration comes from", (provenance,)),
         ),
@@ -87,13 +87,13 @@ def calibration_part(calibration: Calibration, key: str) -> Part:
         verdict=f"Spectrum error {change}; {counts['identified']} of 6 values identified",
         tone="bad" if not has_improved else "good" if counts["identified"] >= _ENOUGH else "unsure",
         certainty=(
-            *calibration_answer(calibration)[:0:-1],
-            *map(sentence, calibration.notes[:_MOST_NOTES]),
+            *summarize_calibration(calibration)[:0:-1],
+            *map(end_sentence, calibration.notes[:_MOST_NOTES]),
         ),
         actions=_actions(calibration, has_improved),
         facts=(
             ("Pump", calibration.twin.pump.name),
-            ("Condition", also_in_bar(describe_conditions(calibration))),
+            ("Condition", add_bar_values(describe_conditions(calibration))),
             ("Method", calibration.method),
             ("Recordings", str(len(calibration.recording_ids))),
         ),
@@ -128,25 +128,25 @@ def _actions(calibration: Calibration, has_improved: bool) -> tuple[str, ...]:
     return (*caution, "Use the twin for recordings nobody has: swashtwin synthesize.")
 
 
-def calibration_answer(calibration: Calibration) -> tuple[str, ...]:
+def summarize_calibration(calibration: Calibration) -> tuple[str, ...]:
     """What came out, in plain words."""
     spectrum, waveform = (_change(calibration, name) for name in ("spectrum_value_error", "rmse"))
     return (
-        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, {words(calibration.twin.label)}) "
+        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, {format_label(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
         f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
         "These are the recordings it was calibrated on, so neither number is a test.",
-        f"Of the six values {verdict_counts(calibration)}.",
+        f"Of the six values {describe_verdicts(calibration)}.",
     )
 
 
 def _change(calibration: Calibration, name: str) -> str:
     before, after = (getattr(fit, name) for fit in (calibration.fit_before, calibration.fit_after))
     verb = "fell" if after < before else "ROSE" if after > before else "stayed"
-    return f"{verb} from {number(before)} to {number(after)}"
+    return f"{verb} from {format_number(before)} to {format_number(after)}"
 
 
-def verdict_counts(calibration: Calibration) -> str:
+def describe_verdicts(calibration: Calibration) -> str:
     """How many values have which verdict, such as ``"4 are identified, 2 are weak"``."""
     counts = Counter(estimate.verdict for estimate in calibration.estimates)
     named = [
@@ -172,7 +172,7 @@ def describe_conditions(calibration: Calibration) -> str:
     )
 
 
-def calibration_blocks(calibration: Calibration, key: str) -> tuple:
+def build_calibration_blocks(calibration: Calibration, key: str) -> tuple:
     """Notes, tables and figures of one calibration."""
     pictures = calibration_drawings(calibration, key)
     left_out = tuple(f"{name}: {reason}" for name, reason in calibration.left_out)
@@ -190,9 +190,13 @@ def fit_table(calibration: Calibration) -> Table:
     for name, label in FIGURES.items():
         share = calibration.improvement.get(name, math.nan) if before[name] else math.nan
         change = (
-            f"{'−' if share > 0 else '+'}{percent(abs(share))}" if math.isfinite(share) else "—"
+            f"{'−' if share > 0 else '+'}{format_percent(abs(share))}"
+            if math.isfinite(share)
+            else "—"
         )
-        rows.append((label, number_cell(before[name]), number_cell(after[name]), change))
+        rows.append(
+            (label, format_number_cell(before[name]), format_number_cell(after[name]), change)
+        )
     return Table(
         "Difference between the twin and the recordings it was calibrated on. Errors: smaller is better. Correlation: "
         "1 is a spectrum of the same shape, whatever its level.",
@@ -207,9 +211,9 @@ def estimates_table(calibration: Calibration) -> Table:
     for estimate in calibration.estimates:
         traded = f", traded with {estimate.traded_with}" if estimate.traded_with else ""
         unit = estimate.unit.replace("*", "·")
-        name = f"{estimate.letter}, {parameter_words(estimate.name)} [{unit}]"
-        values = number_cell(estimate.nominal), number_cell(estimate.value)
-        rows.append((name, *values, interval_words(estimate), f"{estimate.verdict}{traded}"))
+        name = f"{estimate.letter}, {format_parameter(estimate.name)} [{unit}]"
+        values = format_number_cell(estimate.nominal), format_number_cell(estimate.value)
+        rows.append((name, *values, describe_interval(estimate), f"{estimate.verdict}{traded}"))
     return Table(
         "The six values. Identified: 90 % within a factor of 1.5. Weak: less certain. Not identified: the measurement "
         "adds little to the bounds. At bound: a bound stopped the search, often because a constant is wrong. "
@@ -233,7 +237,7 @@ def directions_table(calibration: Calibration) -> Table:
         directions[np.abs(directions).argmax(axis=0), range(len(letters))]
     )
     rows = [
-        (percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
+        (format_percent(math.sqrt(max(left, 0.0))), *(f"{weight:+.2f}" for weight in direction))
         for left, direction in zip(variance, directions.T, strict=True)
     ]
     return Table(
@@ -244,9 +248,9 @@ def directions_table(calibration: Calibration) -> Table:
     )
 
 
-def interval_words(estimate: Estimate) -> str:
+def describe_interval(estimate: Estimate) -> str:
     """The interval in words; an end set by the bound alone is no limit."""
-    low, high = (number(end) for end in estimate.interval)
+    low, high = (format_number(end) for end in estimate.interval)
     sentences = {
         (False, False): f"{low} to {high}",
         (True, False): f"at most {high}",
@@ -275,7 +279,7 @@ def calibration_drawings(calibration: Calibration, key: str) -> list[Drawing]:
             else key
         )
         figures += [waveforms(fit, prefix, band), spectra(fit, prefix)]
-    return [*figures, estimates(calibration, key), search_drawing(calibration, key)]
+    return [*figures, estimates(calibration, key), draw_search(calibration, key)]
 
 
 @figure_style()
@@ -285,7 +289,9 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
     """
     record, channels = fit.waveforms, fit.spectra.channels
     columns: dict[str, np.ndarray] = {"time_s": record.time}
-    figure, axes = panels(len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row")
+    figure, axes = create_panels(
+        len(channels), 2, 1.0 + 1.7 * len(channels), sharex=True, sharey="row"
+    )
     for i, channel in enumerate(channels):
         sides = (
             ("nominal", record.nominal[i], NOMINAL),
@@ -298,7 +304,7 @@ def waveforms(fit: Fit, key: str, band: Sequence[float]) -> Drawing:
                 record.time * 1e3, record.measured[i], color=MEASURED, linewidth=1.0, alpha=0.65
             )
             panel.plot(record.time * 1e3, simulated, color=color, linewidth=1.1)
-        axes[i, 0].set_ylabel(f"{words(channel)} [m/s²]")
+        axes[i, 0].set_ylabel(f"{format_label(channel)} [m/s²]")
     for panel, (name, color) in zip(
         axes[0], (("nominal", NOMINAL), ("calibrated", CALIBRATED)), strict=True
     ):
@@ -329,10 +335,10 @@ def spectra(fit: Fit, key: str) -> Drawing:
         "frequency_hz": np.tile(record.frequency, count),
         **{name: getattr(record, name).ravel() for name in values},
     }
-    figure, axes = panels(count, 1, 1.1 + 2.0 * count, sharex=True)
+    figure, axes = create_panels(count, 1, 1.1 + 2.0 * count, sharex=True)
     for i, panel in enumerate(axes[:, 0]):
         _spectrum_panel(panel, record, i)
-        panel.set_title(words(record.channels[i]), loc="left")
+        panel.set_title(format_label(record.channels[i]), loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     axes[-1, 0].set_xlabel("frequency [Hz], multiples of the piston-pass frequency")
@@ -410,17 +416,17 @@ def estimates(calibration: Calibration, key: str) -> Drawing:
     )
     ends = {"interval_low": low, "interval_high": high, "bound_low": least, "bound_high": most}
     columns = {"parameter": [estimate.name for estimate in calibration.estimates], **shown, **ends}
-    figure, axes = panels(1, 1, 3.6)
+    figure, axes = create_panels(1, 1, 3.6)
     panel = axes[0, 0]
     for height, estimate in enumerate(reversed(calibration.estimates)):
         _estimate_row(panel, height, estimate)
     panel.axvline(1, color=NOMINAL, linewidth=1.2)
     panel.text(1, 5.62, "nominal", color=NOMINAL, ha="center", va="bottom", fontsize=9)
-    names = [f"{parameter_words(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
+    names = [f"{format_parameter(e.name)}, {e.letter}" for e in reversed(calibration.estimates)]
     panel.set(ylim=(-0.6, 5.6), yticks=range(len(PARAMETERS)), yticklabels=names)
     panel.grid(axis="y", visible=False)
     panel.set(xscale="log", xlabel="value over nominal value")
-    log_axis(panel.xaxis)
+    label_log_axis(panel.xaxis)
     caption = (
         "Dot: estimate. Line: 90 % interval, if the model is right. Gray: "
         "bounds of the search. Filled: identified; hollow: do not use as a measurement. Twins with very "
@@ -459,7 +465,7 @@ def _estimate_row(panel: Axes, height: int, estimate: Estimate) -> None:
 
 
 @figure_style()
-def search_drawing(calibration: Calibration, key: str) -> Drawing:
+def draw_search(calibration: Calibration, key: str) -> Drawing:
     """The loss over the search, and below it the six values, each over its nominal value and named
     at its end.
     """
@@ -476,19 +482,19 @@ def search_drawing(calibration: Calibration, key: str) -> Drawing:
     columns |= {
         estimate.letter: history.values[:, i] for i, estimate in enumerate(calibration.estimates)
     }
-    figure, axes = panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
+    figure, axes = create_panels(2, 1, 5.4, sharex=True, height_ratios=(2, 3))
     above, below = axes[:, 0]
     for panel in (above, below):
         panel.axvline(history.best + 1, color=LIGHT, linewidth=3)
     above.plot(step, history.loss, color="#000000")
     above.set(yscale="log", ylabel="loss [1]", xlim=(0.5, len(step) + 0.5))
     above.set_ylim(bottom=max(above.get_ylim()[0], history.loss.min() / 30))
-    log_axis(above.yaxis)
+    label_log_axis(above.yaxis)
     low, high = min(0.8, ratio.min() / 1.15), max(1.25, ratio.max() * 1.15)
     below.set(yscale="log", ylim=(low, high), ylabel="value over nominal value")
     below.set_xlabel("epoch" if calibration.method == "IPINN" else "simulation from the best start")
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
-    log_axis(below.yaxis)
+    label_log_axis(below.yaxis)
     for i, estimate in enumerate(calibration.estimates):
         interface, entry = estimate.name.split(".")
         style = "-" if entry == "damping" else "--"

@@ -11,19 +11,25 @@ from swashtwin.plot import (
     CALIBRATED,
     LIGHT,
     MEASURED,
+    create_panels,
     figure_style,
-    log_axis,
-    panels,
+    format_label,
+    format_unit,
+    label_log_axis,
     series_colors,
-    unit_words,
-    words,
 )
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import RecordingSummary
-from swashtwin.report.drawing import Cutaway, Drawing, cutaway_of, render_drawing
-from swashtwin.report.model_part import choice_blocks
+from swashtwin.report.drawing import Cutaway, Drawing, build_cutaways, render_drawing
+from swashtwin.report.model_part import build_choice_blocks
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table, Tone
-from swashtwin.report.wording import fact_entries, number, percent, rig_notice, sentence
+from swashtwin.report.wording import (
+    end_sentence,
+    format_number,
+    format_percent,
+    list_facts,
+    rig_notice,
+)
 
 _UNCALIBRATED = "The model's confidence was not calibrated, so the score ranks the classes and is no probability."
 _MOST_NOTES, _MOST_CHECKS = 3, 4
@@ -50,21 +56,21 @@ _NOT_CHECKED_BY_TRUST = (
 )
 
 
-def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
+def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     """Part of the page about one diagnosis."""
     frame = Part(
         title=f"Diagnosis of {diagnosis.recording_id}",
         notice=rig_notice(diagnosis.facts),
         results={"diagnoses": [diagnosis.to_dict()]},
         subject=diagnosis.recording_id,
-        facts=fact_entries(diagnosis.facts),
+        facts=list_facts(diagnosis.facts),
     )
     if diagnosis.label is None:
         reason, title = diagnosis.no_verdict or "", "Why there is no verdict"
         reasons: tuple = (Bullets(title, (reason,)), Bullets("Notes", diagnosis.notes))
         return replace(
             frame,
-            answer=(sentence(reason),),
+            answer=(end_sentence(reason),),
             sections=(Section(SectionOrder.VERDICT, title, reasons),),
             verdict="No verdict",
             tone="unsure",
@@ -73,17 +79,17 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     unknown, possible = diagnosis.unknown, diagnosis.prediction_set
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
-    far = f"Its distance is {number(diagnosis.score)}; below {number(diagnosis.threshold)} it would be a known one."
+    far = f"Its distance is {format_number(diagnosis.score)}; below {format_number(diagnosis.threshold)} it would be a known one."
     far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
     certainty = (
         sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
     )
     labels = tuple(diagnosis.fault_of.get(name, name) for name in possible or (diagnosis.label,))
     not_checked = _NOT_CHECKED if diagnosis.error_rate is None else _NOT_CHECKED_BY_TRUST
-    chosen = choice_blocks(diagnosis.choice)
+    chosen = build_choice_blocks(diagnosis.choice)
     blocks = (
         Bullets("More to know before trusting it", notes[_MOST_NOTES:]),
-        probability_drawing(diagnosis, key),
+        draw_probabilities(diagnosis, key),
         *((Group("How the model was chosen", chosen, is_open=False),) if chosen else ()),
         Bullets(
             "What was not checked",
@@ -106,14 +112,17 @@ def diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
 def _how_sure(diagnosis: Diagnosis) -> tuple[str, ...]:
     """What stands for the verdict, in a sentence."""
     assert diagnosis.label is not None
-    count, share = len(diagnosis.probabilities), percent(diagnosis.probabilities[diagnosis.label])
+    count, share = (
+        len(diagnosis.probabilities),
+        format_percent(diagnosis.probabilities[diagnosis.label]),
+    )
     if diagnosis.kind == "prior":
         return (f"Of {count} classes the pump prior gives this one a probability of {share}.",)
     agreeing = round(diagnosis.agreement * diagnosis.n_windows)
     kind = "score" if diagnosis.error_rate is None else "probability"
     return (
         f"Of {count} classes this one has a {kind} of {share}, all windows together; taken alone, {agreeing} of "
-        f"{diagnosis.n_windows} windows say so ({percent(diagnosis.agreement)}).",
+        f"{diagnosis.n_windows} windows say so ({format_percent(diagnosis.agreement)}).",
     )
 
 
@@ -128,7 +137,7 @@ def _verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
         return f"Not certain: {' or '.join(map(words, diagnosis.prediction_set))}", "unsure"
     if is_healthy(diagnosis.label):
         return "No fault found", "good"
-    return f"Suspected fault: {words(diagnosis.label)}", "bad"
+    return f"Suspected fault: {format_label(diagnosis.label)}", "bad"
 
 
 def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -140,7 +149,7 @@ def _answer(diagnosis: Diagnosis) -> tuple[str, ...]:
             else "It names no class: the recording does not resemble those trained.",
             *spectrum_sentences(diagnosis.spectrum),
         )
-    name = words(diagnosis.label or "")
+    name = format_label(diagnosis.label or "")
     nearest = f"The vibration is most like that of recordings of the class {name}."
     if diagnosis.kind == "prior":
         nearest = f"The change against {diagnosis.basis} is most like that of simulated pumps of the class {name}."
@@ -152,23 +161,25 @@ def glance(verdict: Diagnosis, key: str, labels: tuple[str, ...]) -> tuple[Drawi
     facts, spectrum = verdict.facts, verdict.spectrum
     pictures = () if spectrum is None else (spectrum_over_healthy(spectrum, facts, key),)
     return (
-        *(cut for label in labels for cut in cutaway_of(label, facts.pistons, facts.shaft)),
+        *(cut for label in labels for cut in build_cutaways(label, facts.pistons, facts.shaft)),
         *pictures,
     )
 
 
 @figure_style()
-def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
+def draw_probabilities(diagnosis: Diagnosis, key: str) -> Drawing:
     """Score of each class."""
     classes, shares = list(diagnosis.probabilities), list(diagnosis.probabilities.values())
     colors = series_colors(classes)
-    figure, axes = panels(1, 1, 0.9 + 0.34 * len(classes))
+    figure, axes = create_panels(1, 1, 0.9 + 0.34 * len(classes))
     panel = axes[0, 0]
     panel.barh(range(len(classes)), shares, color=[colors[name] for name in classes], height=0.7)
     for height, share in enumerate(shares):
-        panel.text(share + 0.01, height, percent(share), va="center", fontsize=9)
+        panel.text(share + 0.01, height, format_percent(share), va="center", fontsize=9)
     panel.set(
-        yticks=range(len(classes)), yticklabels=[words(name) for name in classes], xlim=(0, 1.1)
+        yticks=range(len(classes)),
+        yticklabels=[format_label(name) for name in classes],
+        xlim=(0, 1.1),
     )
     kind = "score" if diagnosis.error_rate is None else "probability"
     of_windows = f"{kind} of the class, all windows together"
@@ -183,10 +194,10 @@ def probability_drawing(diagnosis: Diagnosis, key: str) -> Drawing:
             "Probability of each class, softened by virtual pumps whose effects taught nothing."
         )
     if diagnosis.error_rate is not None:
-        possible = ", ".join(words(name) for name in diagnosis.prediction_set)
+        possible = ", ".join(format_label(name) for name in diagnosis.prediction_set)
         caption = (
             f"Pooled over the windows, with the temperature and the dependence of windows by {diagnosis.basis}. "
-            f"Not ruled out at an error rate of {percent(diagnosis.error_rate)}: {possible}."
+            f"Not ruled out at an error rate of {format_percent(diagnosis.error_rate)}: {possible}."
         )
     columns: dict[str, list] = {"class": classes, "score": shares}
     return render_drawing(
@@ -221,7 +232,7 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingSummary, ke
     """Levels of a recording, channel by channel, over the range and the median of healthy ones."""
     count, first = len(spectrum.channels), max(float(spectrum.low[0]), 1e-3)
     edges = np.append(np.maximum(spectrum.low, first), spectrum.high[-1])
-    figure, axes = panels(count, 1, 1.1 + 1.25 * count, sharex=True)
+    figure, axes = create_panels(count, 1, 1.1 + 1.25 * count, sharex=True)
     healthy, passing = spectrum.healthy, (facts.shaft or 0.0) * (facts.pistons or 0)
     least, median, greatest = healthy.min(axis=0), np.median(healthy, axis=0), healthy.max(axis=0)
     for row, (panel, name) in enumerate(zip(axes[:, 0], spectrum.channels, strict=True)):
@@ -248,13 +259,13 @@ def spectrum_over_healthy(spectrum: HealthySpectrum, facts: RecordingSummary, ke
             baseline=None,
             label="this recording",
         )
-        panel.set_title(words(name), loc="left")
+        panel.set_title(format_label(name), loc="left")
     lowest = min(max(_LOWEST, 0.7 * (facts.shaft or 0.0)), edges[-2])
     axes[0, 0].set(xscale="log", xlim=(max(edges[0], lowest), edges[-1]))
-    unit = unit_words(spectrum.unit)
+    unit = format_unit(spectrum.unit)
     axes[count // 2, 0].set_ylabel(f"level [dB re 1 ({unit})²/Hz]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
-    log_axis(axes[-1, 0].xaxis)
+    label_log_axis(axes[-1, 0].xaxis)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     marked = " Dashed: the piston-pass line and its multiples." if passing else ""
@@ -286,12 +297,17 @@ _NOT_CHECKED_BY_DETECTOR = (
 )
 
 
-def anomaly_part(verdict: Diagnosis, key: str) -> Part:
+def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
     """Part of the page about one verdict."""
     blocks: tuple = (Bullets("Channels that moved as a whole", verdict.shifts),)
     if verdict.deviation is not None:
         rows = tuple(
-            (change.level, words(change.channel), f"{change.change:+.1f}", number(change.spreads))
+            (
+                change.level,
+                format_label(change.channel),
+                f"{change.change:+.1f}",
+                format_number(change.spreads),
+            )
             for change in verdict.changes
         )
         caption = (
@@ -299,7 +315,7 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
             "deviation of such a difference between healthy ones. Alarms are raised by all levels together, not by one."
         )
         table = Table(caption, ("level", "channel", "change [dB]", "standard deviations"), rows)
-        blocks += (table, level_drawing(verdict, key))
+        blocks += (table, draw_band_changes(verdict, key))
     blocks += (Bullets("What was not checked", _NOT_CHECKED_BY_DETECTOR),)
     spectrum = spectrum_sentences(verdict.spectrum)
     shown: dict[bool | None, tuple[str, Tone, tuple[str, ...], tuple[str, ...]]] = {
@@ -313,7 +329,7 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
             ("It differs no more from the healthy recordings than these from each other.", *spectrum),
             ("Nothing now. Record again at the same speed and pressure, and keep this recording as a reference.",),
         ),
-        None: ("No verdict", "unsure", (sentence(verdict.no_verdict or ""),), NO_VERDICT_ACTIONS),
+        None: ("No verdict", "unsure", (end_sentence(verdict.no_verdict or ""),), NO_VERDICT_ACTIONS),
     }  # fmt: skip
     title, tone, answer, actions = shown[verdict.alarm]
     return Part(
@@ -328,12 +344,12 @@ def anomaly_part(verdict: Diagnosis, key: str) -> Part:
         actions=actions,
         glance=glance(verdict, key, ()),
         subject=verdict.recording_id,
-        facts=fact_entries(verdict.facts),
+        facts=list_facts(verdict.facts),
     )
 
 
 @figure_style()
-def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
+def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
     """Change of each band, and of each shaft order, channel by channel, with three standard
     deviations in gray.
     """
@@ -342,7 +358,7 @@ def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
     spread = change / np.where(verdict.deviation.spreads == 0, 1, verdict.deviation.spreads)
     channels = list(dict.fromkeys(level.channel for level in verdict.levels))
     has_orders = any(level.order is not None for level in verdict.levels)
-    figure, axes = panels(
+    figure, axes = create_panels(
         len(channels), 1 + has_orders, 1.0 + 1.3 * len(channels), sharey=True, sharex="col"
     )
     for row, channel in enumerate(channels):
@@ -367,10 +383,10 @@ def level_drawing(verdict: Diagnosis, key: str) -> Drawing:
             panel.plot(
                 center, change[members], color=CALIBRATED, marker=".", markersize=4, linewidth=1
             )
-            panel.set_title(words(channel), loc="left")
+            panel.set_title(format_label(channel), loc="left")
             if not column:
                 panel.set_xscale("log")
-                log_axis(panel.xaxis)
+                label_log_axis(panel.xaxis)
     axes[len(channels) // 2, 0].set_ylabel("change [dB]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
     if has_orders:

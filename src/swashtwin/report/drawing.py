@@ -178,7 +178,7 @@ class Cutaway:
 
 
 @cache
-def template(name: str) -> Template:
+def load_template(name: str) -> Template:
     """A template of this folder."""
     loader = PackageLoader("swashtwin.report", "")
     options = {
@@ -190,17 +190,18 @@ def template(name: str) -> Template:
     return Environment(loader=loader, **options).get_template(name)  # type: ignore[arg-type]
 
 
-def cutaway_html(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
-    """The drawing for a class as HTML, to be colored by the page's style; where `cutaway_of` has
+def render_cutaway(label: str, pistons: int | None = None, shaft: float | None = None) -> str:
+    """The drawing for a class as HTML, to be colored by the page's style; where `build_cutaways` has
     none, of no part.
     """
-    macro = template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
+    macro = load_template("cutaway.html.jinja").module.cutaway  # type: ignore[attr-defined]
     return "".join(
-        macro(drawing) for drawing in cutaway_of(label, pistons, shaft) or (Cutaway("", pistons),)
+        macro(drawing)
+        for drawing in build_cutaways(label, pistons, shaft) or (Cutaway("", pistons),)
     )
 
 
-def cutaway_of(
+def build_cutaways(
     label: str, pistons: int | None = None, shaft: float | None = None
 ) -> tuple[Cutaway, ...]:
     """The drawing for a class; none for a healthy pump, or for a class whose part is not known."""

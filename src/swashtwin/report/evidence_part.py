@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swashtwin.diagnosis import Band, Evidence, format_frequency
-from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, figure_style, panels, words
+from swashtwin.plot import CALIBRATED, LIGHT, MEASURED, create_panels, figure_style, format_label
 from swashtwin.report.drawing import Drawing, render_drawing
 from swashtwin.report.page import Bullets, Part, Section, SectionOrder, Table
-from swashtwin.report.wording import number, number_cell, percent
+from swashtwin.report.wording import format_number, format_number_cell, format_percent
 
 _AGAINST = "#d55e00"
 _NAMED = (1, *range(5, 100, 5))  # orders
@@ -26,22 +26,22 @@ _LIMITS = (
 )
 
 
-def evidence_part(evidence: Evidence, key: str) -> Part:
+def build_evidence_part(evidence: Evidence, key: str) -> Part:
     """Part of the page about the evidence for one verdict."""
     end = evidence.start + evidence.duration
     introduction = (
         f"This looks at {evidence.start:.3g} s to {end:.3g} s of the recording, the stretch that speaks "
         f"most for the verdict. Compared with {evidence.baseline}, these samples change the network's score of "
-        f"{words(evidence.label)} over that of {words(evidence.rival)} by {number(evidence.margin)}"
+        f"{format_label(evidence.label)} over that of {format_label(evidence.rival)} by {format_number(evidence.margin)}"
     )
     pictures: tuple[Drawing, ...] = ()
     if evidence.adds_up:
-        gap = percent(evidence.gap) if evidence.gap else "0 %"
+        gap = format_percent(evidence.gap) if evidence.gap else "0 %"
         introduction += (
             ". The figure below divides that change between lines (by integrated gradients; "
         )
         introduction += f"{gap} of it is left over)."
-        pictures = (line_drawing(evidence, key),)
+        pictures = (draw_contributions(evidence, key),)
     else:
         introduction += f". {evidence.remark} The order of the lines may still help."
     header: tuple[str, ...] = (
@@ -53,12 +53,12 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
         else "the strongest first"
     )
     lines = [
-        (evidence.describe(band), words(channel), percent(share))
+        (evidence.describe(band), format_label(channel), format_percent(share))
         for channel, band, share in evidence.strongest(6)
     ]
     rows = tuple(line[: len(header)] for line in lines)
     nearest = tuple(
-        (near.recording_id, words(near.label), number_cell(near.distance))
+        (near.recording_id, format_label(near.label), format_number_cell(near.distance))
         for near in evidence.nearest
     )
     blocks = (
@@ -80,7 +80,9 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
             tuple(limit.format(baseline=evidence.baseline) for limit in _LIMITS),
         ),
     )
-    title = "What the network looked at" if evidence.unknown else f"Why {words(evidence.label)}"
+    title = (
+        "What the network looked at" if evidence.unknown else f"Why {format_label(evidence.label)}"
+    )
     return Part(
         title=f"Evidence for {evidence.recording_id}",
         answer=evidence.sentences()[:1],
@@ -93,7 +95,7 @@ def evidence_part(evidence: Evidence, key: str) -> Part:
 
 
 @figure_style()
-def line_drawing(evidence: Evidence, key: str) -> Drawing:
+def draw_contributions(evidence: Evidence, key: str) -> Drawing:
     """Contribution of each order and third octave to the score, channel by channel."""
     channels = evidence.channels
     steps = [
@@ -102,7 +104,9 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
     positions = np.concatenate(
         [[0], np.cumsum(steps, dtype=np.int64)]
     )  # parts apart, with room for a lone name
-    figure, axes = panels(len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True)
+    figure, axes = create_panels(
+        len(channels), 1, 1.1 + 1.35 * len(channels), sharex=True, sharey=True
+    )
     for channel, name in enumerate(channels):
         panel, adds = axes[channel, 0], evidence.lines[channel]
         for position, band in zip(positions, evidence.bands, strict=True):
@@ -110,7 +114,7 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
                 panel.axvline(position, color=LIGHT, linewidth=5, zorder=0)
         panel.bar(positions, adds, color=np.where(adds >= 0, CALIBRATED, _AGAINST), width=0.8)
         panel.axhline(0, color=MEASURED, linewidth=0.8)
-        panel.set_title(words(name), loc="left")
+        panel.set_title(format_label(name), loc="left")
         panel.grid(axis="x", visible=False)
     axes[len(channels) // 2, 0].set_ylabel("adds to the score")
     _name_bands(axes[-1, 0], positions, evidence.bands)
@@ -122,7 +126,7 @@ def line_drawing(evidence: Evidence, key: str) -> Drawing:
         " Gray: the piston-pass line and its multiples." if evidence.pistons and has_orders else ""
     )
     caption = (
-        f"Blue speaks for {words(evidence.label)}, orange for {words(evidence.rival)}.{marked} A bar is the "
+        f"Blue speaks for {format_label(evidence.label)}, orange for {format_label(evidence.rival)}.{marked} A bar is the "
         "contribution of the lines in that order or third octave to the network's score."
         f"{_OF_ENVELOPES if has_envelope else ''}"
     )

@@ -8,16 +8,16 @@ import numpy as np
 
 from swashtwin import plot
 from swashtwin.foundation import plural
-from swashtwin.plot import LIGHT, MEASURED, figure_style, panels, unit_words, words
+from swashtwin.plot import LIGHT, MEASURED, create_panels, figure_style, format_label, format_unit
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
-from swashtwin.report.wording import sentence
+from swashtwin.report.wording import end_sentence
 from swashtwin.signals import LineSpectrum, Trend
 
 _ABOVE, _BELOW = "#d55e00", "#aa4499"
 
 
 @figure_style()
-def spectrum_drawing(spectrum: LineSpectrum) -> Drawing:
+def draw_spectrum(spectrum: LineSpectrum) -> Drawing:
     """A spectrum of each channel with the expected lines of the shaft and the pistons."""
     figure = plot.spectrum(spectrum)
     rows = zip(spectrum.channels, spectrum.amplitude, strict=True)
@@ -44,10 +44,13 @@ _STATUS = {
 
 
 @figure_style()
-def trend_drawing(trend: Trend) -> Drawing:
+def draw_trend(trend: Trend) -> Drawing:
     """An indicator over recordings, each with the range of its baseline."""
-    (factor, unit), name = trend.indicator.shown, words(trend.indicator.name).replace("rms", "RMS")
-    figure, axes = panels(1, 1, 4.6)
+    (factor, unit), name = (
+        trend.indicator.shown,
+        format_label(trend.indicator.name).replace("rms", "RMS"),
+    )
+    figure, axes = create_panels(1, 1, 4.6)
     panel = axes[0, 0]
     value, median, reach = (
         factor * np.array([getattr(point, name) for point in trend.points])
@@ -88,7 +91,7 @@ def trend_drawing(trend: Trend) -> Drawing:
     panel.set_xticks(range(0, len(ids), every), ids[::every], rotation=90, fontsize=7.5)
     panel.set_xlim(-0.8, len(ids) - 0.2)
     panel.grid(axis="x", visible=False)
-    panel.set_ylabel(f"{name} [{unit_words(unit)}]")
+    panel.set_ylabel(f"{name} [{format_unit(unit)}]")
     rows = [
         {
             "recording": point.row.recording_id, "class": point.row.label, "specimen": point.row.specimen,
@@ -106,10 +109,10 @@ def trend_drawing(trend: Trend) -> Drawing:
         f"speed and pressure, from {plural(least, 'recording')} on. "
     )
     caption = (
-        f"{sentence(trend.indicator.meaning)}. {baseline if least else ''}Hollow: stated healthy. "
+        f"{end_sentence(trend.indicator.meaning)}. {baseline if least else ''}Hollow: stated healthy. "
         "No limit of a standard is drawn: none is made for axial piston pumps."
     )
-    title = f"{name} of {words(trend.channel)}"
+    title = f"{name} of {format_label(trend.channel)}"
     return render_drawing("trend", figure, tabulate(rows), title=title, caption=caption)
 
 

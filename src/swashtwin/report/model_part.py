@@ -9,25 +9,31 @@ import numpy as np
 from swashtwin.diagnosis import AlarmScores, AnomalyDetector, describe_single_machine_faults
 from swashtwin.foundation import plural
 from swashtwin.learning import SPLITS, Choice, FittedClassifier, Scores
-from swashtwin.plot import confusion, figure_style, words
+from swashtwin.plot import confusion, figure_style, format_label
 from swashtwin.report.drawing import Drawing, render_drawing, tabulate
 from swashtwin.report.page import Bullets, Group, Part, Section, SectionOrder, Table
-from swashtwin.report.wording import also_in_bar, facts_table, number, number_cell, percent
+from swashtwin.report.wording import (
+    add_bar_values,
+    build_facts_table,
+    format_number,
+    format_number_cell,
+    format_percent,
+)
 
 _NO_TEST = (
     "Shares of a training are no test: evaluate the model on recordings that had no part in it."
 )
 
 
-def training_part(classifier: FittedClassifier, key: str) -> Part:
+def build_training_part(classifier: FittedClassifier, key: str) -> Part:
     """Part of the page about one classifier."""
     choice, confidence = classifier.choice, classifier.confidence
     basis = "The model's confidence is not calibrated: its scores rank the classes and are no probabilities."
     if confidence is not None:
-        rate = percent(confidence.error_rate)
+        rate = format_percent(confidence.error_rate)
         basis = f"Its confidence is calibrated by {confidence.basis}, at an error rate of {rate}."
     tried = (
-        (Section(SectionOrder.SCORES, "What was tried", choice_blocks(choice)),)
+        (Section(SectionOrder.SCORES, "What was tried", build_choice_blocks(choice)),)
         if choice and choice.trials
         else ()
     )
@@ -58,11 +64,11 @@ def training_part(classifier: FittedClassifier, key: str) -> Part:
             "Test it on recordings that had no part in it: swashtwin evaluate MODEL INDEX --report FOLDER.",
             "Then diagnose new recordings: swashtwin diagnose MODEL FILE --report page.html.",
         ),
-        facts=(("Classes", ", ".join(map(words, classifier.classes))),),
+        facts=(("Classes", ", ".join(map(format_label, classifier.classes))),),
     )
 
 
-def detector_part(detector: AnomalyDetector) -> Part:
+def build_detector_part(detector: AnomalyDetector) -> Part:
     """Part of the page about one detector of deviations; it has no figures."""
     healthy = detector.fitted_
     entries = [
@@ -74,7 +80,7 @@ def detector_part(detector: AnomalyDetector) -> Part:
     ]
     blocks = (
         Bullets("Notes", detector.notes_),
-        facts_table("What the detector was made of.", entries),
+        build_facts_table("What the detector was made of.", entries),
     )
     return Part(
         title="Training of a detector of deviations",
@@ -89,7 +95,7 @@ def detector_part(detector: AnomalyDetector) -> Part:
         },
         verdict=f"A detector from {plural(healthy.n_recordings, 'healthy recording')}",
         certainty=(
-            f"Its false-alarm rate is {percent(detector.error_rate_)} of the healthy recordings like these, at the "
+            f"Its false-alarm rate is {format_percent(detector.error_rate_)} of the healthy recordings like these, at the "
             "machines and operating points that were recorded; elsewhere it gives no verdict.",
         ),
         actions=(
@@ -103,21 +109,24 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     layout, reference = classifier.layout, classifier.training_reference
     entries = [
         ("network", classifier.network.name),
-        ("window", f"{layout.length} samples, {number(layout.length / layout.sample_rate)} s"),
+        (
+            "window",
+            f"{layout.length} samples, {format_number(layout.length / layout.sample_rate)} s",
+        ),
         ("sample rate", f"{layout.sample_rate:g} Hz"),
         ("channels", list(layout.channels)),
-        ("pressures [MPa]", [number(pressure / 1e6) for pressure in classifier.pressures]),
-        ("speeds [rev/min]", [number(speed * 30 / np.pi) for speed in classifier.speeds]),
+        ("pressures [MPa]", [format_number(pressure / 1e6) for pressure in classifier.pressures]),
+        ("speeds [rev/min]", [format_number(speed * 30 / np.pi) for speed in classifier.speeds]),
         ("epochs", classifier.history[-1].number if classifier.history else None),
         ("seed", classifier.seed),
     ]
-    facts = facts_table("The model.", entries)
+    facts = build_facts_table("The model.", entries)
     if reference is None:
         return (facts,)
     counts = Counter(zip(reference.label, reference.specimen, strict=True))
     machines = sorted(set(reference.specimen))
     rows = tuple(
-        (words(label), *(counts[label, machine] or "–" for machine in machines))
+        (format_label(label), *(counts[label, machine] or "–" for machine in machines))
         for label in dict.fromkeys(reference.label)
     )
     header = ("class", *(machine or "machine not stated" for machine in machines))
@@ -127,19 +136,19 @@ def _training_blocks(classifier: FittedClassifier) -> tuple[Table, ...]:
     )
 
 
-def choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
+def build_choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...]:
     """How a model was chosen, where training chose it."""
     if choice is None:
         return ()
     rows = tuple(
         (
             f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate,
-            *(percent(trial.clean), percent(trial.disturbed)),
+            *(format_percent(trial.clean), format_percent(trial.disturbed)),
             "yes" if trial.is_tied else "",
         )
         for trial in choice.trials
     ) + tuple(
-        (f"whole recordings: {name}", percent(recall), "–", "")
+        (f"whole recordings: {name}", format_percent(recall), "–", "")
         for name, recall in choice.whole.items()
     )
     caption = (
@@ -166,10 +175,10 @@ _METRICS = {
 }
 
 
-def scores_part(scores: Scores, key: str) -> Part:
+def build_scores_part(scores: Scores, key: str) -> Part:
     """Part of the page about one set of scores."""
     low, high = scores.accuracy_interval
-    has_interval = number(low) != "—"
+    has_interval = format_number(low) != "—"
     interval = (
         f"95 % interval over the recordings {100 * low:.1f} to {100 * high:.1f} %"
         if has_interval
@@ -186,10 +195,14 @@ def scores_part(scores: Scores, key: str) -> Part:
         f"{100 * scores.recording_accuracy:.1f} %. {distance}",
     )
     reasons = tuple(
-        f"{_METRICS.get(name, words(name))}: {words(why)}" for name, why in scores.reasons.items()
+        f"{_METRICS.get(name, format_label(name))}: {format_label(why)}"
+        for name, why in scores.reasons.items()
     )
     metrics = tuple(
-        (label, number_cell(getattr(scores, name), words(scores.reasons.get(name, ""))))
+        (
+            label,
+            format_number_cell(getattr(scores, name), format_label(scores.reasons.get(name, ""))),
+        )
         for name, label in _METRICS.items()
     )
     caption = "Windows of each actual class in percent; rows add up to 100."
@@ -200,11 +213,13 @@ def scores_part(scores: Scores, key: str) -> Part:
         ),
         Bullets("Why a number is missing (—) or rests on too few windows (*)", reasons),
         _class_table(scores),
-        confusion_drawing(f"{key}_confusion", matrices, scores.classes, caption=caption),
+        draw_confusion(f"{key}_confusion", matrices, scores.classes, caption=caption),
     )
     weakest, right = _weakest(scores), round(scores.recording_accuracy * scores.n_recordings)
     count = "All" if right == scores.n_recordings else f"{right} of"
-    shares = (number(100 * share) for share in (scores.false_alarm_rate, scores.missed_fault_rate))
+    shares = (
+        format_number(100 * share) for share in (scores.false_alarm_rate, scores.missed_fault_rate)
+    )
     alarms, missed = (text if text == "—" else f"{text} %" for text in shares)
     mistakes = f"False alarms: {alarms} of the healthy windows. Missed faults: {missed} of the faulty ones."
     return Part(
@@ -231,7 +246,7 @@ def _weakest(scores: Scores) -> str:
     counts = scores.confusion[scores.classes.index(name)].copy()
     counts[scores.classes.index(name)] = 0
     other = (*scores.classes, "no verdict")[int(counts.argmax())]
-    return f"{words(name)}, {100 * value:.0f} % of its windows found, most of the others called {words(other)}"
+    return f"{format_label(name)}, {100 * value:.0f} % of its windows found, most of the others called {format_label(other)}"
 
 
 def _actions(scores: Scores) -> tuple[str, ...]:
@@ -251,21 +266,23 @@ def _class_table(scores: Scores) -> Table:
     rows = []
     for cell in scores.cells:
         pascals = cell.discharge_pressure
-        pressure = "unknown" if pascals is None else also_in_bar(f"{pascals / 1e6:g} MPa")
-        rows.append((words(cell.label), pressure, cell.n_windows, number_cell(cell.recall)))
+        pressure = "unknown" if pascals is None else add_bar_values(f"{pascals / 1e6:g} MPa")
+        rows.append(
+            (format_label(cell.label), pressure, cell.n_windows, format_number_cell(cell.recall))
+        )
     for index, label in enumerate(scores.classes):
         if [cell.label for cell in scores.cells].count(label) != 1:
             value, count = scores.recall[label], int(scores.confusion[index].sum())
-            recall = number_cell(
-                value, f"no test window of {words(label)}" if value != value else ""
+            recall = format_number_cell(
+                value, f"no test window of {format_label(label)}" if value != value else ""
             )
-            rows.append((words(label), "all", count, recall))
+            rows.append((format_label(label), "all", count, recall))
     header = ("class", "absolute pressure", "windows", "recall")
     return Table("Recall by class and discharge pressure.", header, tuple(rows))
 
 
 @figure_style()
-def confusion_drawing(
+def draw_confusion(
     name: str,
     matrices: Mapping[tuple[str, str], np.ndarray],
     classes: Sequence[str],
@@ -305,7 +322,7 @@ def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) 
     """Share of each class that was told right, as a screen reader says it."""
     total = np.asarray(counts).sum(axis=1)
     shares = [
-        f"{words(label)} {100 * counts[index][index] / total[index]:.0f} %"
+        f"{format_label(label)} {100 * counts[index][index] / total[index]:.0f} %"
         for index, label in enumerate(classes)
         if total[index]
     ]
@@ -317,7 +334,7 @@ def _in_words(key: tuple[str, str], counts: np.ndarray, classes: Sequence[str]) 
     )
 
 
-def alarms_part(scores: AlarmScores) -> Part:
+def build_alarms_part(scores: AlarmScores) -> Part:
     """Part of the page about the alarms on one test set; it has no figures."""
     rate, healthy = scores.error_rate, [item for item in scores.classes if item.is_healthy]
     faulty = [item for item in scores.classes if not item.is_healthy]
@@ -326,11 +343,11 @@ def alarms_part(scores: AlarmScores) -> Part:
     )
     rows = tuple(
         (
-            words(item.label),
+            format_label(item.label),
             *(item.n_recordings, item.n_no_verdict, item.n_alarms),
-            "–" if item.share is None else percent(item.share),
-            f"{percent(item.interval[0])} to {percent(item.interval[1])}",
-            "–" if item.auroc is None else number(item.auroc),
+            "–" if item.share is None else format_percent(item.share),
+            f"{format_percent(item.interval[0])} to {format_percent(item.interval[1])}",
+            "–" if item.auroc is None else format_number(item.auroc),
         )
         for item in scores.classes
     )
@@ -352,7 +369,7 @@ def alarms_part(scores: AlarmScores) -> Part:
         else "No fault tested",
         certainty=()
         if rate is None
-        else (f"The detector states a false-alarm rate of {percent(rate)}.",),
+        else (f"The detector states a false-alarm rate of {format_percent(rate)}.",),
         actions=(
             *(() if healthy else ("Test it on healthy recordings that had no part in it.",)),
             "Use it: swashtwin diagnose MODEL FILE --report page.html.",

@@ -120,27 +120,27 @@ class Part:
     """What stands below the title: machine, date, condition, file; by name."""
 
 
-def drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:
+def iterate_drawings(blocks: tuple[Any, ...]) -> Iterator[Drawing]:
     """Every figure among the blocks, those in groups included."""
     for block in blocks:
         if isinstance(block, Drawing):
             yield block
         elif isinstance(block, Group):
-            yield from drawings(block.blocks)
+            yield from iterate_drawings(block.blocks)
 
 
 MOST_CARDS = 2
 """Subjects that each have a card; of more, a table says what came out."""
 
 
-def cards_of(parts: Sequence[Part]) -> list[Part]:
+def build_cards(parts: Sequence[Part]) -> list[Part]:
     """What the first screen says of each subject, in the order of the parts: its parts as one, by a
     short title.
     """
     groups: dict[str, list[Part]] = {}
     for number, part in enumerate(parts):
         groups.setdefault(part.subject or f"part {number}", []).append(part)
-    shared, cards = shared_facts([group[0] for group in groups.values()]), []
+    shared, cards = find_shared_facts([group[0] for group in groups.values()]), []
     for group in groups.values():
         first = group[0]
         differing = (f"{name.lower()} {value}" for name, value in first.facts if name not in shared)
@@ -159,7 +159,7 @@ def cards_of(parts: Sequence[Part]) -> list[Part]:
     return cards
 
 
-def shared_facts(parts: Sequence[Part]) -> dict[str, str]:
+def find_shared_facts(parts: Sequence[Part]) -> dict[str, str]:
     """What all parts that state facts agree in."""
     stated = [dict(part.facts) for part in parts if part.facts]
     first = stated[0] if stated else {}
@@ -170,7 +170,7 @@ def shared_facts(parts: Sequence[Part]) -> dict[str, str]:
     }
 
 
-def overview_of(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
+def build_overview(parts: Sequence[Part], cards: Sequence[Part]) -> Table | None:
     """Table of what came out for each subject, where there are many; None otherwise."""
     subjects = list(dict.fromkeys(part.subject for part in parts))
     if len(cards) <= MOST_CARDS or "" in subjects:

@@ -20,13 +20,13 @@ _INTERFACES = {
 }
 
 
-def number(value: float | None) -> str:
+def format_number(value: float | None) -> str:
     """Three significant digits, large and small ones as powers of ten, ``—`` for NaN, infinity and
     none.
 
     Examples
     --------
-    >>> number(0.98), number(12), number(778000.0), number(float("nan"))
+    >>> format_number(0.98), format_number(12), format_number(778000.0), format_number(float("nan"))
     ('0.980', '12.0', '7.78·10⁵', '—')
     """
     if value is None or not math.isfinite(value):
@@ -39,12 +39,12 @@ def number(value: float | None) -> str:
     return f"{float(f'{value:.3g}'):.{max(0, 2 - int(exponent))}f}"
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """Share in percent, without decimals but never rounded up to all or down to nothing.
 
     Examples
     --------
-    >>> percent(0.9996), percent(0.5), percent(0.001)
+    >>> format_percent(0.9996), format_percent(0.5), format_percent(0.001)
     ('> 99 %', '50 %', '< 1 %')
     """
     if not math.isfinite(share):
@@ -56,32 +56,32 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def number_cell(value: float | None, reason: str = "") -> Cell:
+def format_number_cell(value: float | None, reason: str = "") -> Cell:
     """Cell of a number; for NaN it is ``—``, with the reason as tooltip."""
-    text = number(value)
+    text = format_number(value)
     if text == "—":
         return Cell(text, reason or "not defined for these data")
     return Cell(f"{text} *" if reason else text, reason)
 
 
-def parameter_words(name: str) -> str:
+def format_parameter(name: str) -> str:
     """Name of an interface value in words.
 
     Examples
     --------
-    >>> parameter_words("slipper_swash.damping")
+    >>> format_parameter("slipper_swash.damping")
     'slipper/swash plate damping'
     """
     interface, quantity = name.split(".")
     return f"{_INTERFACES[interface]} {quantity}"
 
 
-def sentence(text: str) -> str:
+def end_sentence(text: str) -> str:
     """A text that begins as a sentence does."""
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
+def build_facts_table(caption: str, entries: Iterable[tuple[str, object]]) -> Table:
     """Table of names and values."""
     return Table(caption, ("", ""), tuple((name, _plain(value)) for name, value in entries))
 
@@ -107,12 +107,12 @@ def _plain(value: object) -> str:
     return str(value)
 
 
-def also_in_bar(text: str) -> str:
+def add_bar_values(text: str) -> str:
     """A text with each absolute pressure in bar beside MPa.
 
     Examples
     --------
-    >>> also_in_bar("860 rev/min, 10 and 15 MPa")
+    >>> add_bar_values("860 rev/min, 10 and 15 MPa")
     '860 rev/min, 10 and 15 MPa (100 and 150 bar absolute)'
     """
 
@@ -122,12 +122,12 @@ def also_in_bar(text: str) -> str:
     return re.sub(r"([0-9.]+(?:(?:, | and | to | / )[0-9.]+)*) MPa", both, text)
 
 
-def fact_entries(facts: RecordingSummary) -> tuple[tuple[str, str], ...]:
+def list_facts(facts: RecordingSummary) -> tuple[tuple[str, str], ...]:
     """(name, value) of each fact that is stated."""
     entries = (
         _counted("Machine", facts.machine),
         ("Recorded", facts.date),
-        ("Condition", also_in_bar(facts.condition)),
+        ("Condition", add_bar_values(facts.condition)),
         _counted("File", facts.file),
     )
     return tuple((name, value) for name, value in entries if value)

@@ -22,20 +22,25 @@ from swashtwin.foundation import (
 )
 from swashtwin.learning import FittedClassifier, Scores
 from swashtwin.recordings import Recording, summarize_recordings
-from swashtwin.report.diagnosis_part import anomaly_part, diagnosis_part
-from swashtwin.report.drawing import template
-from swashtwin.report.evidence_part import evidence_part
-from swashtwin.report.model_part import alarms_part, detector_part, scores_part, training_part
+from swashtwin.report.diagnosis_part import build_anomaly_part, build_diagnosis_part
+from swashtwin.report.drawing import load_template
+from swashtwin.report.evidence_part import build_evidence_part
+from swashtwin.report.model_part import (
+    build_alarms_part,
+    build_detector_part,
+    build_scores_part,
+    build_training_part,
+)
 from swashtwin.report.page import (
     Group,
     Part,
     Section,
-    cards_of,
-    drawings,
-    overview_of,
-    shared_facts,
+    build_cards,
+    build_overview,
+    find_shared_facts,
+    iterate_drawings,
 )
-from swashtwin.report.wording import Glossary, fact_entries, rig_notice
+from swashtwin.report.wording import Glossary, list_facts, rig_notice
 
 if TYPE_CHECKING:
     from swashtwin.calibration import Calibration
@@ -49,7 +54,7 @@ Item: TypeAlias = (
 """What a report can be made of."""
 
 
-def page_text(
+def render_page(
     *items: Item,
     recordings: Sequence[Recording] = (),
     about: Mapping[str, str] = MappingProxyType({}),
@@ -94,7 +99,7 @@ def write_report(
         (*card.glance, *(block for section in card.sections for block in section.blocks))
         for card in cards
     ]
-    figures = [drawing for each in blocks for drawing in drawings(each)]
+    figures = [drawing for each in blocks for drawing in iterate_drawings(each)]
     texts = {
         folder / "report.html": _page(parts, shown, has_folder=True)
     }  # opens first, so is replaced last
@@ -117,7 +122,7 @@ def write_report(
 
 
 @singledispatch
-def part_of(item: Any, key: str) -> Part:
+def build_part(item: Any, key: str) -> Part:
     """Part of the page about an item; `key` is the start of the name of each figure. An
     `InputError` where none is registered for its type.
     """
@@ -125,26 +130,28 @@ def part_of(item: Any, key: str) -> Part:
     if (
         f"{kind.__module__}.{kind.__name__}" == "swashtwin.calibration.result.Calibration"
     ):  # which needs torch
-        from swashtwin.report.calibration_part import calibration_part
+        from swashtwin.report.calibration_part import build_calibration_part
 
-        return calibration_part(item, key)
+        return build_calibration_part(item, key)
     raise InputError(
         f"no report can be made of a {kind.__name__}; give a study's result, a calibration, scores or a diagnosis."
     )
 
 
-part_of.register(Part)(lambda part, key: part)
-part_of.register(Scores)(scores_part)
-part_of.register(Diagnosis)(
-    lambda verdict, key: (anomaly_part if verdict.kind == "detector" else diagnosis_part)(
-        verdict, key
-    )
+build_part.register(Part)(lambda part, key: part)
+build_part.register(Scores)(build_scores_part)
+build_part.register(Diagnosis)(
+    lambda verdict, key: (
+        build_anomaly_part if verdict.kind == "detector" else build_diagnosis_part
+    )(verdict, key)
 )
-part_of.register(Evidence)(evidence_part)
-part_of.register(FittedClassifier)(training_part)
-part_of.register(FaultClassifier)(lambda classifier, key: training_part(classifier.fitted_, key))
-part_of.register(AnomalyDetector)(lambda detector, key: detector_part(detector))
-part_of.register(AlarmScores)(lambda scores, key: alarms_part(scores))
+build_part.register(Evidence)(build_evidence_part)
+build_part.register(FittedClassifier)(build_training_part)
+build_part.register(FaultClassifier)(
+    lambda classifier, key: build_training_part(classifier.fitted_, key)
+)
+build_part.register(AnomalyDetector)(lambda detector, key: build_detector_part(detector))
+build_part.register(AlarmScores)(lambda scores, key: build_alarms_part(scores))
 
 
 def _contents(
@@ -161,14 +168,14 @@ def _contents(
         f"{kind}_{number}" if kinds.count(kind) > 1 else kind
         for kind, number in zip(kinds, numbers, strict=True)
     ]
-    parts = [part_of(item, key) for item, key in zip(items, keys, strict=True)]
-    cards = cards_of(parts)
-    overview = overview_of(parts, cards)
+    parts = [build_part(item, key) for item, key in zip(items, keys, strict=True)]
+    cards = build_cards(parts)
+    overview = build_overview(parts, cards)
     stated = summarize_recordings(recordings)
-    agreed = shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
+    agreed = find_shared_facts(parts) if len({part.subject for part in parts}) == 1 else {}
     if sum(bool(part.facts) for part in parts) > 1:
         agreed.pop("Recordings", None)  # a count of one part alone
-    facts = agreed | dict(fact_entries(stated)) | dict(about)
+    facts = agreed | dict(list_facts(stated)) | dict(about)
     shown = {
         "facts": list(facts.items()),
         "notices": list(
@@ -209,7 +216,7 @@ def _page(parts: Sequence[Part], shown: Mapping[str, Any], *, has_folder: bool) 
         title = " and ".join(
             list(dict.fromkeys(re.split("[,:]", part.title)[0] for part in parts))[:3]
         )
-    page = template("report.html.jinja").render(
+    page = load_template("report.html.jinja").render(
         shown, title=title, glossary=Glossary(), version=VERSION, has_folder=has_folder
     )
     return escape_controls(page, keep="\n")

@@ -19,8 +19,8 @@ from swashtwin.report import (
     Section,
     SectionOrder,
     Table,
-    drawings,
-    number,
+    format_number,
+    iterate_drawings,
     write_report,
 )
 from swashtwin_bench.paper.identification import STUDY as IDENTIFICATION
@@ -235,7 +235,7 @@ def convergence_sentence(study: StudyResult) -> str:
     if MAIN not in means:
         return "Convergence: no fleet has a training of every network yet."
     listed = "; ".join(
-        f"{in_words('classifier', name)} {number(epochs)} epochs and {number(seconds)} s"
+        f"{in_words('classifier', name)} {format_number(epochs)} epochs and {format_number(seconds)} s"
         for name, (epochs, seconds) in means.items()
     )
     others = [pair for name, pair in means.items() if name != MAIN]
@@ -268,7 +268,7 @@ def write_paper_page(results: Mapping[str, StudyTable], size: str, folder: Path)
         drawing.name
         for part in parts
         for section in part.sections
-        for drawing in drawings(section.blocks)
+        for drawing in iterate_drawings(section.blocks)
     ]
     pictures = tuple(
         (

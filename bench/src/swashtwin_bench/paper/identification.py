@@ -17,10 +17,10 @@ import numpy as np
 from swashtwin.calibration import IPINN, PAPER_RATES, calibrate
 from swashtwin.foundation import DataError, InputError, MPa
 from swashtwin.physics import RK4, Twin
-from swashtwin.plot import figure_style, log_axis, panels, series_colors, words
+from swashtwin.plot import create_panels, figure_style, format_label, label_log_axis, series_colors
 from swashtwin.pump import PARAMETERS, PRESSURE_TOLERANCE, load_pump, values_match
 from swashtwin.recordings import Recording
-from swashtwin.report import Cell, Drawing, Table, number, render_drawing, tabulate
+from swashtwin.report import Cell, Drawing, Table, format_number, render_drawing, tabulate
 from swashtwin_bench.questions.calibration import CONTENDERS, FAULTS, Contender, errors_on
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.results.runs import Task, Work, fingerprint_of
@@ -226,7 +226,7 @@ def _sentence(study: StudyTable) -> str:
         interval = f" ({low:+.3f} to {high:+.3f})" if low == low else ""
         change = f"change {pairs.mean():+.3f}{interval}" if pairs.size else "no search ended"
         changes.append(
-            f"{metric.upper()} {number(float(np.nanmean(before)))} in the nominal twin, {change}"
+            f"{metric.upper()} {format_number(float(np.nanmean(before)))} in the nominal twin, {change}"
         )
     failed = len(study.of(twin=CHOSEN)) - pairs.size
     return (
@@ -247,18 +247,20 @@ def values_table(study: StudyTable) -> Table:
         identified = "every search failed"
         if found.size:
             spread = (
-                f" (× or ÷ {number(float(np.exp(found.std(ddof=1))))})" if found.size > 1 else ""
+                f" (× or ÷ {format_number(float(np.exp(found.std(ddof=1))))})"
+                if found.size > 1
+                else ""
             )
-            identified = f"{number(float(np.exp(found.mean())) / before)}{spread}"
+            identified = f"{format_number(float(np.exp(found.mean())) / before)}{spread}"
         printed = _PRINTED.get(name, "not printed")
         rows.append(
             tuple(
                 map(
                     Cell,
                     (
-                        f"{_LETTERS[name]}, {words(name)}",
+                        f"{_LETTERS[name]}, {format_label(name)}",
                         printed,
-                        number(before),
+                        format_number(before),
                         f"{moved:g}",
                         identified,
                     ),
@@ -268,7 +270,7 @@ def values_table(study: StudyTable) -> Table:
     return Table(
         "The six values [N·s/m, N/m]. True and identified ones are shares of the nominal one: the rig's mean, and the "
         "geometric mean over the pumps with the factor of one standard deviation. The rig's own factor is "
-        f"{number(float(np.exp(DISPERSION)))}. The rig was built so that C_sw and C_hz move as the paper found: to "
+        f"{format_number(float(np.exp(DISPERSION)))}. The rig was built so that C_sw and C_hz move as the paper found: to "
         "agree with the paper proves nothing.",
         (
             "value",
@@ -289,7 +291,7 @@ def rates_drawing(study: StudyTable) -> Drawing:
     curves = study.details["curves"]
     names = list(dict.fromkeys(curve["twin"] for curve in curves))
     colors = series_colors(names)
-    figure, axes = panels(1, 1, 3.6)
+    figure, axes = create_panels(1, 1, 3.6)
     panel = axes[0, 0]
     cut, rises = 0.0, []
     for name in names:
@@ -300,13 +302,15 @@ def rates_drawing(study: StudyTable) -> Drawing:
         epoch = np.arange(1, losses.shape[1] + 1)
         low, middle, high = np.nanpercentile(losses, (25, 50, 75), axis=0)
         panel.fill_between(epoch, low, high, color=colors[name], alpha=0.12, linewidth=0)
-        panel.plot(epoch, middle, color=colors[name], linewidth=1.5, label=words(name))
+        panel.plot(epoch, middle, color=colors[name], linewidth=1.5, label=format_label(name))
         cut = max(cut, _CUT * float(middle[0]))
-        rises.append(f"{number(max(max(loss) / loss[0] for loss in of_name))} ({words(name)})")
+        rises.append(
+            f"{format_number(max(max(loss) / loss[0] for loss in of_name))} ({format_label(name)})"
+        )
     panel.set(xlabel="epoch", ylabel="loss [m/s²]", yscale="log")
     if 0 < cut < panel.get_ylim()[1]:
         panel.set_ylim(top=cut)
-    log_axis(panel.yaxis)
+    label_log_axis(panel.yaxis)
     if names:
         figure.legend(loc="outside upper center", ncols=3)
     rows = [

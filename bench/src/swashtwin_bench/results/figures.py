@@ -17,13 +17,13 @@ from swashtwin.physics import Twin, find_recess, slipper_displacements
 from swashtwin.plot import (
     CALIBRATED,
     MEASURED,
+    create_panels,
     figure_style,
-    log_axis,
-    panels,
+    format_label,
+    label_log_axis,
     series_colors,
-    words,
 )
-from swashtwin.report import Drawing, confusion_drawing, render_drawing, tabulate
+from swashtwin.report import Drawing, draw_confusion, render_drawing, tabulate
 from swashtwin_bench.results.naming import in_words
 from swashtwin_bench.results.result import TESTS, StudyResult, named_by
 from swashtwin_bench.results.runs import Run
@@ -55,7 +55,7 @@ _DASHES = ("-", "--", ":", "-.")
 @figure_style()
 def rows_drawing(study: StudyTable, key: str) -> Drawing:
     """Each metric in a panel, each row on a line of it: its mean as a bar, trials as points."""
-    shown = {name: words for name, words in study.metrics.items() if name in SHOWN} or study.metrics
+    shown = {name: label for name, label in study.metrics.items() if name in SHOWN} or study.metrics
     varying = [
         name for name in study.factors if len({trial.factors[name] for trial in study.trials}) > 1
     ]
@@ -66,7 +66,7 @@ def rows_drawing(study: StudyTable, key: str) -> Drawing:
     ]
     across = min(2, len(shown))
     down = math.ceil(len(shown) / across)
-    figure, axes = panels(down, across, down * (1.1 + 0.24 * len(rows)), sharey=True)
+    figure, axes = create_panels(down, across, down * (1.1 + 0.24 * len(rows)), sharey=True)
     for ax, (metric, heading) in zip(axes.flat, shown.items(), strict=False):
         for line, row in enumerate(rows):
             values = [value for value in row[metric]["values"] if value is not None]
@@ -126,7 +126,9 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
         else (sets, classifiers)
     )
     colors = series_colors(leading)
-    figure, axes = panels(len(SHOWN), len(splits), 1.2 + 2.7 * len(SHOWN), sharex=True, sharey=True)
+    figure, axes = create_panels(
+        len(SHOWN), len(splits), 1.2 + 2.7 * len(SHOWN), sharex=True, sharey=True
+    )
     looks: list[dict[str, Any]] = []
     titles: list[str] = []
     for pair in series:
@@ -159,7 +161,7 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
             panel.set(title=split, xticks=range(len(values)), xticklabels=values, ylim=(0, 1.03))
         line[0].set_ylabel(f"{study.metrics[metric]} [1]")
     for panel in axes[-1]:
-        panel.set_xlabel(words(factor))
+        panel.set_xlabel(format_label(factor))
     figure.legend(
         [Line2D([], [], markersize=4, **look) for look in looks],
         titles,
@@ -178,7 +180,7 @@ def _curves(study: StudyResult, rows: Sequence[dict[str, Any]], factor: str, nam
     ]
     caption = f"Mean over {plural(len(study.seeds), 'seed')}; bars: one standard deviation."
     return render_drawing(
-        name, figure, tabulate(table), title=f"Scores by {words(factor)}", caption=caption
+        name, figure, tabulate(table), title=f"Scores by {format_label(factor)}", caption=caption
     )
 
 
@@ -197,7 +199,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
     ]
     names = list(dict.fromkeys(run["factors"][by] for run in curves))
     colors = series_colors(names)
-    figure, axes = panels(2, 2, 5.6, sharex="col", sharey="row")
+    figure, axes = create_panels(2, 2, 5.6, sharex="col", sharey="row")
     rows: list[dict[str, Any]] = []
     for run in curves:
         number = np.array([epoch["number"] for epoch in run["history"]])
@@ -212,7 +214,7 @@ def training_drawing(study: StudyResult, key: str) -> Drawing:
             for epoch, at in zip(run["history"], seconds.tolist(), strict=True)
         ]  # fmt: skip
     axes[0, 0].set(ylabel="cross-entropy [1]", yscale="log")
-    log_axis(axes[0, 0].yaxis)
+    label_log_axis(axes[0, 0].yaxis)
     axes[1, 0].set(ylabel="accuracy", xlabel="epoch", ylim=(0, 1.03))
     axes[1, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[1, 0].yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
@@ -252,7 +254,7 @@ def confusion_of(study: StudyResult, key: str) -> Drawing:
             matrices[cell] = matrices.get(cell, 0) + np.array(row["confusion"])
     seeds = plural(len(study.seeds), "seed")
     caption = f"Windows of each actual class in percent, over {seeds} together; rows add up to 100."
-    return confusion_drawing(f"{key}_confusion", matrices, study.classes, caption=caption)
+    return draw_confusion(f"{key}_confusion", matrices, study.classes, caption=caption)
 
 
 def _distinct(factors: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -292,7 +294,9 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
     colors = series_colors(classes)
     splits = sorted({split for run in runs for split in run["features"]["split"]})
     down = math.ceil(len(runs) / _ACROSS)
-    figure, axes = panels(down, min(len(runs), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down)
+    figure, axes = create_panels(
+        down, min(len(runs), _ACROSS), 3.9 if down == 1 else 0.9 + 2.6 * down
+    )
     rows: list[dict[str, Any]] = []
     for ax in axes.flat[len(runs) :]:
         ax.set_axis_off()
@@ -326,7 +330,7 @@ def embedding_drawing(study: StudyResult, key: str) -> Drawing:
         Line2D([], [], marker=_SPLIT_MARKERS.get(split, "o"), linestyle="", color="#888888")
         for split in splits
     ]
-    names = [words(name) for name in classes] + splits
+    names = [format_label(name) for name in classes] + splits
     figure.legend(marks, names, loc="outside lower center", ncols=len(names))
     caption = (
         f"Test windows under seed {study.seeds[0]} as the network's last layer sees them, laid out in two dimensions "
@@ -368,7 +372,7 @@ def excitation_drawing(twin: Twin, key: str) -> list[Drawing]:
         **{f"slipper_{j + 1}_m": row for j, row in enumerate(each)},
         "total_m": each.sum(axis=0),
     }
-    figure, axes = panels(2, 1, 4.8, sharex=True)
+    figure, axes = create_panels(2, 1, 4.8, sharex=True)
     (above,), (below,) = axes
     turn = np.exp(2j * np.pi * time / twin.condition.period)
     for j, row in enumerate(each):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from swashtwin.learning import SPLITS
-from swashtwin.plot import words
+from swashtwin.plot import format_label
 from swashtwin.pump import PRESSURE_TOLERANCE, values_match
 from swashtwin.report import (
     Bullets,
@@ -18,11 +18,11 @@ from swashtwin.report import (
     Section,
     SectionOrder,
     Table,
-    calibration_blocks,
-    facts_table,
+    build_calibration_blocks,
+    build_facts_table,
+    describe_verdicts,
     flatten_settings,
-    number,
-    verdict_counts,
+    format_number,
     write_report,
 )
 from swashtwin_bench.results.figures import (
@@ -115,20 +115,20 @@ def _rows_table(study: StudyTable) -> Table:
         values = [value for value in spread["values"] if value is not None]
         if not values:
             return Cell("—", "no number for this row")
-        text = number(spread["mean"]) + (
-            f" ± {number(spread['std'])}" if spread["std"] is not None else ""
+        text = format_number(spread["mean"]) + (
+            f" ± {format_number(spread['std'])}" if spread["std"] is not None else ""
         )
-        return Cell(text, "single trials: " + ", ".join(map(number, values[:20])))
+        return Cell(text, "single trials: " + ", ".join(map(format_number, values[:20])))
 
     rows = tuple(
         (
-            *(Cell(words(row[name])) for name in study.factors),
+            *(Cell(format_label(row[name])) for name in study.factors),
             *(cell(row[metric]) for metric in study.metrics),
         )
         for row in study.rows()
     )
     caption = "Mean ± standard deviation over the trials."
-    return Table(caption, (*map(words, study.factors), *study.metrics.values()), rows)
+    return Table(caption, (*map(format_label, study.factors), *study.metrics.values()), rows)
 
 
 def _score_blocks(study: StudyResult, notes: Bullets) -> list[Any]:
@@ -274,10 +274,10 @@ def _calibration_blocks(study: StudyResult, key: str) -> tuple[Any, ...]:
     blocks.append(Bullets("Used away from where they were calibrated", elsewhere))
     for index, calibration in enumerate(study.calibrations):
         own_key = f"{key}_calibration_{index + 1}" if several else f"{key}_calibration"
-        inner = calibration_blocks(calibration, own_key)
+        inner = build_calibration_blocks(calibration, own_key)
         if index == 0:
             inner = (*inner, *excitation_drawing(calibration.nominal, own_key))
-        title = f"{calibration.twin.pump.name}: {verdict_counts(calibration)}"
+        title = f"{calibration.twin.pump.name}: {describe_verdicts(calibration)}"
         blocks.append(Group(title, inner, is_open=not several))
     return tuple(blocks)
 
@@ -310,7 +310,7 @@ def _cells_table(study: StudyResult) -> Table:
         key=lambda name: " @ " not in name,
     )
     rows = [
-        (Cell(words(name)), *(Cell(str(of.get(name, 0) or "–")) for of in cells.values()))
+        (Cell(format_label(name)), *(Cell(str(of.get(name, 0) or "–")) for of in cells.values()))
         for name in names
     ]
     total = [sum(count for name, count in of.items() if " @ " in name) for of in cells.values()]
@@ -332,16 +332,16 @@ def _provenance(study: StudyTable) -> tuple[Any, ...]:
         ("seeds", list(study.seeds)),
         ("swashtwin version", study.version),
         ("device", study.device),
-        ("time taken", f"{number(study.wall_s)} s"),
+        ("time taken", f"{format_number(study.wall_s)} s"),
         ("recordings", study.origin),
     ]
     used = tuple(
         f"{each.twin.pump.name}, {each.method} {each.version}: {', '.join(each.recording_ids)}"
         for each in getattr(study, "calibrations", ())
     )
-    settings = facts_table("Settings of the study.", flatten_settings(study.settings))
+    settings = build_facts_table("Settings of the study.", flatten_settings(study.settings))
     return (
-        facts_table("The run.", entries),
+        build_facts_table("The run.", entries),
         Bullets("Recordings that twins were calibrated on (training data, in no test set)", used),
         Group("Settings", (settings,), is_open=False),
     )

@@ -132,7 +132,8 @@ def summarize_calibration(calibration: Calibration) -> tuple[str, ...]:
     """What came out, in plain words."""
     spectrum, waveform = (_change(calibration, name) for name in ("spectrum_value_error", "rmse"))
     return (
-        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, {format_label(calibration.twin.label)}) "
+        f"The twin of {calibration.twin.pump.name} ({describe_conditions(calibration)}, "
+        f"{format_label(calibration.twin.label)}) "
         f"was calibrated with {calibration.method} on {plural(len(calibration.recording_ids), 'recording')}. The error "
         f"of its spectrum (SVE) {spectrum}; that of its waveform (RMSE) {waveform} m/s².",
         "These are the recordings it was calibrated on, so neither number is a test.",

@@ -79,7 +79,10 @@ def build_diagnosis_part(diagnosis: Diagnosis, key: str) -> Part:
     unknown, possible = diagnosis.unknown, diagnosis.prediction_set
     sure = (_UNCALIBRATED,) if diagnosis.error_rate is None else (diagnosis.sentence(),)
     notes = tuple(note for note in diagnosis.notes if note not in sure[0])
-    far = f"Its distance is {format_number(diagnosis.score)}; below {format_number(diagnosis.threshold)} it would be a known one."
+    far = (
+        f"Its distance is {format_number(diagnosis.score)}; below "
+        f"{format_number(diagnosis.threshold)} it would be a known one."
+    )
     far = diagnosis.reasons[0] if diagnosis.kind == "prior" and unknown else far
     certainty = (
         sure if diagnosis.is_near else (*sure, far) if unknown else (*_how_sure(diagnosis), *sure)
@@ -134,7 +137,7 @@ def _verdict(diagnosis: Diagnosis) -> tuple[str, Tone]:
     if diagnosis.unknown:
         return "Unknown: unlike every recording of the training", "unsure"
     if len(diagnosis.prediction_set) > 1:
-        return f"Not certain: {' or '.join(map(words, diagnosis.prediction_set))}", "unsure"
+        return f"Not certain: {' or '.join(map(format_label, diagnosis.prediction_set))}", "unsure"
     if is_healthy(diagnosis.label):
         return "No fault found", "good"
     return f"Suspected fault: {format_label(diagnosis.label)}", "bad"

@@ -9,6 +9,10 @@ from .artifacts import write_artifact as write_artifact
 from .atomic_files import TEXT as TEXT
 from .atomic_files import atomic_write as atomic_write
 from .atomic_files import write_text as write_text
+from .child_processes import ChildDiedError as ChildDiedError
+from .child_processes import ChildProcess as ChildProcess
+from .child_processes import ChildTimeoutError as ChildTimeoutError
+from .child_processes import run_in_child as run_in_child
 from .dataclass_tables import from_table as from_table
 from .dataclass_tables import parse_json as parse_json
 from .dataclass_tables import to_table as to_table

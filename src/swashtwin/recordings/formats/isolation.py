@@ -1,25 +1,15 @@
-"""Files read by another process, because a damaged one can crash its library, or make it take all
-memory or time.
+"""Files read by a child process, because a damaged file can crash its library, or exhaust memory.
 
-The process is started when first needed, kept for the next files, and ends with this one. A request
-names the file and how to read it, so that a process that was started anew can answer the next one.
-Both sides are here: `serve` is what the other process runs. The files that were asked for last stay
-open there, but on Windows, where an open file can be neither deleted nor replaced.
+The process is started when it is first needed, kept for the next files, and ends with this one.
+Each request names the file and how to read it, so that a process that was started anew can answer
+it. Both sides are here: the functions of the second part run in the child process. It keeps the
+files open that were requested last, but not on Windows, where an open file can be neither deleted
+nor replaced.
 """
 
-import atexit
 import errno
-import faulthandler
 import os
-import pickle
-import signal
-import subprocess
-import sys
-import threading
-import time
-import warnings
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -29,10 +19,11 @@ import numpy as np
 
 from swashtwin.foundation import (
     MEMORY_VARIABLE,
+    ChildDiedError,
+    ChildProcess,
+    ChildTimeoutError,
     DataError,
     SwashTwinError,
-    exit_with_parent,
-    keep_freed_memory,
     memory_limit,
 )
 from swashtwin.recordings.formats.clock import split_at_breaks
@@ -44,36 +35,36 @@ from swashtwin.recordings.formats.raw_file import (
     require_unchanged,
 )
 
-_PATIENCE = 30.0
-"""Seconds that an answer about any file may take."""
-_BYTES_PER_SECOND = 2e6
-"""Speed below which reading counts as an endless loop."""
-_FILES, _BYTES = 64, 1 << 28
-"""Most files that stay open, and bytes of samples in memory of these."""
-_STAY_OPEN = os.name != "nt"
-_COLUMNS = 10_000
-"""Most columns that a file of measurements has."""
-_LIBRARIES = 1 << 29
-"""Bytes that the libraries themselves may take."""
-_COMMAND = "from swashtwin.recordings.formats.isolation import serve; serve()"
+_READ_TIMEOUT_S = 30.0
+"""Time limit for a request about an empty file; damaged files can loop without an end."""
+_MIN_READ_SPEED = 2e6
+"""Slowest reading [byte/s] of a sound file, which adds to the time limit of large files."""
+_MAX_OPEN_FILES = 64
+_MAX_OPEN_BYTES = 1 << 28
+"""Samples in memory of all open files [byte]."""
+_KEEPS_FILES_OPEN = os.name != "nt"
+_MAX_COLUMNS = 10_000
+"""Columns of a file of measurements; a damaged header can state billions."""
 
 
 @dataclass(frozen=True)
 class _Source:
+    """A file, and the function that reads it."""
+
     module: str
     function: str
     path: str
+    """Absolute path."""
     name: str
-    """Path as it was typed, for messages."""
+    """Path as the user wrote it, for messages."""
     options: ReadOptions
     stamp: tuple[int, int, int]
+    """Of `file_stamp`."""
 
 
 @dataclass(frozen=True)
 class _RemoteColumn:
-    """Samples of one column, which the other process reads when they are sliced; it can be
-    pickled.
-    """
+    """Column whose samples the child process reads; it can be pickled without them."""
 
     source: _Source
     part: str
@@ -87,251 +78,200 @@ class _RemoteColumn:
         return self.length
 
     def __getitem__(self, span: slice, /) -> np.ndarray:
-        start, stop, stride = span.indices(self.length)
-        samples: np.ndarray = _reader.ask(
-            self.source, (self.part, self.name, start, max(start, stop))
+        start, stop, step = span.indices(self.length)
+        samples: np.ndarray = _request(
+            self.source, _read_samples, self.part, self.name, start, max(start, stop)
         )
         if len(samples) != max(0, stop - start) or samples.dtype != self.dtype:
             raise DataError(
                 f"{self.source.name}: the file has fewer samples than it states; was it changed?"
             )
-        return samples[::stride]
+        return samples[::step]
+
+
+reader = ChildProcess()
+stop = reader.stop
 
 
 def read_in_subprocess(
     module: str, path: Path, options: ReadOptions, function: str = "read"
 ) -> Mapping[str, RawFile]:
-    """What a function of a module of formats gives for a file: its recordings by name, a single one
-    called ``""``.
+    """Return the recordings of a file by name; a single recording has the name ``""``.
+
+    Parameters
+    ----------
+    module : module of this package that reads the file.
+    function : its function, called with the path and the options.
     """
     source = _Source(module, function, str(path.resolve()), str(path), options, file_stamp(path))
-    content: Mapping[str, RawFile] = _reader.ask(source, None)
+    content: Mapping[str, RawFile] = _request(source, _read_content)
     return content
 
 
-class _DiedError(Exception):
-    """The other process died before it answered; the argument is how."""
+def _request(source: _Source, function: Any, *arguments: object) -> Any:
+    """Return the result of one of the functions below, run by the child process.
 
+    Raises
+    ------
+    DataError
+        The file is damaged: its library raised, crashed, looped, or took too much memory.
+    SwashTwinError
+        Whatever the reader of the format raised on purpose.
+    """
+    environment_limit = os.environ.get(MEMORY_VARIABLE, "")
+    timeout_s = _READ_TIMEOUT_S + source.stamp[0] / _MIN_READ_SPEED
 
-class _Reader:
-    """The other process, started when needed, and anew after it has died."""
+    def call() -> Any:
+        return reader.call(
+            _answer,
+            environment_limit,
+            source,
+            function,
+            *arguments,
+            timeout_s=timeout_s,
+            memory_bytes=memory_limit(),
+        )
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def ask(self, source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
-        """The recordings of a file, or the samples `wanted`: recording, column, start and stop."""
-        with self._lock:
-            for is_second in (
-                False,
-                True,
-            ):  # what an earlier file broke in that process is not blamed on this one
-                try:
-                    answer = self._exchange(source, wanted)
-                    break
-                except _DiedError as cause:
-                    if is_second or "no end" in str(cause):
-                        raise DataError(f"{source.name} is damaged: {cause}.") from cause
-        if isinstance(answer, MemoryError):
-            raise DataError(
-                f"{source.name} of {source.stamp[0] / 1e9:.3g} GB takes more than the limit of "
-                f"{memory_limit() / 1e9:.3g} GB of memory to read; if the file is right, set {MEMORY_VARIABLE} to more."
-            )
-        if isinstance(answer, SwashTwinError):
-            raise type(answer)(str(answer).replace(source.path, source.name))
-        if isinstance(answer, Exception):
-            suffix = "".join(Path(source.name).suffixes[-1:])
-            raise DataError(f"{source.name} is damaged, cut off, or no {suffix} file ({answer}).")
-        return answer
-
-    def _exchange(self, source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
-        process, began = self._running(), time.monotonic()
-        seconds = _PATIENCE + source.stamp[0] / _BYTES_PER_SECOND
-        assert process.stdin is not None
-        assert process.stdout is not None
-        try:
-            pickle.dump(
-                (source, wanted, seconds, os.environ.get(MEMORY_VARIABLE, "")), process.stdin
-            )
-            process.stdin.flush()
-            return pickle.load(process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError) as cause:
-            late, code = time.monotonic() - began >= seconds, self.stop(0.2)
-            reason = f"signal {-code}" if code < 0 else f"exit code {code}"
-            crash = f"the library that reads it crashed ({reason})"
-            raise _DiedError(f"no end was found in {seconds:.0f} s" if late else crash) from cause
-        except BaseException:  # an interrupt between a request and its answer
-            self.stop()
-            raise
-
-    def _running(self) -> "subprocess.Popen[bytes]":
-        if self._process is None or self._process.poll() is not None:
-            self.stop()
-            self._process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-P",
-                    "-c",
-                    _COMMAND,
-                ],  # -P: nothing is imported from the current folder
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={
-                    **os.environ,
-                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-                    "OMP_NUM_THREADS": "1",
-                    "OPENBLAS_NUM_THREADS": "1",
-                },
-            )
-        return self._process
-
-    def stop(self, patience: float = 0.0) -> int:
-        """Exit code of the process, which is ended where it does not end by itself within
-        `patience` [s].
-        """
-        if self._process is None:
-            return 0
-        process, self._process = self._process, None
-        try:
-            process.wait(patience)
-        except subprocess.TimeoutExpired:
-            process.kill()
-        code = process.wait()
-        _close(process)
-        return code
-
-    def forget(self) -> None:
-        """Leave the process to the one that this was forked from."""
-        if self._process is not None:
-            self._process.returncode = 0  # it is no child of this process
-            _close(self._process)
-        self.__init__()  # type: ignore[misc]
-
-
-def _close(process: "subprocess.Popen[bytes]") -> None:
-    for pipe in (process.stdin, process.stdout):
-        with suppress(OSError):  # it was full when the process died
-            pipe and pipe.close()
-
-
-_reader = _Reader()
-stop = _reader.stop
-atexit.register(stop)
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_reader.forget)
-
-
-# ---- the other process
-
-
-def serve() -> None:
-    """Answer requests from the standard input until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks
-    exit_with_parent(os.getppid())
-    warnings.simplefilter("ignore")
-    keep_freed_memory()
-    with os.fdopen(os.dup(1), "wb") as answers, open(os.devnull, "w", encoding="utf-8") as nowhere:
-        os.dup2(2, 1)  # whatever a library prints goes nowhere
-        while True:
-            try:
-                source, wanted, seconds, memory = pickle.load(sys.stdin.buffer)
-            except EOFError:
-                return
-            os.environ[MEMORY_VARIABLE] = memory
-            faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
-            pickle.dump(_answer(source, wanted), answers, protocol=pickle.HIGHEST_PROTOCOL)
-            answers.flush()
-            faulthandler.cancel_dump_traceback_later()
-
-
-def _answer(source: _Source, wanted: tuple[str, str | None, int, int] | None) -> Any:
     try:
         try:
-            require_unchanged(Path(source.path), source.stamp)
-            content = _content(source)
-            if wanted is None:
-                return {part: _remote(source, part, raw) for part, raw in content.items()}
-            part, name, start, stop = wanted
-            column = content[part].speeds if name is None else content[part].columns[name]
-            assert column is not None
-            return np.ascontiguousarray(column[start:stop])
+            return call()
+        except ChildTimeoutError:
+            raise
+        except ChildDiedError:
+            # An earlier file may have corrupted the process, so that this one is not to blame: it
+            # is, if it also crashes a fresh process.
+            return call()
+    except ChildTimeoutError as cause:
+        raise DataError(
+            f"{source.name} is damaged: no end was found in {timeout_s:.0f} s."
+        ) from cause
+    except ChildDiedError as cause:
+        raise DataError(
+            f"{source.name} is damaged: the library that reads it crashed ({cause.reason})."
+        ) from cause
+    except MemoryError as cause:
+        raise DataError(
+            f"{source.name} of {source.stamp[0] / 1e9:.3g} GB takes more than the limit of "
+            f"{memory_limit() / 1e9:.3g} GB of memory to read; if the file is right, set "
+            f"{MEMORY_VARIABLE} to more."
+        ) from cause
+    except SwashTwinError as cause:
+        message = cause.message.replace(source.path, source.name)
+        raise type(cause)(message, field=cause.field, remedy=cause.remedy) from None
+    except _LibraryError as cause:
+        suffix = "".join(Path(source.name).suffixes[-1:])
+        raise DataError(
+            f"{source.name} is damaged, cut off, or not a {suffix} file ({cause})."
+        ) from None
+
+
+# ---- in the child process
+
+
+class _LibraryError(Exception):
+    """A library failed to read a file; the argument is its error as one line."""
+
+
+def _answer(environment_limit: str, source: _Source, function: Any, *arguments: Any) -> Any:
+    """Return ``function(source, *arguments)``, with errors that the other side can show."""
+    os.environ[MEMORY_VARIABLE] = environment_limit
+    path = Path(source.path)
+    try:
+        try:
+            require_unchanged(path, source.stamp)
+            return function(source, *arguments)
         finally:
-            if not _STAY_OPEN:
-                _contents.clear()
-            require_unchanged(
-                Path(source.path), source.stamp
-            )  # else what a library says of it misleads
+            if not _KEEPS_FILES_OPEN:
+                _open_files.clear()
+            # A file that was changed while it was read: what its library reports would mislead.
+            require_unchanged(path, source.stamp)
     except Exception as cause:
         if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM:
-            _contents.clear()
-            return MemoryError()
+            _open_files.clear()
+            raise MemoryError from cause
         if isinstance(cause, SwashTwinError):
-            message = (cause.message.splitlines() or [""])[0][:400]
-            return type(cause)(message, field=cause.field, remedy=cause.remedy)
-        message = (str(cause).splitlines() or [""])[0][:400]
-        return RuntimeError(f"{type(cause).__name__}: {message[:160]}")
+            message = _first_line(cause.message, 400)
+            raise type(cause)(message, field=cause.field, remedy=cause.remedy) from cause
+        raise _LibraryError(f"{type(cause).__name__}: {_first_line(str(cause), 160)}") from cause
 
 
-def _remote(source: _Source, part: str, raw: RawFile) -> RawFile:
+def _first_line(message: str, max_length: int) -> str:
+    lines = message.splitlines() or [""]
+    return lines[0][:max_length]
 
-    def remote(name: str | None, column: Column) -> _RemoteColumn:
+
+def _read_content(source: _Source) -> dict[str, RawFile]:
+    """Return the recordings of a file with columns that stay in this process."""
+    content = _open_file(source)
+    return {part: _with_remote_columns(source, part, raw) for part, raw in content.items()}
+
+
+def _with_remote_columns(source: _Source, part: str, raw: RawFile) -> RawFile:
+    def remote_column(name: str | None, column: Column) -> _RemoteColumn:
         return _RemoteColumn(source, part, name, len(column), number_type(column))
 
-    columns = {name: remote(name, column) for name, column in raw.columns.items()}
-    return replace(
-        raw, columns=columns, speeds=None if raw.speeds is None else remote(None, raw.speeds)
-    )
+    columns = {name: remote_column(name, column) for name, column in raw.columns.items()}
+    speeds = None if raw.speeds is None else remote_column(None, raw.speeds)
+    return replace(raw, columns=columns, speeds=speeds)
 
 
-_contents: dict[str, tuple[_Source, Mapping[str, RawFile], int]] = {}
-"""What the files hold that were asked for last, and bytes of it in memory."""
+def _read_samples(
+    source: _Source, part: str, name: str | None, start: int, stop: int
+) -> np.ndarray:
+    """Return the samples of a column, or of the speeds if `name` is None."""
+    raw = _open_file(source)[part]
+    column = raw.speeds if name is None else raw.columns[name]
+    assert column is not None
+    return np.ascontiguousarray(column[start:stop])
 
 
-def _content(source: _Source) -> Mapping[str, RawFile]:
-    """What a file holds, read where it is not open."""
-    known = _contents.pop(source.path, None)
-    if known is None or known[0] != source:
-        del known  # the old content first: the HDF5 library would give it again
-        for path in [path for path in _contents if not os.path.exists(path)]:
-            del _contents[path]  # of a watch, which deletes what it has judged
-        known = _read(source)
-    _contents[source.path] = known
-    while len(_contents) > 1 and (
-        len(_contents) > _FILES or sum(size for *_, size in _contents.values()) > _BYTES
+@dataclass(frozen=True)
+class _OpenFile:
+    source: _Source
+    content: Mapping[str, RawFile]
+    size: int
+    """Samples in memory [byte]."""
+
+
+_open_files: dict[str, _OpenFile] = {}
+"""Files by their paths, the one that was requested last at the end."""
+
+
+def _open_file(source: _Source) -> Mapping[str, RawFile]:
+    """Return the recordings of a file, which is read if it is not open."""
+    file = _open_files.pop(source.path, None)
+    if file is None or file.source != source:
+        # Closed before the file is opened again, or the HDF5 library returns its old content.
+        del file
+
+        # A watch deletes the recordings that it has judged: open, they would keep their disk space.
+        for path in [path for path in _open_files if not os.path.exists(path)]:
+            del _open_files[path]
+
+        file = _read_file(source)
+
+    _open_files[source.path] = file
+    while len(_open_files) > 1 and (
+        len(_open_files) > _MAX_OPEN_FILES
+        or sum(open_file.size for open_file in _open_files.values()) > _MAX_OPEN_BYTES
     ):
-        del _contents[next(iter(_contents))]  # the one that was not asked for the longest
-    return known[1]
+        del _open_files[next(iter(_open_files))]
+    return file.content
 
 
-def _read(source: _Source) -> tuple[_Source, Mapping[str, RawFile], int]:
-    _limit_memory()
+def _read_file(source: _Source) -> _OpenFile:
     module = import_module(f"swashtwin.recordings.formats.{source.module}")
     result = getattr(module, source.function)(Path(source.path), source.options)
     content = {"": split_at_breaks(result)} if isinstance(result, RawFile) else result
+
     columns = [column for raw in content.values() for column in raw.columns.values()]
-    if len(columns) > _COLUMNS and "" in content:
+    if len(columns) > _MAX_COLUMNS and "" in content:  # a store may hold as many in all
         raise DataError(
-            f"{source.path} has more than {_COLUMNS} columns; it is damaged, or no measurement."
+            f"{source.path} has more than {_MAX_COLUMNS} columns; it is damaged, "
+            "or not a measurement."
         )
-    size = sum(
-        column.nbytes if isinstance(column, np.ndarray) else BLOCK_SAMPLES for column in columns
-    )
-    return source, content, size
 
-
-def _limit_memory() -> None:
-    """Let this process take no more than the limit beyond what it has; where the system can do
-    that.
-    """
-    if sys.platform != "linux":
-        return
-    import resource
-
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-    limit = pages * resource.getpagesize() + memory_limit() + _LIBRARIES
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    resource.setrlimit(
-        resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard)
-    )
+    size = 0
+    for column in columns:
+        size += column.nbytes if isinstance(column, np.ndarray) else BLOCK_SAMPLES
+    return _OpenFile(source, content, size)

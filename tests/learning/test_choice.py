@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import WindowSet, choose, cut_windows, fit_chosen
-from swashtwin.learning.choice.choosing import _training_rows, _Views
+from swashtwin.learning import WindowSet, choose_candidate, cut_windows, fit_best_candidate
+from swashtwin.learning.choice.candidate_trials import _training_rows, _Views
 from swashtwin.recordings import Recording
 
 LENGTH = 256
@@ -39,18 +39,18 @@ def windows(**options: float) -> WindowSet:
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit_chosen(windows(), seed=3)
+    return fit_best_candidate(windows(), seed=3)
 
 
 def test_of_candidates_that_are_as_good_the_most_invariant_is_chosen(fitted) -> None:
     choice = fitted.choice
     tied = [trial.candidate for trial in choice.trials if trial.is_tied]
     assert len(tied) > 1
-    assert choice.chosen == tied[0]
-    assert choice.chosen == "shapes"
+    assert choice.candidate == tied[0]
+    assert choice.candidate == "band_shapes"
     assert (choice.group, choice.n_folds) == ("specimen", 4)
     assert choice.n_windows == len(windows())
-    assert choice.chosen in choice.sentence()
+    assert choice.candidate in choice.sentence()
 
 
 def test_the_confidence_comes_from_the_folds(fitted) -> None:
@@ -61,7 +61,7 @@ def test_the_confidence_comes_from_the_folds(fitted) -> None:
 
 
 def test_the_same_seed_chooses_and_trains_the_same(fitted) -> None:
-    again = fit_chosen(windows(), seed=3)
+    again = fit_best_candidate(windows(), seed=3)
     assert again.choice == fitted.choice
     np.testing.assert_array_equal(again.predict_proba(windows()), fitted.predict_proba(windows()))
 
@@ -69,8 +69,8 @@ def test_the_same_seed_chooses_and_trains_the_same(fitted) -> None:
 def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
     unnamed = windows()
     unnamed = replace(unnamed, specimen=np.full(len(unnamed), ""))
-    assert choose(unnamed)[1].group == "recording"
-    single = fit_chosen(windows(per_class=1))
+    assert choose_candidate(unnamed)[1].group == "recording"
+    single = fit_best_candidate(windows(per_class=1))
     assert single.choice.trials == ()
     assert single.confidence is None
     assert "too few" in single.choice.sentence()
@@ -78,7 +78,7 @@ def test_folds_fall_back_to_recordings_and_too_few_have_no_trial() -> None:
 
 def test_a_negative_seed_is_refused() -> None:
     with pytest.raises(InputError, match="seed"):
-        choose(windows(), seed=-1)
+        choose_candidate(windows(), seed=-1)
 
 
 def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can_be_left_out() -> (
@@ -90,7 +90,7 @@ def test_classes_in_turn_are_trained_without_a_confidence_where_no_recording_can
         )
         for number, recording in enumerate(recordings(per_class=10))
     ]
-    few = fit_chosen(cut_windows(measured, length=LENGTH))
+    few = fit_best_candidate(cut_windows(measured, length=LENGTH))
     assert few.choice.trials
     assert few.confidence is None
 
@@ -99,7 +99,7 @@ def test_a_sample_that_is_far_too_large_is_refused_by_name() -> None:
     broken = windows()
     broken.signal[5, 1, 7] = -1e20
     with pytest.raises(DataError, match=r"normal 1: samples reach 1e\+20"):
-        fit_chosen(broken)
+        fit_best_candidate(broken)
 
 
 def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
@@ -109,7 +109,7 @@ def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
         measured, synthetic=np.ones(len(measured), dtype=bool), specimen=names, content={}
     )
     is_tested = measured.specimen == "A"
-    _, choice, answers = choose(measured + copies)
+    _, choice, answers = choose_candidate(measured + copies)
     assert choice.n_windows == len(answers.target) == len(measured), (
         "no synthetic window is tested on"
     )
@@ -123,10 +123,10 @@ def test_no_fold_trains_on_what_was_made_from_its_windows() -> None:
 
 def test_what_cannot_be_trained_is_refused_before_any_trial() -> None:
     with pytest.raises(DataError, match="no label"):
-        fit_chosen(replace(windows(), target=np.full(32, -1)))
+        fit_best_candidate(replace(windows(), target=np.full(32, -1)))
     with pytest.raises(
         InputError, match=r"needs 99 .*there are 80; take more, or allow 0\.048"
     ):  # 20 of each machine
-        fit_chosen(windows(per_class=40), error_rate=0.01)
+        fit_best_candidate(windows(per_class=40), error_rate=0.01)
     with pytest.raises(InputError, match="without a trial there is none"):
-        fit_chosen(windows(per_class=1), error_rate=0.4)
+        fit_best_candidate(windows(per_class=1), error_rate=0.4)

@@ -28,7 +28,7 @@ from swashtwin.learning import (
     fit,
     learn_confidence,
     pooled_probabilities,
-    recording_answers,
+    predict_recordings,
     score_confidence,
     validation_share,
 )
@@ -100,7 +100,7 @@ def test_a_set_is_never_empty_and_grows_as_less_error_is_allowed() -> None:
 def test_the_temperature_changes_no_verdict_and_no_certainty_comes_of_few_recordings(
     taught: FittedClassifier,
 ) -> None:
-    answers = recording_answers(taught, windows(several("test", 5)))
+    answers = predict_recordings(taught, windows(several("test", 5)))
     soft = taught.confidence.temperature_scaled(answers.probability, answers.n_windows)
     np.testing.assert_array_equal(soft.argmax(axis=1), answers.probability.argmax(axis=1))
     np.testing.assert_allclose(soft.sum(axis=1), 1)
@@ -249,7 +249,7 @@ def test_a_class_never_trained_is_called_unknown_and_known_ones_are_not(
     assert result.set_size == 1
     assert result.called_unknown <= 0.3
     known, strange = several("test", 10), several("test", 20, ("howl",))
-    scores = recording_answers(
+    scores = predict_recordings(
         answer, windows([item.replace(label=None) for item in known + strange])
     ).ood_score
     is_strange = ["howl" in name for name in sorted(item.recording_id for item in known + strange)]

@@ -9,7 +9,7 @@ import pytest
 
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
-from swashtwin.learning import cut_windows, fit_chosen
+from swashtwin.learning import cut_windows, fit_best_candidate
 from swashtwin.learning.recordings.recording_levels import (
     RecordingLevels,
     RecordingTable,
@@ -125,9 +125,7 @@ def test_own_healthy_recordings_name_a_new_machine_and_the_answer_says_what_they
     choice = classifier.fitted_.choice
     assert choice.n_machines == 3
     assert choice.sentence().endswith("This rests on 3 machines.")
-    assert (
-        choice.whole["with own healthy recordings"] > choice.whole["without own healthy recordings"]
-    )
+    assert choice.head_recalls["with baseline"] > choice.head_recalls["without baseline"]
     new, healthy = machine("G"), [item.replace(label=None) for item in machine("G")[:3]]
     without = [classifier.diagnose(item) for item in new]
     assert all(any("give some (--healthy)" in text for text in answer.notes) for answer in without)
@@ -168,6 +166,6 @@ def test_a_class_that_nobody_measured_is_told_by_levels_alone() -> None:
         made, classes=("valve_plate",), synthetic=np.ones(len(made), dtype=bool), specimen=np.full(len(made), "twin"),
         recording_id=np.array([f"made {number}" for number in range(len(made))]), content={},
     )  # fmt: skip
-    fitted = fit_chosen(measured.with_classes(classes) + made.with_classes(classes))
+    fitted = fit_best_candidate(measured.with_classes(classes) + made.with_classes(classes))
     assert fitted.recordings.on_changes is None
     assert np.isfinite(fitted.predict_proba(measured.with_classes(classes))).all()

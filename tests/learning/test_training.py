@@ -15,7 +15,7 @@ from global_state import global_state
 
 from swashtwin.foundation import ArtifactError, DataError, InputError
 from swashtwin.learning import (
-    RANGE,
+    NOISE_SNR_RANGE_DB,
     BiTCN,
     FittedClassifier,
     Normalization,
@@ -342,8 +342,8 @@ def test_half_the_windows_get_noise_of_the_ratios_asked_for_on_every_channel():
     added = noisy.signal - clean.signal[which]
     ratio = 10 * np.log10(clean.signal[which].var(axis=-1) / added.var(axis=-1))
     assert 5.0 - 2 < ratio.min() < 7  # 64 samples tell a variance to a decibel or so
-    assert 3 + RANGE < ratio.max() < 7 + RANGE
-    assert np.abs(np.median(ratio, axis=0) - (5 + RANGE / 2)).max() < 1
+    assert 3 + NOISE_SNR_RANGE_DB < ratio.max() < 7 + NOISE_SNR_RANGE_DB
+    assert np.abs(np.median(ratio, axis=0) - (5 + NOISE_SNR_RANGE_DB / 2)).max() < 1
     assert np.abs(ratio[:, 0] - ratio[:, 1]).max() < 6  # one ratio for both channels of a window
     assert np.array_equal(clean.signal, before)
 

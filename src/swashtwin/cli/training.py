@@ -248,12 +248,12 @@ def _tell_training(
                     trial.candidate,
                     trial.clean,
                     trial.disturbed,
-                    "chosen" if trial.candidate == choice.chosen else "",
+                    "chosen" if trial.candidate == choice.candidate else "",
                 )
                 for trial in choice.trials
             ] + [
                 (f"whole recordings: {name}", recall, None, "")
-                for name, recall in choice.whole.items()
+                for name, recall in choice.head_recalls.items()
             ]
             if rows:
                 folds = f"recall on unseen {choice.group}s, {plural(choice.n_folds, 'fold')}"

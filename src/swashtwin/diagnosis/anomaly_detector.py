@@ -23,8 +23,8 @@ from swashtwin.learning import (
     LevelLayout,
     allowed_error_rate,
     least_rise,
-    least_validation,
     measure_healthy,
+    min_validation_recordings,
     usual_recordings,
 )
 from swashtwin.pump import is_healthy
@@ -122,7 +122,7 @@ class AnomalyDetector(Estimator):
             if rate > USUAL_ERROR_RATE:
                 few = (
                     f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {rate:g}; "
-                    f"{USUAL_ERROR_RATE:g} takes {least_validation(USUAL_ERROR_RATE)}."
+                    f"{USUAL_ERROR_RATE:g} takes {min_validation_recordings(USUAL_ERROR_RATE)}."
                 )
                 notes = (*notes, few)
         left_out = [
@@ -238,7 +238,7 @@ def _require_allowed(n_healthy: int, error_rate: float, left_out: Sequence[str] 
     """Refuse a false-alarm rate that so many healthy recordings cannot state, and name what was
     `left_out`.
     """
-    needed = least_validation(error_rate)
+    needed = min_validation_recordings(error_rate)
     if n_healthy < needed:
         without = f" without {', '.join(left_out)}" if left_out else ""
         raise InputError(

@@ -359,12 +359,12 @@ def hold_out_validation(
         ) from cause
     count = np.unique(validation.recording_id).size
     if error_rate is not None:
-        learning.require_enough(count, error_rate)
+        learning.require_validation_recordings(count, error_rate)
     allowed, notes = learning.allowed_error_rate(count, aim), tuple[str, ...]()
     if allowed != aim or share != fraction:
         rate = f"; they allow an error rate of {allowed:g}" if allowed != aim else ""
         notes = (
-            f"An error rate of {aim:g} needs {learning.least_validation(aim)} validation recordings, and a share "
+            f"An error rate of {aim:g} needs {learning.min_validation_recordings(aim)} validation recordings, and a share "
             f"of {fraction:g} is about {round(fraction * n_left)}; {count} of {n_left} recordings are held out for "
             f"it{rate}.",
         )

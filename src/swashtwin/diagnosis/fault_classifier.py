@@ -58,7 +58,7 @@ class FaultClassifier(Estimator):
     ----------
     network : name of a network (`NETWORKS`; `register_network` adds one). By default the training
         chooses among `CANDIDATES` by trials on inner folds, and learns its confidence from them
-        (`fit_chosen`).
+        (`fit_best_candidate`).
     window : samples per window and channel that recordings are cut into; a `WindowSet` or an array
         has its own. By default `default_window` of the recordings, or 2048 for the paper's
         ``"bitcn"``.
@@ -203,7 +203,7 @@ class FaultClassifier(Estimator):
         fitted: FittedClassifier
         if self.network is None:
             rate_of_folds = None if validation is not None else self.error_rate
-            fitted = learning.fit_chosen(
+            fitted = learning.fit_best_candidate(
                 training, error_rate=rate_of_folds, seed=self.seed, progress=tell
             )
         else:

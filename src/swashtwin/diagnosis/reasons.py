@@ -140,9 +140,7 @@ def own_healthy_would_help(classifier: FittedClassifier, specimen: str) -> str:
     model, choice = classifier.recordings, classifier.choice
     if model is None or model.on_changes is None or choice is None or model.knows(specimen):
         return ""
-    without, with_own = (
-        choice.whole[f"{kind} own healthy recordings"] for kind in ("without", "with")
-    )
+    without, with_own = (choice.head_recalls[f"{kind} baseline"] for kind in ("without", "with"))
     if choice.group != "specimen" or with_own <= without:
         return ""
     counts = Counter(model.healthy.specimen)

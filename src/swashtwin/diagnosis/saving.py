@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from swashtwin.diagnosis.prior_classifier import PriorClassifier
 
 
-KIND, _VERSION = "classifier", 8
+KIND, _VERSION = "classifier", 9
 _MAY_BE_NAN = (
     "training_reference.condition", "recordings.healthy.condition",
     *(f"resemblance.prior.{name}" for name in ("levels", "point_speed", "point_pressure")),
@@ -81,7 +81,7 @@ class _Card:
     fault_of: Mapping[str, str]
     confidence: Confidence | None
     recordings: RecordingModel | None
-    own_confidence: Confidence | None
+    baseline_confidence: Confidence | None
     resemblance: Resemblance | None
 
     def __post_init__(self) -> None:
@@ -106,7 +106,7 @@ class _Card:
             N_FACTS,
         ):
             raise ValueError("its training reference has other channels or facts")
-        for confidence in (self.confidence, self.own_confidence):
+        for confidence in (self.confidence, self.baseline_confidence):
             if (
                 confidence
                 and not ((confidence.target >= 0) & (confidence.target < n_classes)).all()

@@ -56,7 +56,7 @@ class Diagnosis:
     error_rate: float | None = None
     """Share of recordings whose `prediction_set` may miss the true class, and of those wrongly
     called unknown or raising a false alarm; None where the confidence was not calibrated
-    (`fit_chosen`, `learn_confidence`).
+    (`fit_best_candidate`, `learn_confidence`).
     """
     prediction_set: tuple[str, ...] = ()
     """Classes that cannot be ruled out at the error rate, likeliest first."""

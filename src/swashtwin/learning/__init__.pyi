@@ -1,18 +1,18 @@
 """Names that other rooms import, and where each lives."""
 
-from .choice.choice import CANDIDATES as CANDIDATES
-from .choice.choice import DISTURBED_TRAINING as DISTURBED_TRAINING
-from .choice.choice import Choice as Choice
-from .choice.choice import Trial as Trial
-from .choice.choosing import choose as choose
-from .choice.chosen_training import fit_chosen as fit_chosen
+from .choice.best_candidate import fit_best_candidate as fit_best_candidate
+from .choice.candidate_trials import choose_candidate as choose_candidate
+from .choice.candidates import CANDIDATES as CANDIDATES
+from .choice.candidates import DISTURBED_TRAINING as DISTURBED_TRAINING
+from .choice.candidates import Choice as Choice
+from .choice.candidates import Trial as Trial
 from .data_check import DataCheck as DataCheck
 from .data_check import check_recordings as check_recordings
-from .evaluation.confidence import ConfidenceScores as ConfidenceScores
-from .evaluation.confidence import cross_fitted_confidence as cross_fitted_confidence
-from .evaluation.confidence import learn_confidence as learn_confidence
-from .evaluation.confidence import recording_answers as recording_answers
-from .evaluation.confidence import score_confidence as score_confidence
+from .evaluation.confidence_calibration import ConfidenceScores as ConfidenceScores
+from .evaluation.confidence_calibration import cross_fitted_confidence as cross_fitted_confidence
+from .evaluation.confidence_calibration import learn_confidence as learn_confidence
+from .evaluation.confidence_calibration import predict_recordings as predict_recordings
+from .evaluation.confidence_calibration import score_confidence as score_confidence
 from .evaluation.scores import SPLITS as SPLITS
 from .evaluation.scores import Classifier as Classifier
 from .evaluation.scores import Scores as Scores
@@ -61,14 +61,14 @@ from .training.classifier import Normalization as Normalization
 from .training.classifier import require_verdicts as require_verdicts
 from .training.confidence import Confidence as Confidence
 from .training.confidence import allowed_error_rate as allowed_error_rate
-from .training.confidence import least_validation as least_validation
 from .training.confidence import likeliest_class as likeliest_class
+from .training.confidence import min_validation_recordings as min_validation_recordings
 from .training.confidence import pooled_probabilities as pooled_probabilities
-from .training.confidence import require_enough as require_enough
+from .training.confidence import require_validation_recordings as require_validation_recordings
 from .training.confidence import validation_share as validation_share
 from .training.fitting import fit as fit
+from .training.settings import NOISE_SNR_RANGE_DB as NOISE_SNR_RANGE_DB
 from .training.settings import PAPER_TRAINING as PAPER_TRAINING
-from .training.settings import RANGE as RANGE
 from .training.settings import RECOMMENDED_TRAINING as RECOMMENDED_TRAINING
 from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
@@ -90,6 +90,6 @@ from .windows.splitting import without_overlap as without_overlap
 from .windows.window_set import WindowLayout as WindowLayout
 from .windows.window_set import WindowSet as WindowSet
 from .windows.window_set import load_windows as load_windows
-from .windows.window_set import refuse_other_values as refuse_other_values
+from .windows.window_set import require_matching_values as require_matching_values
 from .windows.window_set import require_shared_speed as require_shared_speed
 from .windows.window_set import save_windows as save_windows

@@ -11,7 +11,7 @@ import numpy as np
 
 from swashtwin.foundation import DataError, InputError, plural, to_table
 from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
-from swashtwin.learning.training.confidence import allowed_error_rate, least_validation
+from swashtwin.learning.training.confidence import allowed_error_rate, min_validation_recordings
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
     Finding,
@@ -288,7 +288,7 @@ def _confidence(labeled: Sequence[Recording], error_rate: float) -> Answer:
     labels = np.array([str(recording.label) for recording in labeled])
     tested = _test_rows(labels, np.arange(len(labeled))) if labeled else None
     left = 0 if tested is None else len(labeled) - len(tested)
-    needed, allowed = least_validation(error_rate), allowed_error_rate(left, error_rate)
+    needed, allowed = min_validation_recordings(error_rate), allowed_error_rate(left, error_rate)
     remaining = f"{plural(left, 'recording')} {'is' if left == 1 else 'are'} left"
     after = f"{remaining} after a test of --test-fraction {_TEST_FRACTION:g}"
     if allowed == error_rate:

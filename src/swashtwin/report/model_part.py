@@ -142,14 +142,16 @@ def build_choice_blocks(choice: Choice | None) -> tuple[str | Table | Group, ...
         return ()
     rows = tuple(
         (
-            f"{trial.candidate} (chosen)" if trial.candidate == choice.chosen else trial.candidate,
+            f"{trial.candidate} (chosen)"
+            if trial.candidate == choice.candidate
+            else trial.candidate,
             *(format_percent(trial.clean), format_percent(trial.disturbed)),
             "yes" if trial.is_tied else "",
         )
         for trial in choice.trials
     ) + tuple(
         (f"whole recordings: {name}", format_percent(recall), "–", "")
-        for name, recall in choice.whole.items()
+        for name, recall in choice.head_recalls.items()
     )
     caption = (
         f"What training tried: share of the recordings of {choice.group}s that were left out told right, mean over the "

@@ -3,8 +3,8 @@
 from .background import DEFAULT_VARIATION as DEFAULT_VARIATION
 from .background import Variation as Variation
 from .background import draw_twin as draw_twin
+from .fidelity import DistinguishingFeature as DistinguishingFeature
 from .fidelity import Fidelity as Fidelity
-from .fidelity import TellingFeature as TellingFeature
 from .fidelity import discriminative_score as discriminative_score
 from .fidelity import measure_fidelity as measure_fidelity
 from .fidelity import spectral_distance as spectral_distance

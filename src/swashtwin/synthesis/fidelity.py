@@ -26,7 +26,7 @@ _TELLING = 5
 
 
 @dataclass(frozen=True)
-class TellingFeature:
+class DistinguishingFeature:
     """A vibration feature by which synthetic windows differ from measured ones."""
 
     name: str
@@ -48,7 +48,7 @@ class Fidelity:
     recording.
     """
     spectral_distance_db: Mapping[str, float]
-    features: tuple[TellingFeature, ...]
+    features: tuple[DistinguishingFeature, ...]
     """The features that tell most, the first most."""
     n_measured: int
     n_recordings: int
@@ -145,7 +145,9 @@ def _levels(windows: WindowSet, pistons: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(lines, axis=-1), np.stack(floors, axis=-1)
 
 
-def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[TellingFeature, ...]:
+def _telling_features(
+    measured: WindowSet, synthetic: WindowSet
+) -> tuple[DistinguishingFeature, ...]:
     """The features with the highest AUROC, each alone."""
     real, synthesized = (feature_values(windows.signal) for windows in (measured, synthetic))
     ranks = rankdata(np.concatenate([real, synthesized]), axis=0)[len(real) :].sum(axis=0)
@@ -157,7 +159,7 @@ def _telling_features(measured: WindowSet, synthetic: WindowSet) -> tuple[Tellin
         shift.tolist(),
         strict=True,
     )
-    features = [TellingFeature(*column) for column in columns]
+    features = [DistinguishingFeature(*column) for column in columns]
     return tuple(sorted(features, key=lambda feature: -feature.auroc)[:_TELLING])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from swashtwin.calibration import shown_speed
 from swashtwin.foundation import InputError
-from swashtwin.learning import WindowSet, refuse_other_values
+from swashtwin.learning import WindowSet, require_matching_values
 from swashtwin.physics import Twin
 from swashtwin.pump import OperatingCondition, is_healthy
 from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
@@ -61,7 +61,7 @@ def require_same_machine(
     ):
         if is_checked:
             remedy = f"calibrate a twin on these recordings, or name the {quantity} that you want windows at"
-            refuse_other_values(
+            require_matching_values(
                 np.array(simulated), stated, quantity=quantity, who="the twin runs", remedy=remedy
             )
             if np.isnan(stated).all():

@@ -21,7 +21,7 @@ from swashtwin.learning import (
     WindowSet,
     build_network,
     fit,
-    fit_chosen,
+    fit_best_candidate,
 )
 from swashtwin_bench.rivals.baselines import ON_FEATURES, UNSCALED
 
@@ -63,7 +63,7 @@ class Model:
 
 
 CHOSEN = "chosen"
-"""What training chooses where nothing is set (`fit_chosen`)."""
+"""What training chooses where nothing is set (`fit_best_candidate`)."""
 
 DEFAULT = "spectral_bitcn"
 """The network that studies train where they do not compare networks: ours."""
@@ -147,7 +147,7 @@ def train_model(
     progress : called after each epoch of a network.
     """
     if model.kind == CHOSEN:
-        return fit_chosen(train, manifest=manifest, seed=seed)
+        return fit_best_candidate(train, manifest=manifest, seed=seed)
     classifier = fit(
         build_network(model.kind, train.n_channels, len(train.classes), **model.network),
         train,

@@ -25,7 +25,7 @@ from typing import Any
 
 from swashtwin.calibration import GaussNewton, Nuisances
 from swashtwin.foundation import InputError
-from swashtwin.learning import PAPER_TRAINING, RANGE, TrainingSettings
+from swashtwin.learning import NOISE_SNR_RANGE_DB, PAPER_TRAINING, TrainingSettings
 from swashtwin_bench.fillers.registry import FILLERS
 from swashtwin_bench.results.reported import PAPER_STUDY
 from swashtwin_bench.rigs.fleet import PAPER_RECESS
@@ -243,7 +243,8 @@ def noise(size: str, recipe: str) -> Plan:
             "of 1/h and phases drawn for each channel.",
             "Gain: each channel of a recording up to 12 dB louder or quieter, uniform in dB. Speed: time of a "
             "recording stretched by up to 2 %, uniform, which its stated speed does not say.",
-            f"New noise in every epoch: half the windows of each, at ratios between 0 and {RANGE:g} dB, in twice the "
+            "New noise in every epoch: half the windows of each, at ratios between 0 and "
+            f"{NOISE_SNR_RANGE_DB:g} dB, in twice the "
             "usual epochs.",
         ),
     )

@@ -9,7 +9,7 @@ import scipy
 from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, random_stream
-from swashtwin.learning.choice.choosing import FoldAnswers, made_without
+from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, is_made_without
 from swashtwin.learning.recordings.recording_levels import (
     RecordingLevels,
     RecordingTable,
@@ -50,16 +50,12 @@ class RecordingTrial:
         """Mean recall, by recording, of each head on whole recordings, and of all together."""
         by_head = zip(HEAD_NAMES, self.logarithms[1:], strict=True)
         recalls = {name: self._recall(part) for name, part in by_head if part is not None}
-        recalls["without own healthy recordings"] = self._recall(
-            joint(self.logarithms[:3], self.temperatures)
-        )
+        recalls["without baseline"] = self._recall(joint(self.logarithms[:3], self.temperatures))
         if with_own:
-            recalls["with own healthy recordings"] = self._recall(
-                joint(self.logarithms, self.temperatures)
-            )
+            recalls["with baseline"] = self._recall(joint(self.logarithms, self.temperatures))
         return recalls
 
-    def answers(self, windows: FoldAnswers, *, own: bool) -> FoldAnswers:
+    def answers(self, windows: OutOfFoldPredictions, *, own: bool) -> OutOfFoldPredictions:
         """Joint answers of windows, from those by the short windows alone, with or without the
         heads on changes.
         """
@@ -123,7 +119,7 @@ class _Tables:
         """
         specimen = np.array(self.table.specimen, dtype=np.str_)
         measured = ~self.synthetic & ~np.isin(np.arange(len(self.target)), tested)
-        made = self.synthetic & made_without(specimen, specimen[tested])
+        made = self.synthetic & is_made_without(specimen, specimen[tested])
         lacks = len(np.unique(self.target[measured | made])) < len(np.unique(self.target))
         return np.flatnonzero(measured | (self.synthetic if lacks else made))
 
@@ -134,7 +130,7 @@ class _Tables:
 
 
 def fit_recordings(
-    windows: WindowSet, answers: FoldAnswers, seed: int
+    windows: WindowSet, answers: OutOfFoldPredictions, seed: int
 ) -> tuple[RecordingModel, RecordingTrial] | None:
     """(heads on whole recordings, what they said of left-out recordings), or None where recordings
     are too short.

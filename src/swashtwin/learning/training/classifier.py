@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning.choice.choice import Choice
+from swashtwin.learning.choice.candidates import Choice
 from swashtwin.learning.features import level_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
@@ -107,7 +107,7 @@ class FittedClassifier:
     was none.
     """
     choice: Choice | None = None
-    """What was tried and chosen (`fit_chosen`); None where the network was named."""
+    """What was tried and chosen (`fit_best_candidate`); None where the network was named."""
     fault_of: Mapping[str, str] = field(default_factory=dict)
     """Fault of the model (`swashtwin.pump`) that a class of another name stands for."""
     confidence: Confidence | None = None
@@ -115,10 +115,10 @@ class FittedClassifier:
     calibrated.
     """
     recordings: RecordingModel | None = None
-    """Heads on whole recordings (`fit_chosen`); None where the network was named, or recordings
+    """Heads on whole recordings (`fit_best_candidate`); None where the network was named, or recordings
     were too short.
     """
-    own_confidence: Confidence | None = None
+    baseline_confidence: Confidence | None = None
     """Confidence of answers to machines whose healthy recordings the model knows; None where
     `confidence` is theirs.
     """
@@ -165,7 +165,9 @@ class FittedClassifier:
         """The confidence of answers to a machine."""
         is_known = self.recordings is not None and self.recordings.knows(specimen)
         return (
-            self.own_confidence if is_known and self.own_confidence is not None else self.confidence
+            self.baseline_confidence
+            if is_known and self.baseline_confidence is not None
+            else self.confidence
         )
 
     def with_healthy(self, windows: WindowSet) -> "FittedClassifier":

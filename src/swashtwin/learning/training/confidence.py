@@ -57,7 +57,7 @@ class Confidence:
             raise InputError(f"temperature ({self.temperature:g}) must be a positive number.")
         if not 0 <= self.dependence <= 1:
             raise InputError(f"dependence ({self.dependence:g}) must lie between 0 and 1.")
-        require_enough(self.n_recordings, self.error_rate)
+        require_validation_recordings(self.n_recordings, self.error_rate)
         counts = self.listening_windows
         if counts[:1] != (1,) or sorted(set(counts)) != list(counts):
             raise InputError(f"listening_windows ({counts}) must ascend from 1.")
@@ -135,7 +135,7 @@ class Confidence:
         Scarce classes are judged together. Where they are too few even so, the next scarcest
         classes join them.
         """
-        least = least_validation(self.error_rate if error_rate is None else error_rate)
+        least = min_validation_recordings(self.error_rate if error_rate is None else error_rate)
         count = np.bincount(self.target, minlength=n_classes)
         order = np.argsort(count, kind="stable")
         n_together = int(np.count_nonzero(count < least))
@@ -157,7 +157,7 @@ class Confidence:
         An `InputError` where there are too few validation recordings for the rate.
         """
         rate = self.error_rate if error_rate is None else error_rate
-        require_enough(self.n_recordings, rate)
+        require_validation_recordings(self.n_recordings, rate)
         probability = np.asarray(probability)
         is_likeliest = probability == probability.max(-1, keepdims=True)
         return np.asarray((self.plausibility(probability, n_windows, rate) > rate) | is_likeliest)
@@ -176,7 +176,7 @@ class Confidence:
         return np.asarray((1 + at_least) / (self.n_recordings + 1), dtype=np.float64)
 
 
-def least_validation(error_rate: float) -> int:
+def min_validation_recordings(error_rate: float) -> int:
     """Validation recordings that an error rate needs at least: 1 / error_rate - 1, rounded up.
 
     An `InputError` where it is not between 0 and 1.
@@ -188,11 +188,13 @@ def least_validation(error_rate: float) -> int:
     return math.ceil(1 / error_rate - 1 - 1e-9)
 
 
-def require_enough(n_recordings: int, error_rate: float, fewest: int | None = None) -> None:
+def require_validation_recordings(
+    n_recordings: int, error_rate: float, fewest: int | None = None
+) -> None:
     """Raise an `InputError` where so many validation recordings cannot say anything at this error
     rate; it advises the rate that the `fewest` which may be left of them allow.
     """
-    least = least_validation(error_rate)
+    least = min_validation_recordings(error_rate)
     if n_recordings < least:
         raise InputError(
             f"an error rate of {error_rate:g} needs {least} validation recordings at least, there are {n_recordings}; "
@@ -209,7 +211,7 @@ def validation_share(
     `allowed_error_rate` of so many. The recordings are those that are left after the test set was
     taken away.
     """
-    needed = least_validation(error_rate)
+    needed = min_validation_recordings(error_rate)
     if round(n_recordings * fraction) >= needed:
         return fraction, round(n_recordings * fraction)
     folds = max(2, min(int(1 / fraction + 1e-9), n_recordings // needed))
@@ -220,7 +222,7 @@ def allowed_error_rate(n_validation: int, error_rate: float) -> float:
     """`error_rate`, or the least that so many validation recordings allow, rounded up to three
     digits.
     """
-    if n_validation >= least_validation(error_rate):
+    if n_validation >= min_validation_recordings(error_rate):
         return error_rate
     return math.ceil(1000 / (n_validation + 1)) / 1000
 

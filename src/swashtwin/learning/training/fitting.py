@@ -22,7 +22,7 @@ from swashtwin.learning.training.training_reference import build_reference
 from swashtwin.learning.windows.window_set import WindowSet, distinct_values
 from swashtwin.recordings import Manifest, join_manifests
 
-Seen = tuple[Float32[np.ndarray, "row value"], Int[np.ndarray, " row"]]
+RepresentedWindows = tuple[Float32[np.ndarray, "row value"], Int[np.ndarray, " row"]]
 """What a network sees of windows as they are and as each epoch changes them, and the window behind
 each row.
 """
@@ -43,7 +43,7 @@ def fit(
     resume: bool = False,
     progress: Callable[[Epoch], None] | None = None,
     device: str = "cpu",
-    seen: Seen | None = None,
+    seen: RepresentedWindows | None = None,
 ) -> FittedClassifier:
     """Classifier trained on `windows`, as it stands after the last epoch.
 
@@ -132,7 +132,7 @@ def _seen(
     normalization: Normalization,
     settings: TrainingSettings,
     seed: int,
-) -> Seen:
+) -> RepresentedWindows:
     values, rows, clean = list[np.ndarray](), list[np.ndarray](), (np.arange(len(windows)), windows)
     changed = (
         transform_windows(windows, settings, seed, number + 1) for number in range(settings.epochs)
@@ -144,7 +144,7 @@ def _seen(
 
 
 def _solved(
-    network: SolvedNetwork, windows: WindowSet, seen: Seen, seed: int
+    network: SolvedNetwork, windows: WindowSet, seen: RepresentedWindows, seed: int
 ) -> tuple[SolvedNetwork, tuple[Epoch, ...]]:
     """(the network with weights from what it sees of the windows, how it fares)."""
     solved = type(network)(**network.settings)

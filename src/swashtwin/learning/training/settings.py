@@ -168,7 +168,7 @@ class Epoch:
     """Share of the training windows classified right, while the weights move."""
 
 
-RANGE = 25.0
+NOISE_SNR_RANGE_DB = 25.0
 """Width of the range of signal-to-noise ratios [dB], above the least one."""
 
 Samples = Float32[np.ndarray, "window channel time"]
@@ -219,7 +219,7 @@ def with_noise(
     (docs/explanation/method.md, "Noise"): a synthetic window has no recording. Of several `kinds`
     each window gets one, drawn; hum needs the sample rate [Hz].
     """
-    ratio = least_snr + RANGE * rng.random((len(signal), 1, 1), dtype=np.float32)
+    ratio = least_snr + NOISE_SNR_RANGE_DB * rng.random((len(signal), 1, 1), dtype=np.float32)
     scale = np.sqrt(signal.var(axis=-1, keepdims=True) * 10 ** (-ratio / 10))
     if tuple(kinds) == ("white",):
         return (signal + scale * rng.standard_normal(signal.shape, dtype=np.float32)).astype(

@@ -311,13 +311,13 @@ def require_shared_speed(measured: WindowSet, synthetic: WindowSet) -> None:
     """Refuse synthetic windows that run at no speed that was measured; those without a stated speed
     pass.
     """
-    refuse_other_values(
+    require_matching_values(
         synthetic.speed, measured.speed[~measured.synthetic], quantity="speed", who="the synthetic windows run",
         remedy="make synthetic windows with a twin that is calibrated on these recordings",
     )  # fmt: skip
 
 
-def refuse_other_values(
+def require_matching_values(
     simulated: Float[np.ndarray, " simulated"],
     measured: Float[np.ndarray, " measured"],
     *,

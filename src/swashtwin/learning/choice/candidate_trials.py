@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Shaped
 
 from swashtwin.foundation import DataError, InputError, derive_seed, one_thread, random_stream
-from swashtwin.learning.choice.choice import (
+from swashtwin.learning.choice.candidates import (
     CANDIDATES,
     DISTURBED_TRAINING,
     Candidate,
@@ -18,7 +18,7 @@ from swashtwin.learning.networks.level_network import solve_alike
 from swashtwin.learning.networks.window_levels import window_levels
 from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
-from swashtwin.learning.training.fitting import Seen
+from swashtwin.learning.training.fitting import RepresentedWindows
 from swashtwin.learning.training.settings import at_other_speeds, transform_windows, with_gains
 from swashtwin.learning.windows.splitting import Fold, group_folds, window_groups, without_overlap
 from swashtwin.learning.windows.window_set import WindowSet
@@ -38,7 +38,7 @@ _KINDS: tuple[NoiseKind, ...] = ("white", "pink", "hum")
 
 
 @dataclass(frozen=True, eq=False)
-class FoldAnswers:
+class OutOfFoldPredictions:
     """What the chosen candidate says of measured windows that its fold's training did not see."""
 
     probability: Float64[np.ndarray, "window class"]
@@ -47,15 +47,15 @@ class FoldAnswers:
     """Recording of each window, in order of time."""
     fold: Int64[np.ndarray, " window"]
     """Fold that left it out."""
-    seen: Seen | None = None
+    seen: RepresentedWindows | None = None
     """What the chosen candidate sees of all windows in its training; None where the trial had
     others.
     """
 
 
-def choose(
+def choose_candidate(
     windows: WindowSet, *, seed: int = 0, progress: Callable[[str, int, int], None] | None = None
-) -> tuple[Candidate, Choice, FoldAnswers | None]:
+) -> tuple[Candidate, Choice, OutOfFoldPredictions | None]:
     """(candidate chosen, what was tried, the chosen one's answers across the folds or None without
     a trial).
 
@@ -106,7 +106,7 @@ def choose(
         len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
     )
     levels, rows = views.training
-    answers = FoldAnswers(
+    answers = OutOfFoldPredictions(
         probability=np.exp(log_probability[chosen.name][0][tested]),
         target=measured.target[tested],
         recording_id=measured.recording_id[tested],
@@ -211,14 +211,14 @@ def _training_rows(views: _Views, trained: np.ndarray, tested: np.ndarray) -> np
     """Windows to train a fold on: the measured ones of the other folds, and the synthetic ones of
     other specimens, or all of these where a class would be missing.
     """
-    others = made_without(views.synthetic.specimen, views.measured.specimen[tested])
+    others = is_made_without(views.synthetic.specimen, views.measured.specimen[tested])
     rows = np.concatenate([trained, len(views.measured) + np.flatnonzero(others)])
     if len(np.unique(views.windows.target[rows])) < len(np.unique(views.windows.target)):
         rows = np.concatenate([trained, np.arange(len(views.measured), len(views.windows))])
     return rows
 
 
-def made_without(
+def is_made_without(
     synthetic: Shaped[np.ndarray, " synthetic"], tested: Shaped[np.ndarray, " tested"]
 ) -> Bool[np.ndarray, " synthetic"]:
     """Whether each synthetic specimen was made without the tested ones: "... of" a specimen is what

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from swashtwin.foundation import InputError, one_thread
-from swashtwin.learning.choice.choice import DISTURBED_TRAINING
-from swashtwin.learning.choice.choosing import FoldAnswers, choose
-from swashtwin.learning.evaluation.confidence import cross_fitted_confidence
+from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, choose_candidate
+from swashtwin.learning.choice.candidates import DISTURBED_TRAINING
+from swashtwin.learning.evaluation.confidence_calibration import cross_fitted_confidence
 from swashtwin.learning.recordings.recording_fitting import fit_recordings
 from swashtwin.learning.training.classifier import FittedClassifier
-from swashtwin.learning.training.confidence import Confidence, require_enough
+from swashtwin.learning.training.confidence import Confidence, require_validation_recordings
 from swashtwin.learning.training.fitting import fit, require_trainable
 from swashtwin.learning.training.training_reference import TrainingReference
 from swashtwin.learning.windows.window_set import WindowSet
@@ -21,7 +21,7 @@ _LEAST_RECORDINGS = 20
 """Recordings of one machine from which a confidence is learned from it alone."""
 
 
-def fit_chosen(
+def fit_best_candidate(
     windows: WindowSet,
     *,
     manifest: Manifest | Iterable[str] = (),
@@ -29,7 +29,7 @@ def fit_chosen(
     seed: int = 0,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> FittedClassifier:
-    """Classifier of the candidate that `choose` finds and of heads on whole recordings, with a
+    """Classifier of the candidate that `choose_candidate` finds and of heads on whole recordings, with a
     cross-fitted confidence.
 
     Where folds leave machines out and recordings have 4,096 samples or more, heads on their levels
@@ -41,7 +41,7 @@ def fit_chosen(
     ----------
     windows : training windows with labels, measured and synthetic.
     manifest : further recordings, as a manifest or by their ids, that had a part in the windows.
-    progress : as in `choose`.
+    progress : as in `choose_candidate`.
     error_rate : share of recordings whose prediction set may miss the true class; by default as
         `cross_fitted_confidence` takes it.
 
@@ -58,17 +58,17 @@ def fit_chosen(
         error_rate is not None
     ):  # a machine may be the hardest to name, whose recordings it then rests on
         counts = np.unique(windows.specimen[first], return_counts=True)[1]
-        require_enough(
+        require_validation_recordings(
             len(first), error_rate, min(counts[counts >= _LEAST_RECORDINGS].tolist(), default=None)
         )
     require_trainable(windows)
-    candidate, choice, answers = choose(windows, seed=seed, progress=progress)
+    candidate, choice, answers = choose_candidate(windows, seed=seed, progress=progress)
     network, seen = candidate.network(windows), answers.seen if answers else None
     fitted = fit(
         network, windows, settings=DISTURBED_TRAINING, seed=seed, manifest=manifest, seen=seen
     )
     reference, by_machine = fitted.training_reference, choice.group == "specimen"
-    whole, own_confidence = None, None
+    whole, baseline_confidence = None, None
     if answers is not None and by_machine:
         if progress is not None:
             progress("listening to whole recordings", 0, 1)
@@ -78,9 +78,9 @@ def fit_chosen(
         model, trial = whole
         fitted = replace(fitted, recordings=model)
         with_own = model.on_changes is not None
-        choice = replace(choice, whole=trial.recalls(with_own))
+        choice = replace(choice, head_recalls=trial.recalls(with_own))
         if with_own:
-            own_confidence = _confidence(
+            baseline_confidence = _confidence(
                 reference, trial.answers(answers, own=True), error_rate, by_machine
             )
         answers = trial.answers(answers, own=False)
@@ -90,12 +90,14 @@ def fit_chosen(
             f"error_rate ({error_rate:g}) needs a confidence, and without a trial there is none: {choice.reason}, or "
             "leave error_rate out."
         )
-    return replace(fitted, choice=choice, confidence=confidence, own_confidence=own_confidence)
+    return replace(
+        fitted, choice=choice, confidence=confidence, baseline_confidence=baseline_confidence
+    )
 
 
 def _confidence(
     reference: TrainingReference | None,
-    answers: FoldAnswers | None,
+    answers: OutOfFoldPredictions | None,
     error_rate: float | None,
     by_machine: bool,
 ) -> Confidence | None:
@@ -123,7 +125,7 @@ def _confidence(
     )
 
 
-def _hardest_machine(reference: TrainingReference, answers: FoldAnswers) -> str:
+def _hardest_machine(reference: TrainingReference, answers: OutOfFoldPredictions) -> str:
     """Machine whose recordings the folds gave the least probability; empty where it has too few for
     a confidence.
     """

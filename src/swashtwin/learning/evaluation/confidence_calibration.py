@@ -28,7 +28,7 @@ _ERROR_RATE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class RecordingAnswers:
+class RecordingPredictions:
     """What a classifier says of whole recordings, before any temperature."""
 
     recording_id: tuple[str, ...]
@@ -41,17 +41,17 @@ class RecordingAnswers:
     ood_score: Float64[np.ndarray, " recording"]
     """Out-of-distribution score of each; NaN where the classifier has no training reference."""
 
-    def with_verdict(self) -> "RecordingAnswers":
+    def with_verdict(self) -> "RecordingPredictions":
         """The answers to recordings that have a verdict, since all numbers of it are finite."""
         finite = np.isfinite(self.probability).all(axis=1) & np.isfinite(self.ood_score)
         names = tuple(
             name for name, is_finite in zip(self.recording_id, finite, strict=True) if is_finite
         )
         values = (self.target, self.probability, self.n_windows, self.ood_score)
-        return RecordingAnswers(names, *(value[finite] for value in values))
+        return RecordingPredictions(names, *(value[finite] for value in values))
 
 
-def recording_answers(classifier: FittedClassifier, windows: WindowSet) -> RecordingAnswers:
+def predict_recordings(classifier: FittedClassifier, windows: WindowSet) -> RecordingPredictions:
     """The classifier's answer to each recording among `windows`."""
     return _pooled(classifier, windows, *classifier.answer(windows))
 
@@ -61,7 +61,7 @@ def _pooled(
     windows: WindowSet,
     probability: Float[np.ndarray, "window class"],
     features: Float[np.ndarray, "window feature"],
-) -> RecordingAnswers:
+) -> RecordingPredictions:
     names = np.unique(windows.recording_id)
     masks = [windows.recording_id == name for name in names]
     reference = classifier.training_reference
@@ -75,7 +75,7 @@ def _pooled(
         )
         for mask in masks
     ]
-    return RecordingAnswers(
+    return RecordingPredictions(
         recording_id=tuple(names.tolist()),
         target=np.array([windows.target[mask][0] for mask in masks], dtype=np.int64),
         probability=np.stack([pooled_probabilities(probability[mask]) for mask in masks]).astype(
@@ -298,7 +298,7 @@ def score_confidence(classifier: FittedClassifier, test: WindowSet) -> Confidenc
         )
     test.require_labels("a test of confidence")
     refuse_seen(classifier, test.recordings)
-    answers = recording_answers(classifier, test).with_verdict()
+    answers = predict_recordings(classifier, test).with_verdict()
     if not answers.recording_id:
         raise DataError(
             "no test recording has a verdict; is the model damaged, or every recording?"

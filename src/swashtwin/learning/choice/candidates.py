@@ -32,8 +32,8 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """What it is called in a table: ``shapes`` or ``levels``."""
-        return "shapes" if self.shape else "levels"
+        """What it is called in a table: ``band_shapes`` or ``band_powers``."""
+        return "band_shapes" if self.shape else "band_powers"
 
     def network(self, windows: WindowSet) -> LevelNetwork:
         """Its untrained network for windows."""
@@ -71,8 +71,8 @@ class Trial:
 class Choice:
     """The trials of all candidates, and the one chosen."""
 
-    chosen: str
-    """Name of the candidate chosen, of those tied with the best; see `choose`."""
+    candidate: str
+    """Name of the candidate chosen, of those tied with the best; see `choose_candidate`."""
     trials: tuple[Trial, ...]
     """Every candidate tried, in the declared order; none where the recordings are too few for a
     trial.
@@ -88,26 +88,26 @@ class Choice:
     """Why there was no trial; empty where there was one."""
     n_machines: int = 0
     """Machines that it rests on; 0 where folds did not leave machines out."""
-    whole: Mapping[str, float] = field(default_factory=dict)
+    head_recalls: Mapping[str, float] = field(default_factory=dict)
     """Mean recall, by recording, of each head on whole recordings, and of all heads together
-    ``"without own healthy recordings"`` of the machine and ``"with own healthy recordings"``; empty
+    ``"without baseline"`` of the machine and ``"with baseline"``; empty
     where recordings are too short.
     """
 
     def sentence(self) -> str:
         """The choice in words."""
         if not self.trials:
-            return f"Chosen without a trial: {self.chosen} ({self.reason})."
-        trial = next(trial for trial in self.trials if trial.candidate == self.chosen)
+            return f"Chosen without a trial: {self.candidate} ({self.reason})."
+        trial = next(trial for trial in self.trials if trial.candidate == self.candidate)
         tied = sum(trial.is_tied for trial in self.trials)
         others = f"; one of {tied} that are as good within one standard error" if tied > 1 else ""
         text = (
-            f"Chosen: {self.chosen}, {100 * trial.clean:.0f} % of the recordings of unseen {self.group}s right, "
+            f"Chosen: {self.candidate}, {100 * trial.clean:.0f} % of the recordings of unseen {self.group}s right, "
             f"{100 * trial.disturbed:.0f} % under noise, gain and speed{others}."
         )
-        if self.whole:
+        if self.head_recalls:
             unaided, aided = (
-                self.whole.get(f"{kind} own healthy recordings") for kind in ("without", "with")
+                self.head_recalls.get(f"{kind} baseline") for kind in ("without", "with")
             )
             text += f" With heads on whole recordings {100 * (unaided or 0):.0f} %"
             text += (

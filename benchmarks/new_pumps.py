@@ -3,7 +3,7 @@ recordings, beside trees.
 
     python benchmarks/new_pumps.py --fleets 30,31 --version 2 --pumps 2
 
-Trees are extra trees on the levels of whole recordings (`RecordingLevels`), and on their changes
+Trees are extra trees on the levels of whole recordings (`RecordingBandLayout`), and on their changes
 from the median of the other healthy recordings of the pump at the pressure. One line of JSON a
 fleet.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from sklearn.ensemble import ExtraTreesClassifier
 
 from swashtwin.diagnosis import Diagnosis, FaultClassifier
-from swashtwin.learning.recordings.recording_levels import RecordingLevels
+from swashtwin.learning.recordings.recording_features import RecordingBandLayout
 from swashtwin.recordings import Recording
 from swashtwin_bench import SIZES, rig_recordings
 
@@ -59,27 +59,27 @@ def fleet_row(fleet: int, version: str, pumps: int) -> dict[str, object]:
     cost = time.process_time() - begun
     tested = [item for item, use in zip(recordings, trains, strict=True) if not use]
     compared = classifier.with_healthy([item for item in tested if item.label == "normal"])
-    layout = RecordingLevels(recordings[0].sample_rate, 98304, 40)
+    layout = RecordingBandLayout(recordings[0].sample_rate, 98304, 40)
     shafts = [
         item.condition.speed / (2 * np.pi) for item in recordings if item.condition is not None
     ]
     heard = zip(recordings, shafts, strict=True)
-    levels = np.stack(
+    band_powers = np.stack(
         [layout.measure(item.signal[:, : layout.length], shaft).ravel() for item, shaft in heard]
     )
     pressure = np.array(
         [item.condition.discharge_pressure for item in recordings if item.condition is not None]
     )
-    changes = levels.copy()
-    for row in range(len(levels)):
+    changes = band_powers.copy()
+    for row in range(len(band_powers)):
         beside = (label == "normal") & (specimen == specimen[row]) & (pressure == pressure[row])
         beside[row] = False
-        changes[row] -= np.median(levels[beside], axis=0)
+        changes[row] -= np.median(band_powers[beside], axis=0)
     return {
         "fleet": fleet, "version": version, "pumps": pumps, "n": len(tested), "training_cpu_s": cost,
         "default": judged([classifier.diagnose(item) for item in tested], label[~trains]),
         "with_own_healthy": judged([compared.diagnose(item) for item in tested], label[~trains]),
-        "trees_on_levels": trees(levels, label, trains), "trees_on_changes": trees(changes, label, trains),
+        "trees_on_levels": trees(band_powers, label, trains), "trees_on_changes": trees(changes, label, trains),
     }  # fmt: skip
 
 

@@ -18,7 +18,7 @@ def settings(*texts: str) -> list[str]:
 @pytest.mark.parametrize(
     ("network", "texts", "expected"),
     [
-        ("levels", ("hidden=32", "gain=3"), {"hidden": 32}),
+        ("band_powers", ("hidden=32", "gain=3"), {"hidden": 32}),
         ("bitcn", ("channels=8,8",), {"channels": (8, 8)}),
         ("extra_trees", ("trees=20",), {"trees": 20}),
     ],
@@ -88,7 +88,7 @@ def test_the_recommended_recipe_is_the_default_and_the_paper_s_a_preset(
     out = tmp_path / "chosen.safetensors"
     answer = run_json("train", tones, "--window", 100, "--out", out)
     chosen = load_classifier(out)
-    assert chosen.network.name == "levels"
+    assert chosen.network.name == "band_powers"
     assert chosen.choice.to_dict() == answer["choice"]
     assert chosen.confidence.cross_fitted
 
@@ -161,7 +161,7 @@ def test_train_takes_what_an_index_states_of_classes_and_settings_of_the_trainin
     recordings = load_recordings(index)
     write_subset_index(index, recordings, recordings.recording_ids, part)
     texts = ("noise_snr=0", "gain=3", "stretch=0.02", "epochs=1")
-    run("train", part, "--window", 100, "--network", "levels", *settings(*texts), "--out", out)
+    run("train", part, "--window", 100, "--network", "band_powers", *settings(*texts), "--out", out)
     trained = load_classifier(out)
     assert trained.fault_of == {"Kolbenverschleiss": "piston"}
     assert (trained.settings.noise_snr, trained.settings.gain, trained.settings.stretch) == (

@@ -23,7 +23,7 @@ from swashtwin.foundation import (
     read_artifact,
     write_artifact,
 )
-from swashtwin.learning import least_rise
+from swashtwin.learning import detectable_rise
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording, write_index, write_recording
 
@@ -72,7 +72,7 @@ def test_a_line_that_rose_is_an_alarm_that_names_order_channel_and_decibels(
     assert verdict.alarm
     assert verdict.p_value == pytest.approx(1 / 21)
     first = verdict.changes[0]
-    assert (first.channel, first.level) == ("x", "shaft order 9 (180 Hz)")
+    assert (first.channel, first.band) == ("x", "shaft order 9 (180 Hz)")
     assert first.change == pytest.approx(12.0, abs=3.0)
     assert first.sentence in verdict.sentence()
     assert "alarm at a false-alarm rate of 5 %" in verdict.sentence()
@@ -185,13 +185,15 @@ def test_recordings_of_another_state_are_too_many_to_leave_out_and_a_point_that_
 def test_the_cost_of_odd_recordings_is_that_of_a_level_that_rises(
     detector: st.AnomalyDetector,
 ) -> None:
-    """Half of `least_rise` in one level is seldom an alarm, twice as much mostly is."""
+    """Half of `detectable_rise` in one level is seldom an alarm, twice as much mostly is."""
     fitted = detector.fitted_
-    rise = least_rise(fitted.levels, fitted.point_index, 0.05) * np.eye(fitted.levels.shape[1])
+    rise = detectable_rise(fitted.band_powers, fitted.point_index, 0.05) * np.eye(
+        fitted.band_powers.shape[1]
+    )
     alarms = []
     for row, column in product(range(20), range(0, len(rise), 16)):
         others, point = fitted.subset(np.arange(20) != row), fitted.points[fitted.point_index[row]]
-        risen = [fitted.levels[row] + factor * rise[column] for factor in (0.5, 2.0)]
+        risen = [fitted.band_powers[row] + factor * rise[column] for factor in (0.5, 2.0)]
         alarms.append(
             [others.deviation_of(one, others.points.index(point)).p_value <= 0.05 for one in risen]
         )
@@ -391,7 +393,7 @@ def test_train_evaluate_and_diagnose_work_on_healthy_recordings_alone(folder: Pa
     )
     (verdict,) = json.loads(answer.stdout)["diagnoses"]
     assert verdict["alarm"] is True
-    assert verdict["changes"][0]["level"] == "shaft order 9 (180 Hz)"
+    assert verdict["changes"][0]["band"] == "shaft order 9 (180 Hz)"
     assert "Change of the levels" in page.read_text(encoding="utf-8")
     shown = run(
         "diagnose", str(model), str(folder / "all" / "t1.h5"), "--pressure", "20 MPa", code=3

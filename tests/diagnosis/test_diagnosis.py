@@ -224,7 +224,7 @@ def test_a_recording_that_does_not_fit_the_classifier_is_refused_with_both_value
 
 
 def test_a_diagnosis_imports_no_library_that_it_does_not_need(tmp_path):
-    default = build_network("levels", 1, 2)
+    default = build_network("band_powers", 1, 2)
     settings = TrainingSettings(epochs=5, batch_size=12, learning_rate=3e-3, normalization="set")
     saved = save_classifier(
         fit(default, windows(), settings=settings), tmp_path / "pump.safetensors"

@@ -18,7 +18,7 @@ from swashtwin.foundation import DataError, InputError, LeakError
 from swashtwin.learning import (
     PAPER_TRAINING,
     RECOMMENDED_TRAINING,
-    LevelNetwork,
+    BandPowerNetwork,
     WindowSet,
     cut_windows,
     evaluate,
@@ -27,7 +27,7 @@ from swashtwin.learning import (
 from swashtwin.recordings import Recording, Recordings
 
 CLASSES = ("normal", "piston")
-SMALL = {"network": "levels", "window": 128, "epochs": 4, "batch_size": 8}
+SMALL = {"network": "band_powers", "window": 128, "epochs": 4, "batch_size": 8}
 
 
 def recordings(tag: str, per_class: int = 3) -> list[Recording]:
@@ -66,7 +66,7 @@ def test_the_checks_of_scikit_learn_pass():
         "check_methods_subset_invariance": "levels are of single precision",
     }
     results = check_estimator(
-        FaultClassifier("levels"), expected_failed_checks=expected, on_fail=None, on_skip=None
+        FaultClassifier("band_powers"), expected_failed_checks=expected, on_fail=None, on_skip=None
     )
     failed = {
         result["check_name"]: result["exception"]
@@ -84,7 +84,7 @@ def test_the_checks_of_scikit_learn_pass():
 
 
 def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers():
-    assert checked_settings(FaultClassifier("levels")) == RECOMMENDED_TRAINING
+    assert checked_settings(FaultClassifier("band_powers")) == RECOMMENDED_TRAINING
     assert (
         FaultClassifier(**presets.recommended.classifier).get_params()
         == FaultClassifier().get_params()
@@ -96,7 +96,7 @@ def test_the_defaults_are_the_recommended_training_and_the_preset_is_the_papers(
 def test_it_trains_as_fit_does_bit_for_bit_and_clones_to_the_same_bits(classifier):
     windows = cut_windows(recordings("train"), length=128)
     settings = checked_settings(classifier)
-    fitted = fit(LevelNetwork(1, 2), windows, settings=settings)
+    fitted = fit(BandPowerNetwork(1, 2), windows, settings=settings)
     new = cut_windows(recordings("new"), length=128)
     np.testing.assert_array_equal(classifier.predict_proba(new), fitted.predict_proba(new))
     again = clone(classifier).fit(windows)
@@ -143,7 +143,7 @@ def test_a_recording_with_a_part_in_the_training_is_not_scored(classifier):
 
 
 def test_synthetic_windows_may_bring_a_class_that_was_never_measured():
-    classifier = FaultClassifier("levels", window=128)
+    classifier = FaultClassifier("band_powers", window=128)
     classifier.fit(
         recordings("train"),
         synthetic=[synthetic_windows("valve_plate"), synthetic_windows("normal")],
@@ -158,13 +158,13 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     german = {"normal": "Gut", "piston": "Kolbenverschleiss"}
     train = [item.replace(label=german[item.label]) for item in recordings("train")]
     sets = [synthetic_windows("normal"), synthetic_windows("piston")]
-    classifier = FaultClassifier("levels", window=128, epochs=1).fit(train, synthetic=sets)
+    classifier = FaultClassifier("band_powers", window=128, epochs=1).fit(train, synthetic=sets)
     assert classifier.classes_.tolist() == ["Gut", "Kolbenverschleiss", "piston"]
     assert '--fault-of "Kolbenverschleiss=piston"' in classifier.notes_[0]
     only_healthy = classifier.fit(train[:3], synthetic=sets)
     assert not any("--fault-of" in note for note in only_healthy.notes_)
     mapped = FaultClassifier(
-        "levels", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"}
+        "band_powers", window=128, epochs=1, fault_of={"Kolbenverschleiss": "piston"}
     )
     mapped.fit(train, synthetic=sets)
     assert mapped.classes_.tolist() == ["Gut", "Kolbenverschleiss"]
@@ -176,13 +176,15 @@ def test_a_label_of_another_language_is_mapped_to_its_fault_and_asked_about_with
     ]
     assert mapped.fit(train, synthetic=like).classes_.tolist() == ["Gut", "Kolbenverschleiss"]
     with pytest.raises(InputError, match="no recording is of the class 'Kolben'"):
-        FaultClassifier("levels", window=128, fault_of={"Kolben": "piston"}).fit(
+        FaultClassifier("band_powers", window=128, fault_of={"Kolben": "piston"}).fit(
             train, synthetic=sets
         )
 
 
 def test_validation_recordings_have_no_part_in_the_synthetic_windows():
-    classifier = FaultClassifier("levels", window=128, validation_fraction=0.5, error_rate=0.25)
+    classifier = FaultClassifier(
+        "band_powers", window=128, validation_fraction=0.5, error_rate=0.25
+    )
     train = recordings("train", per_class=6)
     manifest = tuple(f"train {label} {index}" for label in CLASSES for index in (0, 2))
     classifier.fit(train, synthetic=synthetic_windows("normal", manifest))
@@ -207,12 +209,12 @@ def test_arrays_are_cross_validated_by_recording():
     windows = cut_windows(recordings("all"), length=128)
     labels = np.array(["sound", "worn"])[windows.target]
     result = cross_validate(
-        FaultClassifier("levels", sample_rate=1000.0), windows.signal, labels,
+        FaultClassifier("band_powers", sample_rate=1000.0), windows.signal, labels,
         groups=windows.recording_id, cv=StratifiedGroupKFold(3), error_score="raise",
     )  # fmt: skip
     assert result["test_score"].min() > 0.9
     result = cross_validate(
-        FaultClassifier("levels", window=128), recordings("all"), ["sound"] * 3 + ["worn"] * 3,
+        FaultClassifier("band_powers", window=128), recordings("all"), ["sound"] * 3 + ["worn"] * 3,
         cv=3, error_score="raise",
     )  # fmt: skip
     assert result["test_score"].tolist() == [1, 1, 1]
@@ -220,7 +222,7 @@ def test_arrays_are_cross_validated_by_recording():
 
 def test_classes_of_an_array_keep_their_type_and_groups_enter_the_manifest():
     windows = cut_windows(recordings("all"), length=128)
-    classifier = FaultClassifier("levels").fit(
+    classifier = FaultClassifier("band_powers").fit(
         windows.signal, windows.target, groups=windows.recording_id
     )
     assert classifier.classes_.dtype.kind == "i"
@@ -242,7 +244,7 @@ def test_what_is_saved_comes_back_with_its_parameters_and_answers(tmp_path):
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"network": "spectral"}, "unknown network 'spectral'; there are .*bitcn.*levels"),
+        ({"network": "spectral"}, "unknown network 'spectral'; there are .*band_powers.*bitcn"),
         ({"training_settings": {"epochs": 3}}, "training_settings has no field 'epochs'"),
         ({"training_settings": {"noise": 3}}, "training_settings has no field 'noise'"),
         ({"network_settings": {"width": 3}}, "has no setting 'width'"),

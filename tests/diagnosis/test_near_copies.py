@@ -169,7 +169,7 @@ def test_an_evaluation_refuses_an_altered_copy_and_a_diagnosis_compares_samples_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     train = [recording(number, label) for label in ("normal", "piston") for number in range(2)]
-    classifier = FaultClassifier("levels", window=1000, epochs=1).fit(train)
+    classifier = FaultClassifier("band_powers", window=1000, epochs=1).fit(train)
     copy = recording(1, "piston")
     copy = copy.replace(recording_id="new", signal=1 + 2 * copy.signal[:, 2000:])
     assert classifier.evaluate([recording(7), recording(8, "piston")]).n_recordings == 2

@@ -30,7 +30,7 @@ SMALLER = {
     "bitcn": {"channels": (8, 12)},
 }
 """Settings of the networks whose files would otherwise take many seconds to write."""
-NORMALIZATION = {"levels": "set"}
+NORMALIZATION = {"band_powers": "set"}
 """Scaling of the networks whose file is not to scale each window by itself."""
 OFFSET = 9.8
 """What no scaling may forget to take away [m/s^2]."""
@@ -101,7 +101,7 @@ def test_the_file_of_a_network_on_orders_takes_the_speed(
     speed = np.linspace(60.0, 120.0, len(windows()))
     turning = replace(windows(), speed=np.where(np.arange(len(speed)) % 4, speed, np.nan))
     network = build_network(
-        "levels", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8
+        "band_powers", 2, 2, axis="order", turns=90 / (2 * np.pi * 1e3), shape=True, hidden=8
     )
     classifier = fit(
         network, turning, settings=TrainingSettings(epochs=1, normalization=normalization)
@@ -119,14 +119,14 @@ def test_a_channel_that_does_not_move_is_not_divided(exported) -> None:
 
 
 def test_the_command_writes_a_file_that_says_what_it_must_be_given(tmp_path: Path) -> None:
-    classifier = fitted("levels")
+    classifier = fitted("band_powers")
     saved = save_classifier(classifier, tmp_path / "model.safetensors")
     words = ("model", "export", saved, "--out", tmp_path / "model.onnx")
     (tmp_path / "model.onnx").write_text("mine")
     assert "replace it with --force" in one_line(run(*words, code=3))
     run(*words, "--force")
     answer = run_json(*words)  # replaces what it wrote itself
-    assert (answer["network"], answer["classes"]) == ("levels", ["normal", "piston"])
+    assert (answer["network"], answer["classes"]) == ("band_powers", ["normal", "piston"])
     opened = session(tmp_path / "model.onnx")
     assert opened.get_inputs()[0].shape[1:] == [2, 97]
     probability = opened.run(None, {"windows": windows().signal})[0]

@@ -150,8 +150,8 @@ def test_how_much_healthy_recordings_differ_is_the_unit_of_changes() -> None:
         for number, item in enumerate(healthy())
     ]
     moving, still = trained().fit(scattered), adapted()
-    changes, levels = moving.healthy_changes(), moving.levels
-    assert np.allclose(changes[0], (levels[0] - levels[1:].mean(axis=0)) * np.sqrt(2 / 3))
+    changes, band_powers = moving.healthy_changes(), moving.band_powers
+    assert np.allclose(changes[0], (band_powers[0] - band_powers[1:].mean(axis=0)) * np.sqrt(2 / 3))
     assert moving.head is not None
     assert still.head is not None
     assert (moving.head.scale > still.head.scale).mean() > 0.9
@@ -337,7 +337,7 @@ def informed(**settings: Any) -> FaultClassifier:
         "epochs": 1,
         **settings,
     }
-    return FaultClassifier("levels", window=4096, **settings)
+    return FaultClassifier("band_powers", window=4096, **settings)
 
 
 @cache

@@ -32,7 +32,7 @@ from swashtwin.learning import (
     score_confidence,
     validation_share,
 )
-from swashtwin.learning.features import level_features
+from swashtwin.learning.features import reference_features
 from swashtwin.learning.training.class_space import shrunk_covariance
 from swashtwin.learning.training.confidence import temperature_scaled
 from swashtwin.learning.training.training_reference import build_reference
@@ -316,10 +316,10 @@ def test_too_few_recordings_for_an_error_rate_are_refused_in_numbers(bare, taugh
 def test_known_recordings_are_bounded_and_measured_only(bare, monkeypatch) -> None:
     train = windows(several("train", 4))
     monkeypatch.setattr("swashtwin.learning.training.training_reference.MOST_RECORDINGS", 5)
-    few = build_reference(train, level_features(train))
+    few = build_reference(train, reference_features(train))
     assert len(few.recording_id) == len(few.label) == len(few.features) == 5
     synthetic = replace(train, synthetic=np.ones(len(train), dtype=bool))
-    assert build_reference(synthetic, level_features(synthetic)) is None
+    assert build_reference(synthetic, reference_features(synthetic)) is None
     assert bare.training_reference.distances(bare.training_reference.features[2]).argmin() == 2
 
 

@@ -120,7 +120,7 @@ def test_a_default_of_another_kind_than_a_plain_number_takes_what_it_is_or_is_re
 
 def test_one_number_or_word_for_a_setting_of_several_is_a_tuple_of_one():
     assert build_network("bitcn", 1, 2, channels=8, dilations=2).settings["channels"] == (8,)
-    assert build_network("levels", 1, 2, heads="hidden").settings["heads"] == ("hidden",)
+    assert build_network("band_powers", 1, 2, heads="hidden").settings["heads"] == ("hidden",)
     assert build_network("bitcn", 1, 2, channels=[np.int64(4)], dilations=1).settings[
         "channels"
     ] == (4,)

@@ -10,8 +10,8 @@ import pytest
 from swashtwin.diagnosis import FaultClassifier
 from swashtwin.foundation import DataError, InputError, MPa, rpm
 from swashtwin.learning import cut_windows, fit_best_candidate
-from swashtwin.learning.recordings.recording_levels import (
-    RecordingLevels,
+from swashtwin.learning.recordings.recording_features import (
+    RecordingBandLayout,
     RecordingTable,
     joined,
     recording_rows,
@@ -20,7 +20,7 @@ from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
 RATE, SHAFT, SAMPLES = 4096.0, 16.0, 8192
-LAYOUT = RecordingLevels(RATE, SAMPLES, 40)
+LAYOUT = RecordingBandLayout(RATE, SAMPLES, 40)
 FIRST_LINE = 24
 
 
@@ -42,15 +42,15 @@ def signal(
 
 def test_a_line_reads_its_mean_square_at_any_length_and_where_the_stated_speed_is_off() -> None:
     for samples, stated in ((SAMPLES, SHAFT), (SAMPLES // 2, SHAFT), (3 * SAMPLES, SHAFT * 1.01)):
-        levels = LAYOUT.measure(signal(0, {7: 1.0, 14: 0.5}, samples), stated)
-        assert levels.shape == (2, LAYOUT.n_levels)
-        np.testing.assert_allclose(levels[:, FIRST_LINE + 6], 10 * np.log10(0.5), atol=0.2)
-        np.testing.assert_allclose(levels[:, FIRST_LINE + 13], 10 * np.log10(0.125), atol=0.3)
+        band_powers = LAYOUT.measure(signal(0, {7: 1.0, 14: 0.5}, samples), stated)
+        assert band_powers.shape == (2, LAYOUT.n_band_powers)
+        np.testing.assert_allclose(band_powers[:, FIRST_LINE + 6], 10 * np.log10(0.5), atol=0.2)
+        np.testing.assert_allclose(band_powers[:, FIRST_LINE + 13], 10 * np.log10(0.125), atol=0.3)
 
 
 @pytest.mark.parametrize("n_orders", [40, 0])
 def test_no_gain_changes_shapes_or_envelopes(n_orders: int) -> None:
-    layout = RecordingLevels(RATE, SAMPLES, n_orders)
+    layout = RecordingBandLayout(RATE, SAMPLES, n_orders)
     quiet, loud = (layout.measure(gain * signal(1), SHAFT) for gain in (1.0, 10.0))
     np.testing.assert_allclose(
         loud[:, : layout.n_scaled] - quiet[:, : layout.n_scaled], 20, atol=1e-3
@@ -77,24 +77,26 @@ def test_windows_are_put_together_to_the_recording_they_were_cut_from(stride: in
 
 
 def test_changes_know_machine_and_point_but_never_the_recording_itself() -> None:
-    draw, shape = np.random.default_rng(3), (2, LAYOUT.n_levels)
+    draw, shape = np.random.default_rng(3), (2, LAYOUT.n_band_powers)
     of_point = {5e6: np.zeros(shape), 15e6: draw.normal(size=shape)}
     of_machine = {name: draw.normal(size=shape) for name in "ABC"}
     keys = [
         (name, pressure, number) for name in "ABC" for pressure in of_point for number in (1, 2)
     ]
-    levels = np.stack([of_machine[name] + of_point[pressure] for name, pressure, _ in keys]).astype(
-        np.float32
-    )
+    band_powers = np.stack(
+        [of_machine[name] + of_point[pressure] for name, pressure, _ in keys]
+    ).astype(np.float32)
     condition = np.array([(90.0, pressure) for _, pressure, _ in keys])
     specimen, ids = tuple(key[0] for key in keys), tuple(map(str, keys))
-    healthy = RecordingTable(levels, specimen, condition, ids)
+    healthy = RecordingTable(band_powers, specimen, condition, ids)
     np.testing.assert_allclose(healthy.changes(LAYOUT, healthy), 0, atol=1e-5)
-    odd = levels.copy()
-    odd[0] += np.linspace(-2, 2, LAYOUT.n_levels)
-    other = replace(healthy, levels=odd)
-    np.testing.assert_allclose(other.changes(LAYOUT, other)[0], odd[0] - levels[0], atol=1e-5)
-    elsewhere = healthy.changes(LAYOUT, RecordingTable(levels[:1], ("D",), condition[:1], ("new",)))
+    odd = band_powers.copy()
+    odd[0] += np.linspace(-2, 2, LAYOUT.n_band_powers)
+    other = replace(healthy, band_powers=odd)
+    np.testing.assert_allclose(other.changes(LAYOUT, other)[0], odd[0] - band_powers[0], atol=1e-5)
+    elsewhere = healthy.changes(
+        LAYOUT, RecordingTable(band_powers[:1], ("D",), condition[:1], ("new",))
+    )
     assert np.isnan(elsewhere).all()
 
 
@@ -153,7 +155,7 @@ def test_what_is_no_healthy_recording_is_refused(classifier, change, error, word
 
 
 def test_a_named_network_compares_with_nothing() -> None:
-    named = FaultClassifier("levels", window=2048).fit(machine("A"))
+    named = FaultClassifier("band_powers", window=2048).fit(machine("A"))
     with pytest.raises(InputError, match="compares with no healthy recordings"):
         named.with_healthy(machine("G")[:2])
 

@@ -220,7 +220,9 @@ def test_a_full_disk_leaves_the_checkpoint_of_the_epoch_before(tmp_path, monkeyp
 
 
 def test_the_manifest_names_training_and_calibration_recordings():
-    classifier = fit(build_network("levels", 1, 2), tones(), settings=SHORT, manifest=["rec 9"])
+    classifier = fit(
+        build_network("band_powers", 1, 2), tones(), settings=SHORT, manifest=["rec 9"]
+    )
     assert list(classifier.manifest) == sorted(
         ["rec 9", *(f"{label}-{n}" for label in CLASSES for n in (0, 1))]
     )
@@ -308,7 +310,7 @@ def test_eight_trainings_at_once_have_the_bits_of_trainings_one_by_one():
 
 def test_a_training_changes_nothing_that_the_process_shares():
     before = global_state()
-    classifier = fit(build_network("levels", 1, 2), tones(), settings=SHORT)
+    classifier = fit(build_network("band_powers", 1, 2), tones(), settings=SHORT)
     classifier.predict_proba(tones())
     assert global_state() == before
 

@@ -18,7 +18,7 @@ from swashtwin.learning import (
     outside_facts,
     signal_facts,
 )
-from swashtwin.learning.features import level_features
+from swashtwin.learning.features import reference_features
 from swashtwin.learning.training.class_space import fit_class_space
 from swashtwin.learning.training.training_reference import (
     ERROR_RATE,
@@ -167,7 +167,7 @@ def classifier() -> SimpleNamespace:
         *(recording(f"{machine}{number}") for machine in MACHINES for number in range(6))
     )
     return SimpleNamespace(
-        training_reference=build_reference(train, level_features(train)), layout=train.layout,
+        training_reference=build_reference(train, reference_features(train)), layout=train.layout,
         pressures=(MPa(15),), speeds=(rpm(860),), classes=train.classes, manifest={}, confidence=None,
         predict_proba=print, answer=print,
     )  # fmt: skip
@@ -249,7 +249,7 @@ def test_recordings_like_the_training_get_a_remark_as_rarely_as_stated(classifie
 
 def test_recordings_with_a_sample_that_is_no_number_are_left_out_of_the_reference():
     train = windows(recording("A0"), recording("B0"))
-    levels = level_features(train)
+    levels = reference_features(train)
     levels[:4] = np.nan
     assert build_reference(train, levels).specimen == ("B",)
     assert build_reference(train, levels * np.nan) is None

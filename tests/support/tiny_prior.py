@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swashtwin.diagnosis import make_prior, order_levels
+from swashtwin.diagnosis import make_prior, order_band_powers
 from swashtwin.pump import load_pump
 from swashtwin.recordings import Recording
 from swashtwin.signals import OrderBands
@@ -20,7 +20,7 @@ def write_prior(path: Path, healthy: Recording, worn: Recording) -> Path:
     """
     rng, pump = np.random.default_rng(0), load_pump("25scy14-1b")
     step = np.nan_to_num(
-        np.subtract(*(order_levels(item, OrderBands(PISTONS)) for item in (worn, healthy)))
+        np.subtract(*(order_band_powers(item, OrderBands(PISTONS)) for item in (worn, healthy)))
     )
     classes = {"normal": 0 * step, "piston": step, "cylinder_block": step[:, ::-1], "other": -step}
     sizes = np.exp(rng.normal(0, 0.3, (PUMPS, 1, 1)))

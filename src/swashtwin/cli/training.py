@@ -204,10 +204,10 @@ def _recipe(
 
 
 def _tell_detector(detector: "AnomalyDetector", out: Path, as_json: bool) -> None:
-    healthy, n_levels = detector.fitted_, len(detector.layout.levels)
+    healthy, n_levels = detector.fitted_, len(detector.layout.band_powers)
     result = {
         "model": out, "kind": "anomaly detector", "recordings": sorted(detector.manifest),
-        "operating_points": len(healthy.points), "levels": n_levels, "error_rate": detector.error_rate_,
+        "operating_points": len(healthy.points), "band_powers": n_levels, "error_rate": detector.error_rate_,
         "notes": detector.notes_,
     }  # fmt: skip
 

@@ -8,12 +8,12 @@ from .diagnosing import diagnose as diagnose
 from .evidence import Evidence as Evidence
 from .evidence import explain as explain
 from .fault_classifier import FaultClassifier as FaultClassifier
+from .healthy_spectrum import BandPowerChange as BandPowerChange
 from .healthy_spectrum import HealthySpectrum as HealthySpectrum
-from .healthy_spectrum import LevelChange as LevelChange
-from .healthy_spectrum import level_changes as level_changes
+from .healthy_spectrum import band_power_changes as band_power_changes
 from .onnx_export import export_onnx as export_onnx
 from .prior_classifier import PriorClassifier as PriorClassifier
-from .prior_head import order_levels as order_levels
+from .prior_head import order_band_powers as order_band_powers
 from .prior_making import make_prior as make_prior
 from .reasons import describe_single_machine_faults as describe_single_machine_faults
 from .saving import load_classifier as load_classifier

@@ -12,20 +12,20 @@ from swashtwin.diagnosis.alarm_scores import AlarmScores, evaluate_alarms
 from swashtwin.diagnosis.classifier_input import require_recordings
 from swashtwin.diagnosis.diagnosing import require_layout
 from swashtwin.diagnosis.estimator import Estimator
-from swashtwin.diagnosis.healthy_spectrum import detector_spectrum, level_changes
+from swashtwin.diagnosis.healthy_spectrum import band_power_changes, detector_spectrum
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, load_artifact, plural, save_artifact
 from swashtwin.learning import (
-    LEAST_HEALTHY,
-    MOST_ODD,
-    USUAL_ERROR_RATE,
-    HealthyLevels,
-    LevelLayout,
+    DEFAULT_ERROR_RATE,
+    MAX_OUTLIER_SHARE,
+    MIN_HEALTHY_RECORDINGS,
+    BandPowerLayout,
+    HealthyBaseline,
     allowed_error_rate,
-    least_rise,
-    measure_healthy,
+    detectable_rise,
+    find_inliers,
+    measure_baseline,
     min_validation_recordings,
-    usual_recordings,
 )
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
@@ -44,7 +44,7 @@ _MAY_BE_NAN = ("healthy.speed", "healthy.pressure")
 class _Card:
     """What is saved of a detector."""
 
-    healthy: HealthyLevels
+    healthy: HealthyBaseline
     error_rate: float
     notes: tuple[str, ...]
 
@@ -67,7 +67,7 @@ class AnomalyDetector(Estimator):
 
     Attributes
     ----------
-    fitted_ : `HealthyLevels`, what a recording is compared with.
+    fitted_ : `HealthyBaseline`, what a recording is compared with.
     error_rate_ : the false-alarm rate.
     notes_ : what was left out, and what so many recordings cannot give.
     """
@@ -75,7 +75,7 @@ class AnomalyDetector(Estimator):
     KIND: ClassVar[str] = "anomaly detector"
     """Kind of its file."""
 
-    fitted_: HealthyLevels
+    fitted_: HealthyBaseline
     error_rate_: float
     notes_: tuple[str, ...]
 
@@ -114,15 +114,15 @@ class AnomalyDetector(Estimator):
                 )
         if self.error_rate is not None:
             _require_allowed(len(recordings), self.error_rate)
-        measured, notes = measure_healthy(recordings, progress=progress)
+        measured, notes = measure_baseline(recordings, progress=progress)
         healthy, odd = leave_out_odd(measured, self.error_rate)
         notes, rate = (*notes, *odd), self.error_rate
         if rate is None:
-            rate = allowed_error_rate(healthy.n_recordings, USUAL_ERROR_RATE)
-            if rate > USUAL_ERROR_RATE:
+            rate = allowed_error_rate(healthy.n_recordings, DEFAULT_ERROR_RATE)
+            if rate > DEFAULT_ERROR_RATE:
                 few = (
                     f"{healthy.n_recordings} healthy recordings allow no false-alarm rate below {rate:g}; "
-                    f"{USUAL_ERROR_RATE:g} takes {min_validation_recordings(USUAL_ERROR_RATE)}."
+                    f"{DEFAULT_ERROR_RATE:g} takes {min_validation_recordings(DEFAULT_ERROR_RATE)}."
                 )
                 notes = (*notes, few)
         left_out = [
@@ -138,7 +138,7 @@ class AnomalyDetector(Estimator):
         return self
 
     @property
-    def layout(self) -> LevelLayout:
+    def layout(self) -> BandPowerLayout:
         """What recordings must have in common with the healthy ones, and which levels are
         compared.
         """
@@ -196,8 +196,8 @@ class AnomalyDetector(Estimator):
             if seen
             else ()
         )
-        shifts, changes = level_changes(
-            deviation, self.layout.levels, specified_shaft_frequency(recording)
+        shifts, changes = band_power_changes(
+            deviation, self.layout.band_powers, specified_shaft_frequency(recording)
         )
         is_alarm = deviation.p_value <= rate * (1 + 1e-9)
         return replace(
@@ -209,7 +209,7 @@ class AnomalyDetector(Estimator):
             changes=changes,
             notes=(*own, *deviation.notes),
             deviation=deviation,
-            levels=self.layout.levels,
+            band_powers=self.layout.band_powers,
             spectrum=detector_spectrum(self.layout, deviation, healthy.members(recording)),
         )
 
@@ -253,13 +253,13 @@ _ALIKE = 4.0
 
 
 def leave_out_odd(
-    healthy: HealthyLevels, error_rate: float | None
-) -> tuple[HealthyLevels, tuple[str, ...]]:
+    healthy: HealthyBaseline, error_rate: float | None
+) -> tuple[HealthyBaseline, tuple[str, ...]]:
     """(the usual recordings, notes on the odd ones: names, what moved, what they cost).
 
-    All stay where more than `MOST_ODD` are odd, for then they are another state of the machine.
+    All stay where more than `MAX_OUTLIER_SHARE` are odd, for then they are another state of the machine.
     """
-    is_usual = usual_recordings(healthy.levels, healthy.point_index)
+    is_usual = find_inliers(healthy.band_powers, healthy.point_index)
     odd = np.flatnonzero(~is_usual).tolist()
     if not odd:
         return healthy, ()
@@ -268,15 +268,15 @@ def leave_out_odd(
     named = ", ".join(names[row] for row in odd[:_MOST_NAMED])
     named += f" and {len(odd) - _MOST_NAMED} more" if len(odd) > _MOST_NAMED else ""
     with_them, without = (
-        least_rise(
-            part.levels,
+        detectable_rise(
+            part.band_powers,
             part.point_index,
-            error_rate or allowed_error_rate(part.n_recordings, USUAL_ERROR_RATE),
+            error_rate or allowed_error_rate(part.n_recordings, DEFAULT_ERROR_RATE),
         )
         for part in (healthy, usual)
     )
     cost = f"a change would have to be {with_them / without:.1f} times as large (in dB) to be heard"
-    if len(odd) > MOST_ODD * count or usual.n_recordings < LEAST_HEALTHY:
+    if len(odd) > MAX_OUTLIER_SHARE * count or usual.n_recordings < MIN_HEALTHY_RECORDINGS:
         return healthy, (
             f"{len(odd)} of {count} healthy recordings are unlike the others ({named}), too many to leave out; with "
             f"them {cost}. State the operating point of each, or train on the recordings of one state of the machine.",
@@ -288,21 +288,21 @@ def leave_out_odd(
     )
 
 
-def _left_out(name: str, healthy: HealthyLevels, row: int, usual: HealthyLevels) -> str:
+def _left_out(name: str, healthy: HealthyBaseline, row: int, usual: HealthyBaseline) -> str:
     """That a recording is left out, and why."""
     point = healthy.points[healthy.point_index[row]]
     if point not in usual.points:
         return f"{name} is left out: the recordings of its operating point are not alike, so none shows what is usual."
     at_points = [
-        usual.deviation_of(healthy.levels[row], index) for index in range(len(usual.points))
+        usual.deviation_of(healthy.band_powers[row], index) for index in range(len(usual.points))
     ]
     own, nearest = (
         at_points[usual.points.index(point)],
         min(at_points, key=lambda deviation: deviation.score),
     )
     speed = healthy.speed[row] / (2 * math.pi)
-    shifts, changes = level_changes(
-        own, healthy.layout.levels, None if math.isnan(speed) else speed
+    shifts, changes = band_power_changes(
+        own, healthy.layout.band_powers, None if math.isnan(speed) else speed
     )
     words = [f"it is like those at {nearest.point}"] if _ALIKE * nearest.score < own.score else []
     words += [*shifts, *(change.sentence for change in changes)]

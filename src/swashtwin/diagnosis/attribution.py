@@ -14,7 +14,13 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64
 
 from swashtwin.foundation import DataError
-from swashtwin.learning import FittedClassifier, Level, LevelNetwork, SolvedNetwork, WindowSet
+from swashtwin.learning import (
+    BandPower,
+    BandPowerNetwork,
+    FittedClassifier,
+    SolvedNetwork,
+    WindowSet,
+)
 from swashtwin.signals import line_frequencies, transform
 
 if TYPE_CHECKING:
@@ -72,7 +78,7 @@ def signal_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tup
     return tuple(bands)
 
 
-def level_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
+def evidence_bands(sample_rate: float, shaft: float | None, n_samples: int) -> tuple[Band, ...]:
     """`signal_bands`, the same of the envelopes, and what belongs to no band."""
     signal = signal_bands(sample_rate, shaft, n_samples)
     envelope = [replace(band, name=f"envelope {band.name}", part="envelope") for band in signal]
@@ -92,17 +98,17 @@ def format_frequency(frequency: float) -> str:
     return f"{frequency / 1000:.2g} kHz" if frequency >= 1000 else f"{frequency:.3g} Hz"
 
 
-def level_shares(
-    levels: tuple[Level, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
+def feature_shares(
+    band_powers: tuple[BandPower, ...], bands: tuple[Band, ...], sample_rate: float, turns: float
 ) -> Float64[np.ndarray, "level band"]:
-    """Share of each level in each of `level_bands`, by overlap in frequency; those of a level sum
+    """Share of each level in each of `evidence_bands`, by overlap in frequency; those of a level sum
     to 1.
 
     `turns` are turns of the shaft per sample.
     """
-    shares = np.zeros((len(levels), len(bands)))
+    shares = np.zeros((len(band_powers), len(bands)))
     names = [band.name for band in bands]
-    for row, level in zip(shares, levels, strict=True):
+    for row, level in zip(shares, band_powers, strict=True):
         if level.quantity != "power":
             key = (level.quantity, None if level.quantity == "shape" else level.is_envelope)
             row[names.index(_WHOLE[key])] = 1.0
@@ -161,7 +167,7 @@ def contributions(
     """Fields of an `Evidence` from consecutive windows of one recording: ``baseline``, ``margin``,
     ``gap``, ``bands`` and ``lines``; means over the windows.
 
-    From silence over the samples; for a `LevelNetwork` from the training's mean over its levels,
+    From silence over the samples; for a `BandPowerNetwork` from the training's mean over its levels,
     since logarithms of samples have no gradient at silence that says anything.
 
     Parameters
@@ -170,7 +176,7 @@ def contributions(
     shaft : speed of the shaft [Hz], or None where it is not stated.
     """
     network = classifier.network
-    if isinstance(network, LevelNetwork):
+    if isinstance(network, BandPowerNetwork):
         return _of_levels(classifier, network, windows, label, rival, shaft)
     if isinstance(network, SolvedNetwork):
         raise DataError(
@@ -207,22 +213,22 @@ def _of_samples(
 
 def _of_levels(
     classifier: FittedClassifier,
-    network: LevelNetwork,
+    network: BandPowerNetwork,
     windows: WindowSet,
     label: int,
     rival: int,
     shaft: float | None,
 ) -> dict[str, Any]:
-    levels = classifier.embed(windows).astype(np.float32)
-    gradient, change = network.mean_gradient(levels, label, rival, _LEVEL_STEPS)
+    band_powers = classifier.embed(windows).astype(np.float32)
+    gradient, change = network.mean_gradient(band_powers, label, rival, _LEVEL_STEPS)
     _require_finite(gradient, windows)
     count, n_channels = len(windows), windows.n_channels
-    adds = (levels * gradient).reshape(count, n_channels, -1) / count
+    adds = (band_powers * gradient).reshape(count, n_channels, -1) / count
     turns = float(windows.turns_per_sample[0])
     catalogue = network.catalogue(classifier.length)
-    bands = level_bands(classifier.sample_rate, shaft, classifier.length)
+    bands = evidence_bands(classifier.sample_rate, shaft, classifier.length)
     usual = network.settings["turns"]
-    shares = level_shares(
+    shares = feature_shares(
         catalogue, bands, classifier.sample_rate, turns if np.isfinite(turns) else usual
     )
     return {

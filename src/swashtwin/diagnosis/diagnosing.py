@@ -18,9 +18,9 @@ from swashtwin.learning import (
     FittedClassifier,
     WindowLayout,
     WindowSet,
-    level_features,
     likeliest_class,
     pooled_probabilities,
+    reference_features,
     require_verdicts,
     signal_facts,
     window_batches,
@@ -84,8 +84,8 @@ def diagnose(
     try:
         for windows in recording_windows(classifier, recording):
             powers = window_powers(windows)
-            levels, facts = level_features(windows, powers), signal_facts(windows, powers)
-            answers.append((classifier.predict_proba(windows), levels, facts))
+            band_powers, facts = reference_features(windows, powers), signal_facts(windows, powers)
+            answers.append((classifier.predict_proba(windows), band_powers, facts))
         notes = _notes(classifier, recording)
     except DataError as cause:
         return replace(result, no_verdict=str(cause))

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from swashtwin.learning import (
+    BandPower,
+    BandPowerLayout,
     Deviation,
-    Level,
-    LevelLayout,
     TrainingReference,
     WindowLayout,
     common_shift,
-    level_spectrum,
+    reference_spectrum,
 )
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, is_healthy, values_match
 
@@ -25,13 +25,13 @@ _MOST = 8
 
 
 @dataclass(frozen=True)
-class LevelChange:
-    """One level that moved."""
+class BandPowerChange:
+    """A band power that moved."""
 
     channel: str
     """Channel."""
-    level: str
-    """What it is the level of, such as ``shaft order 9 (129 Hz)``."""
+    band: str
+    """Which band, such as ``shaft order 9 (129 Hz)``."""
     change: float
     """Change from the mean of the healthy recordings [dB]."""
     spreads: float
@@ -40,12 +40,12 @@ class LevelChange:
     @property
     def sentence(self) -> str:
         """The same in words: ``+6.2 dB at shaft order 9 (129 Hz), channel x``."""
-        return f"{self.change:+.1f} dB at {self.level}, channel {self.channel}"
+        return f"{self.change:+.1f} dB at {self.band}, channel {self.channel}"
 
 
-def level_changes(
-    deviation: Deviation, levels: Sequence[Level], shaft: float | None
-) -> tuple[tuple[str, ...], tuple[LevelChange, ...]]:
+def band_power_changes(
+    deviation: Deviation, band_powers: Sequence[BandPower], shaft: float | None
+) -> tuple[tuple[str, ...], tuple[BandPowerChange, ...]]:
     """(channels that moved as a whole, in words; the levels that moved most beside that, furthest
     first).
 
@@ -58,10 +58,10 @@ def level_changes(
     """
     change, spreads = deviation.change.copy(), deviation.spreads.copy()
     sentences = []
-    for channel in dict.fromkeys(level.channel for level in levels):
-        of_channel = np.array([level.channel == channel for level in levels])
+    for channel in dict.fromkeys(level.channel for level in band_powers):
+        of_channel = np.array([level.channel == channel for level in band_powers])
         shift = float(
-            common_shift(change[of_channel & np.array([level.is_band for level in levels])])
+            common_shift(change[of_channel & np.array([level.is_band for level in band_powers])])
         )
         if shift:
             sentences.append(
@@ -74,18 +74,18 @@ def level_changes(
     for index in np.argsort(-np.abs(spreads)).tolist():
         if len(listed) == _MOST or abs(spreads[index]) < LEAST_SPREADS:
             break
-        if not any(_overlap(levels[index], levels[other], shaft) for other in listed):
+        if not any(_overlap(band_powers[index], band_powers[other], shaft) for other in listed):
             listed.append(index)
     return tuple(sentences), tuple(
-        LevelChange(
-            levels[index].channel, levels[index].words(shaft), float(deviation.change[index]),
+        BandPowerChange(
+            band_powers[index].channel, band_powers[index].words(shaft), float(deviation.change[index]),
             float(deviation.spreads[index]),
         )
         for index in listed
     )  # fmt: skip
 
 
-def _overlap(first: Level, second: Level, shaft: float | None) -> bool:
+def _overlap(first: BandPower, second: BandPower, shaft: float | None) -> bool:
     """Whether two levels of one channel, one an order and one a band, hold the same lines."""
     if (first.channel, first.is_envelope) != (second.channel, second.is_envelope):
         return False
@@ -176,7 +176,7 @@ def classifier_spectrum(
     )
     chosen, basis = next((choice for choice in choices if choice[0].sum() >= _LEAST), choices[-1])
     rows = np.vstack([features, reference.features[chosen].astype(np.float64)])
-    low, high, density = level_spectrum(
+    low, high, density = reference_spectrum(
         rows, len(layout.channels), layout.length, layout.sample_rate
     )
     basis = f"the {chosen.sum()} healthy training recordings {basis}"
@@ -184,15 +184,15 @@ def classifier_spectrum(
 
 
 def detector_spectrum(
-    layout: LevelLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
+    layout: BandPowerLayout, deviation: Deviation, healthy: Float[np.ndarray, "recording level"]
 ) -> HealthySpectrum:
     """Levels of a recording in the detector's bands, over `healthy`, those of the recordings it was
     compared with.
     """
-    bands = [index for index, level in enumerate(layout.levels) if level.is_band]
+    bands = [index for index, level in enumerate(layout.band_powers) if level.is_band]
     each = len(bands) // len(layout.channels)
     edges = np.array(
-        [(layout.levels[index].low, layout.levels[index].high) for index in bands[:each]]
+        [(layout.band_powers[index].low, layout.band_powers[index].high) for index in bands[:each]]
     )
     rows = np.vstack([healthy.mean(axis=0) + deviation.change, healthy])[:, bands]
     density = rows.reshape(len(rows), len(layout.channels), each) - 10 * np.log10(

@@ -26,7 +26,7 @@ from swashtwin.diagnosis.prior_head import (
     PriorHead,
     VirtualChanges,
     fit_head,
-    order_levels,
+    order_band_powers,
 )
 from swashtwin.diagnosis.verdict import Diagnosis
 from swashtwin.foundation import DataError, InputError, plural
@@ -86,7 +86,7 @@ class PriorClassifier:
     """Changes of the virtual pumps; None after `fit`."""
     head: PriorHead | None = None
     """What maps changes to classes; None before."""
-    levels: Float64[np.ndarray, "recording channel level"] = field(
+    band_powers: Float64[np.ndarray, "recording channel level"] = field(
         default_factory=lambda: np.empty((0, 0, 0))
     )
     """Levels of the healthy recordings [log10 of the squared unit], NaN beyond half the sample
@@ -109,9 +109,9 @@ class PriorClassifier:
 
     def __post_init__(self) -> None:
         count, width = len(self.specimen), len(self.channels) * len(self.bands.names)
-        if count and self.levels.shape != (count, len(self.channels), len(self.bands.names)):
+        if count and self.band_powers.shape != (count, len(self.channels), len(self.bands.names)):
             raise InputError(
-                f"the levels of {count} healthy recordings have the shape {self.levels.shape}."
+                f"the levels of {count} healthy recordings have the shape {self.band_powers.shape}."
             )
         if not self.point_speed.shape == self.point_pressure.shape == (count,):
             raise InputError(f"{count} healthy recordings need as many speeds and pressures.")
@@ -182,7 +182,7 @@ class PriorClassifier:
             taught={name: target.count(name) for name in self.classes if name in target},
             manifest=join_manifests([self.manifest, build_manifest(recordings)]),
         )
-        return adapted.fit_levels(
+        return adapted.fit_band_powers(
             [adapted.change(recording)[0] for recording in faulty], target, seed=seed
         )
 
@@ -211,14 +211,14 @@ class PriorClassifier:
             prior, virtual=virtual, channels=channels, unit=unit, n_pumps=int(pumps.sum())
         )
 
-    def fit_levels(
+    def fit_band_powers(
         self,
         changes: Sequence[Float64[np.ndarray, "channel level"]] = (),
         labels: Sequence[str] = (),
         *,
         seed: int = 0,
     ) -> "PriorClassifier":
-        """The classifier of the machine that the prior was `narrowed` to, whose healthy `levels` it
+        """The classifier of the machine that the prior was `narrowed` to, whose healthy `band_powers` it
         has.
 
         Parameters
@@ -227,10 +227,10 @@ class PriorClassifier:
         """
         assert self.virtual is not None
         head = fit_head(
-            self.virtual.measured(np.isfinite(self.levels).all(axis=0)),
+            self.virtual.measured(np.isfinite(self.band_powers).all(axis=0)),
             self.healthy_changes(),
             self.bands,
-            np.array(changes).reshape(-1, *self.levels.shape[1:]),
+            np.array(changes).reshape(-1, *self.band_powers.shape[1:]),
             np.array([self.classes.index(name) for name in labels], dtype=np.int64),
             seed=seed,
         )
@@ -261,9 +261,9 @@ class PriorClassifier:
         """Fields of the classifier that healthy recordings make: levels, machines, speeds,
         pressures.
         """
-        levels = np.array([order_levels(item, self.bands) for item in healthy])
+        band_powers = np.array([order_band_powers(item, self.bands) for item in healthy])
         return {
-            "levels": levels.reshape(-1, len(self.channels), len(self.bands.names)),
+            "band_powers": band_powers.reshape(-1, len(self.channels), len(self.bands.names)),
             "specimen": tuple(item.specimen or "" for item in healthy),
             "point_speed": 2 * math.pi * np.array([shaft_frequency(item) for item in healthy]),
             "point_pressure": np.array([specified_pressure(item) for item in healthy]),
@@ -287,8 +287,8 @@ class PriorClassifier:
         """
         self._require_fit(recording, self.unit)
         members, notes = self._members(recording)
-        change = order_levels(recording, self.bands) - self.levels[members].mean(axis=0)
-        measured = np.isfinite(self.levels).all(axis=0)
+        change = order_band_powers(recording, self.bands) - self.band_powers[members].mean(axis=0)
+        measured = np.isfinite(self.band_powers).all(axis=0)
         if np.isnan(change[measured]).any():
             raise DataError(
                 f"{recording.recording_id} is sampled at a lower rate than the healthy recordings."
@@ -404,16 +404,17 @@ class PriorClassifier:
         A recording without another one at its discharge pressure is left out.
         """
         rows = []
-        for index, levels in enumerate(self.levels):
-            others = np.arange(len(self.levels)) != index
+        for index, band_powers in enumerate(self.band_powers):
+            others = np.arange(len(self.band_powers)) != index
             point = self.specimen[index], self.point_speed[index], self.point_pressure[index]
             at_pressure, at_speed = self._comparable(*point, others)
             others = at_speed if at_speed.any() else at_pressure
             if count := int(others.sum()):
                 rows.append(
-                    (levels - self.levels[others].mean(axis=0)) * math.sqrt(count / (count + 1))
+                    (band_powers - self.band_powers[others].mean(axis=0))
+                    * math.sqrt(count / (count + 1))
                 )
-        return np.array(rows).reshape(-1, *self.levels.shape[1:])
+        return np.array(rows).reshape(-1, *self.band_powers.shape[1:])
 
     def _comparable(
         self, specimen: str, speed: float, pressure: float, among: Bool[np.ndarray, " healthy"]

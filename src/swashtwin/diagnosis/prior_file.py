@@ -25,10 +25,14 @@ SHIPPED = Path(__file__).parent / "priors"
 
 def save_prior(prior: Any, path: Path | str, kind: str) -> Path:
     """`path`, after a `PriorClassifier` was written to it whole."""
-    arrays = {"levels": prior.levels, "speed": prior.point_speed, "pressure": prior.point_pressure}
+    arrays = {
+        "levels": prior.band_powers,
+        "speed": prior.point_speed,
+        "pressure": prior.point_pressure,
+    }
     parts = {"virtual": prior.virtual, "head": prior.head}
     names = {item.name for item in fields(prior)} - {
-        "levels",
+        "band_powers",
         "point_speed",
         "point_pressure",
         *parts,
@@ -60,9 +64,9 @@ def load_prior(path: Path | str, form: type[P], kind: str) -> P:
     advice = "make it with swashtwin twin prior, or with swashtwin model adapt"
     card, tensors = read_artifact(path, kind, VERSION, advice=advice, may_be_nan=_MAY_BE_NAN)
     with translate_load_errors(path, kind):
-        levels, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
+        band_powers, speed, pressure = (tensors[name] for name in ("levels", "speed", "pressure"))
         arrays: dict[str, Any] = {
-            "levels": levels,
+            "band_powers": band_powers,
             "point_speed": speed,
             "point_pressure": pressure,
         }

@@ -25,8 +25,10 @@ _LEAST_PASSES = 12
 """Piston passes that a sample rate must allow."""
 
 
-def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray, "channel level"]:
-    """Levels of each channel (`OrderBands.levels`), from power densities (Welch, Hann taper) of
+def order_band_powers(
+    recording: Recording, bands: OrderBands
+) -> Float64[np.ndarray, "channel level"]:
+    """Levels of each channel (`OrderBands.log_powers`), from power densities (Welch, Hann taper) of
     eight turns each.
 
     Lines of piston passes say the speed better than what was stated; orders are those of the speed
@@ -47,7 +49,7 @@ def order_levels(recording: Recording, bands: OrderBands) -> Float64[np.ndarray,
         )
     length = scipy.fft.next_fast_len(math.ceil(TURNS * rate / shaft), real=True)
     power, width = recording_density(recording, length) * (rate / length), rate / length / shaft
-    return bands.levels(power, width / _speed_ratio(power, width, bands))
+    return bands.log_powers(power, width / _speed_ratio(power, width, bands))
 
 
 def _speed_ratio(
@@ -101,9 +103,9 @@ class VirtualChanges:
     drawn: Bool[np.ndarray, " pump"]
     """Whether a pump has a drawing of its own."""
 
-    def require_shape(self, n_channels: int, n_levels: int, n_classes: int) -> None:
+    def require_shape(self, n_channels: int, n_band_powers: int, n_classes: int) -> None:
         """Refuse arrays that do not fit each other."""
-        rows, pumps, shape = len(self.change), len(self.scatter), (n_channels, n_levels)
+        rows, pumps, shape = len(self.change), len(self.scatter), (n_channels, n_band_powers)
         if (
             self.change.shape[1:] != shape
             or self.scatter.shape[1:] != shape
@@ -123,9 +125,9 @@ class VirtualChanges:
         )
         return VirtualChanges(change, self.target[rows], number, scatter, self.drawn[pumps])
 
-    def measured(self, levels: Bool[np.ndarray, "channel level"]) -> "VirtualChanges":
+    def measured(self, band_powers: Bool[np.ndarray, "channel level"]) -> "VirtualChanges":
         """The same, zero in levels that a machine's recordings lack."""
-        return replace(self, change=self.change * levels, scatter=self.scatter * levels)
+        return replace(self, change=self.change * band_powers, scatter=self.scatter * band_powers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 KIND, _VERSION = "classifier", 9
 _MAY_BE_NAN = (
     "training_reference.condition", "recordings.healthy.condition",
-    *(f"resemblance.prior.{name}" for name in ("levels", "point_speed", "point_pressure")),
+    *(f"resemblance.prior.{name}" for name in ("band_powers", "point_speed", "point_pressure")),
 )  # fmt: skip
 _USUAL_SIZE, _MOST_LAYERS = 1 << 16, 256
 """A setting of a network may be as large as this, or as its weights or the window are; and lists as

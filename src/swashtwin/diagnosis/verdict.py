@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from swashtwin.diagnosis.healthy_spectrum import HealthySpectrum, LevelChange
+from swashtwin.diagnosis.healthy_spectrum import BandPowerChange, HealthySpectrum
 from swashtwin.foundation import plural, to_table
-from swashtwin.learning import Choice, Deviation, Level
+from swashtwin.learning import BandPower, Choice, Deviation
 from swashtwin.pump import is_healthy, propose_class
 from swashtwin.recordings import RecordingSummary
 
-_FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "levels", "spectrum")
+_FOR_PAGES = ("facts", "fault_of", "choice", "deviation", "band_powers", "spectrum")
 """Fields that pages draw, and that `Diagnosis.to_dict` leaves out."""
 
 
@@ -84,7 +84,7 @@ class Diagnosis:
     """What of the recording is outside the training's range, in words; `notes` hold them too."""
     shifts: tuple[str, ...] = ()
     """Channels whose levels moved as a whole, in words; of a detector."""
-    changes: tuple[LevelChange, ...] = ()
+    changes: tuple[BandPowerChange, ...] = ()
     """Levels that moved, furthest first, also without an alarm; of a detector."""
     notes: tuple[str, ...] = ()
     """What a reader should know before trusting it, such as a condition that was never trained."""
@@ -96,7 +96,7 @@ class Diagnosis:
     """How the classifier was chosen; None where its network was named."""
     deviation: Deviation | None = None
     """All levels' changes; of a detector with a verdict."""
-    levels: tuple[Level, ...] = ()
+    band_powers: tuple[BandPower, ...] = ()
     """What each level of `deviation` is."""
     spectrum: HealthySpectrum | None = None
     """Its levels over those of healthy recordings; None without a verdict, or where the model has

@@ -297,7 +297,7 @@ class RecordingViews:
         DataError
             The recordings differ in rate, channels or unit, or one is unfit.
         """
-        from swashtwin.learning import level_layout
+        from swashtwin.learning import band_power_layout
 
         if not first or not second:
             raise InputError("a comparison takes a recording on either side; choose them.")
@@ -308,7 +308,7 @@ class RecordingViews:
             raise DataError(
                 "these recordings differ in sample rate, channels or unit; compare alike ones."
             )
-        layout, notes = level_layout(list(recordings.values()))
+        layout, notes = band_power_layout(list(recordings.values()))
         levels = {name: layout.measure(recording) for name, recording in recordings.items()}
         groups = [np.stack([levels[name] for name in names]) for names in (first, second)]
         freedom = sum(len(group) - 1 for group in groups)
@@ -318,8 +318,8 @@ class RecordingViews:
         shaft = specified_shaft_frequency(recordings[second[0]])
         ranked = np.argsort(-np.abs(change / spread))[:20]
         rows = [
-            {"level": layout.levels[n].words(shaft), "channel": layout.levels[n].channel, "change": float(change[n]),
-             "spreads": float(change[n] / spread[n]), "edges": layout.levels[n].edges(shaft)}
+            {"band": layout.band_powers[n].words(shaft), "channel": layout.band_powers[n].channel, "change": float(change[n]),
+             "spreads": float(change[n] / spread[n]), "edges": layout.band_powers[n].edges(shaft)}
             for n in ranked.tolist()
         ]  # fmt: skip
         return {"rows": rows, "notes": notes, "freedom": freedom}

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swashtwin.foundation import DataError, InputError, plural, to_table
-from swashtwin.learning.healthy.healthy_levels import LEAST_HEALTHY, USUAL_ERROR_RATE
+from swashtwin.learning.healthy.healthy_baseline import DEFAULT_ERROR_RATE, MIN_HEALTHY_RECORDINGS
 from swashtwin.learning.training.confidence import allowed_error_rate, min_validation_recordings
 from swashtwin.pump import is_healthy
 from swashtwin.recordings import (
@@ -253,11 +253,11 @@ def _detection(n_healthy: int) -> Answer:
     one.
     """
     count = plural(n_healthy, "healthy recording")
-    if n_healthy < LEAST_HEALTHY:
-        return "no", f"{count}; {LEAST_HEALTHY} are needed at least."
-    allowed = allowed_error_rate(n_healthy, USUAL_ERROR_RATE)
+    if n_healthy < MIN_HEALTHY_RECORDINGS:
+        return "no", f"{count}; {MIN_HEALTHY_RECORDINGS} are needed at least."
+    allowed = allowed_error_rate(n_healthy, DEFAULT_ERROR_RATE)
     reason = f"{count} allow a false-alarm rate of {allowed:g}: train on an index of these alone."
-    return "yes" if allowed == USUAL_ERROR_RATE else "partly", reason
+    return "yes" if allowed == DEFAULT_ERROR_RATE else "partly", reason
 
 
 def _test(labeled: Sequence[Recording], group: str) -> Answer:

@@ -126,7 +126,7 @@ def window_powers(windows: WindowSet) -> list[Float64[np.ndarray, "window line"]
     ]
 
 
-def level_features(
+def reference_features(
     windows: WindowSet, powers: Sequence[Float64[np.ndarray, "window line"]] | None = None
 ) -> Float64[np.ndarray, "window feature"]:
     """Levels of each window, channel after channel, by which `TrainingReference` tells what is like
@@ -169,19 +169,19 @@ def level_features(
         parts += [
             np.column_stack(shape),
             np.log10(np.maximum(mean, 1e-30)),
-            band_levels(powers[index], _N_LEVEL_BANDS),
+            log_band_powers(powers[index], _N_LEVEL_BANDS),
         ]
     return np.concatenate(parts, axis=1)
 
 
-def level_spectrum(
+def reference_spectrum(
     features: Float[np.ndarray, "row feature"], n_channels: int, length: int, sample_rate: float
 ) -> tuple[
     Float64[np.ndarray, " band"],
     Float64[np.ndarray, " band"],
     Float64[np.ndarray, "row channel band"],
 ]:
-    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `level_features` or their
+    """(lower, upper edges [Hz], power densities [dB re 1 unit^2/Hz]) that `reference_features` or their
     means hold.
 
     The narrow bands of the lowest twelfth of the spectrum, then the logarithmic bands above them.
@@ -206,10 +206,10 @@ def band_energies(
     """log10 of the mean square in each of the `band_shares`, mean removed, Hann taper [log10 of the
     unit squared].
     """
-    return band_levels(line_powers(signal), n_bands)
+    return log_band_powers(line_powers(signal), n_bands)
 
 
-def band_levels(
+def log_band_powers(
     power: Float64[np.ndarray, "window line"], n_bands: int
 ) -> Float64[np.ndarray, "window band"]:
     """`band_energies` from the powers of `line_powers`."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from swashtwin.foundation import InputError
 from swashtwin.learning import features as features_of
-from swashtwin.learning.networks import window_levels as levels_of
-from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.networks import window_features
+from swashtwin.learning.networks.band_power_network import BandPowerNetwork
 from swashtwin.learning.networks.tree_network import ExtraTrees
 from swashtwin.learning.training.classifier import FittedClassifier
 from swashtwin.signals import TIME_STATISTICS, band_shares, hann_taper
@@ -97,7 +97,7 @@ def onnx_model(classifier: FittedClassifier) -> Any:
     shape: list[str | int] = ["window", len(layout.channels), layout.length]
     inputs = [helper.make_tensor_value_info("windows", TensorProto.FLOAT, shape)]
     domains = [helper.make_opsetid("", OPSET)]
-    if isinstance(network, LevelNetwork):
+    if isinstance(network, BandPowerNetwork):
         graph = Graph()
         if network.uses_speed:
             inputs.append(helper.make_tensor_value_info("speed", TensorProto.FLOAT, ["window"]))
@@ -115,8 +115,10 @@ def onnx_model(classifier: FittedClassifier) -> Any:
     return helper.make_model(whole, opset_imports=domains, ir_version=9)
 
 
-def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: LevelNetwork) -> None:
-    """`LevelNetwork.probabilities`."""
+def _answer_of_levels(
+    graph: Graph, classifier: FittedClassifier, network: BandPowerNetwork
+) -> None:
+    """`BandPowerNetwork.probabilities`."""
     from onnx import helper
 
     layout, turns = classifier.layout, None
@@ -125,7 +127,7 @@ def _answer_of_levels(graph: Graph, classifier: FittedClassifier, network: Level
         turns = graph(
             "Where", graph("IsNaN", stated), network.settings["turns"] or math.nan, stated
         )
-    features = _levels(graph, network, _scaled(graph, classifier), layout.length, turns)
+    features = _band_features(graph, network, _scaled(graph, classifier), layout.length, turns)
     weights = network.weights
     encoded = graph("Div", graph("Sub", features, weights["mean"]), weights["deviation"])
     answers = []
@@ -190,19 +192,21 @@ def _scaled(graph: Graph, classifier: FittedClassifier) -> str:
     return graph("Cast", graph("Div", graph("Sub", samples, mean), deviation), to=TensorProto.FLOAT)
 
 
-def _levels(graph: Graph, network: LevelNetwork, x: str, length: int, turns: str | None) -> str:
-    """`LevelNetwork.represent_at`."""
+def _band_features(
+    graph: Graph, network: BandPowerNetwork, x: str, length: int, turns: str | None
+) -> str:
+    """`BandPowerNetwork.represent_at`."""
     x = graph("Sub", x, graph.mean(x))
     deviation = graph(
-        "Max", graph("Sqrt", graph.mean(graph("Mul", x, x))), levels_of.LEAST_DEVIATION
+        "Max", graph("Sqrt", graph.mean(graph("Mul", x, x))), window_features.LEAST_DEVIATION
     )
     x = graph("Div", x, deviation)
-    counts = levels_of.line_counts(turns is not None)
+    counts = window_features.line_counts(turns is not None)
     parts = _spectrum_levels(
-        graph, x, length, turns, counts[0], levels_of.LINE_SHARE, levels_of.BANDS
+        graph, x, length, turns, counts[0], window_features.LINE_SHARE, window_features.BANDS
     )
     spectrum = graph.transform(x)
-    for above in levels_of.ENVELOPE_FROM:
+    for above in window_features.ENVELOPE_FROM:
         analytic = graph.analytic(
             spectrum, length, math.floor(above * (length // 2)) + 1, length // 2
         )
@@ -216,15 +220,17 @@ def _levels(graph: Graph, network: LevelNetwork, x: str, length: int, turns: str
             length,
             turns,
             counts[1],
-            levels_of.ENVELOPE_SHARE,
-            levels_of.ENVELOPE_BANDS,
+            window_features.ENVELOPE_SHARE,
+            window_features.ENVELOPE_BANDS,
         )
-        parts.append(graph.log10(graph("Add", mean, levels_of.FLOOR)))
-    levels = graph("Concat", *parts, axis=-1)
-    levels = graph("Add", levels, graph("Mul", graph.log10(deviation), network.response))
+        parts.append(graph.log10(graph("Add", mean, window_features.FLOOR)))
+    features = graph("Concat", *parts, axis=-1)
+    features = graph("Add", features, graph("Mul", graph.log10(deviation), network.response))
     if network.settings["shape"]:
-        levels = graph("Sub", levels, graph("Mul", graph.part(levels, 0, 1), network.response))
-    return graph("Flatten", levels, axis=1)
+        features = graph(
+            "Sub", features, graph("Mul", graph.part(features, 0, 1), network.response)
+        )
+    return graph("Flatten", features, axis=1)
 
 
 def _spectrum_levels(
@@ -235,7 +241,7 @@ def _spectrum_levels(
     power = graph("Div", graph.reduced("Sum", graph("Mul", lines, lines), keep=0), float(length))
     n_lines = length // 2
     if turns is None:
-        first, last = levels_of.narrow_edges(n_lines, n_narrow, share)
+        first, last = window_features.narrow_edges(n_lines, n_narrow, share)
         line = np.arange(last[-1])[:, None]
         narrow = graph(
             "MatMul",
@@ -245,7 +251,7 @@ def _spectrum_levels(
     else:
         narrow = _order_powers(graph, power, graph("Mul", turns, float(length)), n_lines, n_narrow)
     banded = graph("MatMul", power, band_shares(n_lines, n_bands))
-    levels = [graph.log10(graph("Add", part, levels_of.FLOOR)) for part in (narrow, banded)]
+    features = [graph.log10(graph("Add", part, window_features.FLOOR)) for part in (narrow, banded)]
     deviation = graph("Add", graph("Sqrt", graph.mean(graph("Mul", x, x))), 1e-6)
     z = graph("Div", x, deviation)
     square, magnitude = graph("Mul", z, z), graph("Abs", z)
@@ -255,7 +261,7 @@ def _spectrum_levels(
         graph("Log", graph("Add", graph.mean(graph("Mul", square, square)), 1e-3)),
         graph("Log", graph("Add", graph.reduced("Max", magnitude), 1e-3)),
         graph.mean(magnitude),
-        *levels,
+        *features,
     ]
 
 
@@ -276,7 +282,10 @@ def _order_powers(
     width = graph("Sub", high, low)
     mean = graph("Div", graph("MatMul", power, overlap), graph("Max", width, 1e-6))
     return graph(
-        "Where", graph("Less", width, levels_of.NARROWEST), graph.part(power, n_lines - 1), mean
+        "Where",
+        graph("Less", width, window_features.NARROWEST),
+        graph.part(power, n_lines - 1),
+        mean,
     )
 
 

@@ -306,7 +306,7 @@ def build_anomaly_part(verdict: Diagnosis, key: str) -> Part:
     if verdict.deviation is not None:
         rows = tuple(
             (
-                change.level,
+                change.band,
                 format_label(change.channel),
                 f"{change.change:+.1f}",
                 format_number(change.spreads),
@@ -359,8 +359,8 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
     assert verdict.deviation is not None
     change = verdict.deviation.change
     spread = change / np.where(verdict.deviation.spreads == 0, 1, verdict.deviation.spreads)
-    channels = list(dict.fromkeys(level.channel for level in verdict.levels))
-    has_orders = any(level.order is not None for level in verdict.levels)
+    channels = list(dict.fromkeys(level.channel for level in verdict.band_powers))
+    has_orders = any(level.order is not None for level in verdict.band_powers)
     figure, axes = create_panels(
         len(channels), 1 + has_orders, 1.0 + 1.3 * len(channels), sharey=True, sharex="col"
     )
@@ -369,15 +369,15 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
             panel = axes[row, column]
             members = [
                 index
-                for index, level in enumerate(verdict.levels)
+                for index, level in enumerate(verdict.band_powers)
                 if level.channel == channel
                 and not level.is_envelope
                 and (level.order is not None) is bool(column)
             ]
-            levels = [verdict.levels[index] for index in members]
+            band_powers = [verdict.band_powers[index] for index in members]
             center = [
                 level.order if level.order is not None else (level.low * level.high) ** 0.5
-                for level in levels
+                for level in band_powers
             ]
             panel.fill_between(
                 center, -3 * spread[members], 3 * spread[members], color=LIGHT, linewidth=0
@@ -395,8 +395,8 @@ def draw_band_changes(verdict: Diagnosis, key: str) -> Drawing:
     if has_orders:
         axes[-1, 1].set_xlabel("order of the shaft")
     columns = {
-        "channel": [level.channel for level in verdict.levels],
-        "level": [level.words() for level in verdict.levels],
+        "channel": [level.channel for level in verdict.band_powers],
+        "level": [level.words() for level in verdict.band_powers],
         "change_db": change.tolist(),
         "standard_deviations": verdict.deviation.spreads.tolist(),
     }

@@ -74,7 +74,7 @@ def build_detector_part(detector: AnomalyDetector) -> Part:
     entries = [
         ("healthy recordings", healthy.n_recordings),
         ("machines and operating points", len(healthy.points)),
-        ("levels compared", len(detector.layout.levels)),
+        ("levels compared", len(detector.layout.band_powers)),
         ("channels", list(detector.layout.channels)),
         ("sample rate", f"{detector.layout.sample_rate:g} Hz"),
     ]

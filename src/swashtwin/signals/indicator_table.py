@@ -245,7 +245,7 @@ def long_indicators(
     return IndicatorTable(tables[0].rows, tuple(shared), joined)
 
 
-LEAST_HEALTHY = 5
+MIN_HEALTHY_RECORDINGS = 5
 """Other healthy recordings that a baseline takes at least: of three, 20 % of healthy recordings lie
 5 spreads off.
 """
@@ -414,7 +414,7 @@ def _point(
         and values_match(candidate.speed, row.speed, SPEED_TOLERANCE)
         and values_match(candidate.pressure, row.pressure, PRESSURE_TOLERANCE)
     ]
-    if len(others) < LEAST_HEALTHY or not math.isfinite(value):
+    if len(others) < MIN_HEALTHY_RECORDINGS or not math.isfinite(value):
         return TrendPoint(row, value, good[index], math.nan, math.nan, len(others), "no baseline")
     median = float(np.median(others))
     mad = float(np.median(np.abs(np.array(others) - median)))

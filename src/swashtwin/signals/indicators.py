@@ -101,7 +101,7 @@ class Measured:
     """Bands whose levels are wanted."""
 
     @cached_property
-    def level_spectrum(self) -> Spectrum:
+    def band_spectrum(self) -> Spectrum:
         """Power density that velocity and band levels are read from."""
         rate = self.recording.sample_rate
         return power_density(
@@ -134,7 +134,7 @@ def _level(
     signal, rate = measured.recording.signal, measured.recording.sample_rate
     try:
         return band_rms(
-            signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.level_spectrum
+            signal, rate, low, high, of_velocity=of_velocity, spectrum=measured.band_spectrum
         )
     except InputError:
         return np.full(len(signal), math.nan)

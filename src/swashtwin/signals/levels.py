@@ -289,9 +289,9 @@ class OrderBands:
         )
         return (*lines, *broad, *(f"floor {name}" for name in broad))
 
-    def levels(
+    def log_powers(
         self, power: Float[np.ndarray, "*batch cell"], width: float
-    ) -> Float64[np.ndarray, "*batch level"]:
+    ) -> Float64[np.ndarray, "*batch band"]:
         """log10 of the power in each band, then of the floors' power in each cell; NaN where cells
         end before.
 

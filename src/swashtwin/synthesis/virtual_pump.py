@@ -375,7 +375,7 @@ class OrderChanges:
     bands: OrderBands
     """Bands of the drawing's levels; a pump of another number of pistons has as many."""
     change: Float[np.ndarray, "recording channel level"]
-    """Level (`OrderBands.levels`), less its mean over the pump's reference recordings."""
+    """Level (`OrderBands.log_powers`), less its mean over the pump's reference recordings."""
     label: Shaped[np.ndarray, " recording"]
     pump: Int[np.ndarray, " recording"]
     """Row of its pump."""
@@ -455,7 +455,7 @@ def _changes_of_pump(
         )
     except SwashTwinError:
         return None
-    levels = bands.levels(power, 1 / CELLS)
+    levels = bands.log_powers(power, 1 / CELLS)
     references = levels[: int(rng.integers(1, _REFERENCES + 1))]
     scatter = levels[:_REFERENCES].std(axis=0, ddof=1)
     return (levels[_REFERENCES:] - references.mean(axis=0)).astype(np.float16), scatter.astype(

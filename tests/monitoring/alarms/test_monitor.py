@@ -13,7 +13,7 @@ from small_machine import Machine
 from swashtwin.foundation import DataError, MPa, rpm, to_table
 from swashtwin.monitoring.alarms.baseline import (
     OperatingPoint,
-    baseline_levels,
+    baseline_band_powers,
     match_operating_point,
 )
 from swashtwin.monitoring.alarms.monitor import (
@@ -109,12 +109,12 @@ def test_while_an_alarm_stands_nothing_is_bet_and_five_quiet_recordings_clear_it
 def test_the_baseline_has_median_and_scatter_of_each_level_that_a_judgement_has(
     machine: Machine, watched: OperatingPointState
 ) -> None:
-    levels = baseline_levels(to_table(watched.baseline))
+    band_powers = baseline_band_powers(to_table(watched.baseline))
     point_judgment = course(machine, [0.0], watched, 40)[0]
-    assert levels.keys() == point_judgment.levels.keys()
+    assert band_powers.keys() == point_judgment.band_powers.keys()
     far = [
-        abs(point_judgment.levels[key] - median) / spread
-        for key, (median, spread) in levels.items()
+        abs(point_judgment.band_powers[key] - median) / spread
+        for key, (median, spread) in band_powers.items()
     ]
     assert np.mean(far) < 2
 

@@ -25,7 +25,7 @@ from hypothesis.stateful import (
 from watched_pumps import watch_config
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import LevelLayout
+from swashtwin.learning import BandPowerLayout
 from swashtwin.monitoring import History, record_event
 from swashtwin.monitoring.alarms.baseline import OperatingPointBaseline
 from swashtwin.monitoring.alarms.monitor import (
@@ -55,7 +55,7 @@ def judge(
     condition = state.pump if state is not None else AlarmState()
     is_large = bool(recording.signal[0, 0] > 0)
     after, change = condition.after(is_large)
-    baseline = OperatingPointBaseline.empty(LevelLayout(1.0, ("x",), "", 2, 0))
+    baseline = OperatingPointBaseline.empty(BandPowerLayout(1.0, ("x",), "", 2, 0))
     state = OperatingPointState(baseline, ConformalTest({}), after, AlarmState())
     return OperatingPointJudgment(
         "watching", 1, state, is_large=is_large, is_alarm=after.is_active, pump=change, capital=1.0

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from swashtwin.foundation import InputError
-from swashtwin.learning import level_layout
+from swashtwin.learning import band_power_layout
 from swashtwin.monitoring import OperatingPointMonitor
 from swashtwin.recordings import Recording
 from swashtwin_bench.public.readers.named_files import read_bearing_run_to_failure
@@ -123,8 +123,8 @@ def plain_alarm(life: Sequence[Recording]) -> float:
     life : recordings of one bearing, in order of time to its end; the first `N_HEALTHY` make the
         median.
     """
-    layout, _ = level_layout(life)
-    bands = np.array([level.is_band for level in layout.levels])
+    layout, _ = band_power_layout(life)
+    bands = np.array([level.is_band for level in layout.band_powers])
     levels = np.array([layout.measure(recording)[bands] for recording in life])
     high = levels - np.median(levels[:N_HEALTHY], axis=0) >= PLAIN_RISE
     high[:N_HEALTHY] = False

@@ -15,7 +15,8 @@ CLASSIFIERS = {
     "spectral_bitcn": "BiTCN on levels (ours)",
     "spectral_noise": "BiTCN on levels (ours), new noise in every epoch",
     "chosen": "chosen in training (ours)",
-    "levels": "level network (ours)",
+    "band_powers": "band-power network (ours)",
+    "levels": "band-power network (ours)",  # its name in studies up to evidence-0.2
     "bitcn": "BiTCN, stride 16",
     "paper_bitcn": "BiTCN (the paper's)",
     "paper_ordinary": "A: ordinary convolution (the paper's)",

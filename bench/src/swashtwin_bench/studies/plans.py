@@ -288,7 +288,7 @@ def fair_test(size: str) -> Plan:
     return _like_case_one(
         size, OURS, "fair-test", "The fair test: calibrated twins with the law of the recess less nominal ones",
         scenario=scenario,
-        models=models_of(size, ("levels", "extra_trees", CHOSEN, "bitcn")),
+        models=models_of(size, ("band_powers", "extra_trees", CHOSEN, "bitcn")),
         training_sets=FAIR_TRAINING_SETS,
         varied="case",
         variants={

@@ -14,8 +14,8 @@ from swashtwin.learning.choice.candidates import (
     Choice,
     Trial,
 )
-from swashtwin.learning.networks.level_network import solve_alike
-from swashtwin.learning.networks.window_levels import window_levels
+from swashtwin.learning.networks.band_power_network import solve_together
+from swashtwin.learning.networks.window_features import window_features
 from swashtwin.learning.training.classifier import Normalization
 from swashtwin.learning.training.confidence import likeliest_class
 from swashtwin.learning.training.fitting import RepresentedWindows
@@ -105,13 +105,13 @@ def choose_candidate(
     is_all = (
         len(windows) == len(views.windows) and windows.fingerprint() == views.windows.fingerprint()
     )
-    levels, rows = views.training
+    band_powers, rows = views.training
     answers = OutOfFoldPredictions(
         probability=np.exp(log_probability[chosen.name][0][tested]),
         target=measured.target[tested],
         recording_id=measured.recording_id[tested],
         fold=fold[tested],
-        seen=(chosen.network(windows).shaped(levels), rows) if is_all else None,
+        seen=(chosen.network(windows).shaped(band_powers), rows) if is_all else None,
     )
     n_machines = len(np.unique(groups)) if group == "specimen" else 0
     return (
@@ -148,7 +148,7 @@ def _inner_folds(measured: WindowSet, seed: int) -> tuple[str, tuple[Fold, ...]]
 
 
 _VIEWS = ("clean", "noise", "gain and speed")
-_Levels = Float32[np.ndarray, "window channel level"]
+_WindowFeatures = Float32[np.ndarray, "window channel level"]
 
 
 class _Views:
@@ -169,18 +169,18 @@ class _Views:
         self.tests = [clean[: len(measured)], self._levels(replace(measured, signal=noisy)),
                       self._levels(replace(measured, signal=with_gains(faster, GAIN, moved)))]  # fmt: skip
         """Levels of the measured windows under each of `_VIEWS`."""
-        levels, which = [clean], [np.arange(len(self.windows))]
+        band_powers, which = [clean], [np.arange(len(self.windows))]
         for number in range(DISTURBED_TRAINING.epochs):
             changed, part = transform_windows(self.windows, DISTURBED_TRAINING, seed, number + 1)
             if len(changed):
-                levels.append(self._levels(part))
+                band_powers.append(self._levels(part))
                 which.append(changed)
-        self.training = np.concatenate(levels), np.concatenate(which)
+        self.training = np.concatenate(band_powers), np.concatenate(which)
         """(levels of every training pass, index of the window behind each row)."""
 
-    def _levels(self, windows: WindowSet) -> _Levels:
+    def _levels(self, windows: WindowSet) -> _WindowFeatures:
         return np.concatenate(
-            [window_levels(samples, None) for samples, _ in self._normalization.blocks(windows)]
+            [window_features(samples, None) for samples, _ in self._normalization.blocks(windows)]
         )
 
 
@@ -192,14 +192,14 @@ def _answers(
     """
     shape = len(views.measured), len(views.windows.classes)
     answers = {candidate.name: [np.full(shape, np.nan) for _ in _VIEWS] for candidate in CANDIDATES}
-    levels, rows = views.training
+    band_powers, rows = views.training
     networks = {candidate.name: candidate.network(views.windows) for candidate in CANDIDATES}
     for fold, (trained, tested) in enumerate(folds):
         tell("trying candidates", fold, len(folds))
         used = np.flatnonzero(np.isin(rows, _training_rows(views, trained, tested)))
-        values = [network.shaped(levels[used]) for network in networks.values()]
+        values = [network.shaped(band_powers[used]) for network in networks.values()]
         target = views.windows.target[rows[used]]
-        solve_alike(list(networks.values()), values, target, derive_seed(seed, "trial", fold))
+        solve_together(list(networks.values()), values, target, derive_seed(seed, "trial", fold))
         for view, test in enumerate(views.tests):
             for name, network in networks.items():
                 answers[name][view][tested] = network.scores(network.shaped(test[tested]))

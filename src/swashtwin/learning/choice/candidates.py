@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from swashtwin.foundation import plural
-from swashtwin.learning.networks.level_network import LevelNetwork
+from swashtwin.learning.networks.band_power_network import BandPowerNetwork
 from swashtwin.learning.training.settings import TrainingSettings
 from swashtwin.learning.windows.window_set import WindowSet
 
@@ -25,7 +25,7 @@ gains to 12 dB a channel and speeds to 2 % on half of them each.
 
 @dataclass(frozen=True)
 class Candidate:
-    """A `LevelNetwork` with lines in hertz and both heads, trained as in `DISTURBED_TRAINING`."""
+    """A `BandPowerNetwork` with lines in hertz and both heads, trained as in `DISTURBED_TRAINING`."""
 
     shape: bool
     """Whether each channel's own level is subtracted, so that no gain changes anything."""
@@ -35,9 +35,9 @@ class Candidate:
         """What it is called in a table: ``band_shapes`` or ``band_powers``."""
         return "band_shapes" if self.shape else "band_powers"
 
-    def network(self, windows: WindowSet) -> LevelNetwork:
+    def network(self, windows: WindowSet) -> BandPowerNetwork:
         """Its untrained network for windows."""
-        return LevelNetwork(windows.n_channels, len(windows.classes), shape=self.shape)
+        return BandPowerNetwork(windows.n_channels, len(windows.classes), shape=self.shape)
 
 
 CANDIDATES = (Candidate(shape=True), Candidate(shape=False))

@@ -24,7 +24,7 @@ AnyNetwork: TypeAlias = "Network | SolvedNetwork"
 """A network of either kind: trained in epochs by torch, or solved by numpy."""
 
 NETWORKS: dict[str, type | tuple[str, str]] = {
-    "levels": ("level_network", "LevelNetwork"),
+    "band_powers": ("band_power_network", "BandPowerNetwork"),
     "extra_trees": ("tree_network", "ExtraTrees"),
     "random_forest": ("tree_network", "RandomForest"),
     "bitcn": ("bitcn", "BiTCN"),

@@ -10,10 +10,10 @@ from jaxtyping import Float, Float64, Int64
 
 from swashtwin.foundation import derive_seed, random_stream
 from swashtwin.learning.choice.candidate_trials import OutOfFoldPredictions, is_made_without
-from swashtwin.learning.recordings.recording_levels import (
-    RecordingLevels,
+from swashtwin.learning.recordings.recording_features import (
+    RecordingBandLayout,
     RecordingTable,
-    levels_of,
+    measure_recordings,
     recording_rows,
     shortest_stretch,
 )
@@ -83,14 +83,14 @@ class _Tables:
     computed once.
     """
 
-    def __init__(self, windows: WindowSet, layout: RecordingLevels, seed: int) -> None:
+    def __init__(self, windows: WindowSet, layout: RecordingBandLayout, seed: int) -> None:
         rows = recording_rows(windows)
         first = np.array([int(members[0]) for members in rows])
         self.table = RecordingTable.measured(layout, windows)
         self.target, self.synthetic = windows.target[first], windows.synthetic[first]
         rng = random_stream(seed, "noise on recordings")
         rate = windows.sample_rate
-        noisy = levels_of(
+        noisy = measure_recordings(
             layout,
             windows,
             rows,
@@ -102,9 +102,9 @@ class _Tables:
         measured = {
             name for name, made in zip(self.table.specimen, self.synthetic, strict=True) if not made
         }
-        copies = [self.table, replace(self.table, levels=noisy)]
-        self.on_levels = np.stack(
-            [layout.shapes(part.levels).reshape(len(rows), -1) for part in copies]
+        copies = [self.table, replace(self.table, band_powers=noisy)]
+        self.on_band_powers = np.stack(
+            [layout.shapes(part.band_powers).reshape(len(rows), -1) for part in copies]
         )
         self.on_changes: np.ndarray | None = None
         has_each_class = len(np.unique(self.target[~self.synthetic])) == len(windows.classes)
@@ -141,7 +141,7 @@ def fit_recordings(
     shortest = shortest_stretch(windows)
     if shortest < LEAST_SAMPLES:
         return None
-    layout = RecordingLevels.of(windows, shortest)
+    layout = RecordingBandLayout.of(windows, shortest)
     tables, n_classes = _Tables(windows, layout, seed), len(windows.classes)
     row = {name: index for index, name in enumerate(tables.table.recording_id)}
     names, first, index = np.unique(answers.recording_id, return_index=True, return_inverse=True)
@@ -149,7 +149,7 @@ def fit_recordings(
     pooled = np.zeros((len(names), n_classes))
     np.add.at(pooled, index, _logarithm(answers.probability))
     pooled /= np.bincount(index)[:, None]
-    parts = [tables.on_levels] + ([] if tables.on_changes is None else [tables.on_changes])
+    parts = [tables.on_band_powers] + ([] if tables.on_changes is None else [tables.on_changes])
     logarithms = [np.full((len(tested), n_classes), np.nan) for _ in parts]
     for number in np.unique(fold):
         members = fold == number
@@ -158,8 +158,8 @@ def fit_recordings(
             heads = tables.heads(values, used, n_classes, derive_seed(seed, "trial", int(number)))
             logarithms[part][members] = heads.log_probabilities(values[0, tested[members]])[1]
     target = tables.target[tested]
-    on_levels, on_changes = (*logarithms, None)[:2]
-    heard = (pooled, None, on_levels, None, on_changes)
+    on_band_powers, on_changes = (*logarithms, None)[:2]
+    heard = (pooled, None, on_band_powers, None, on_changes)
     temperatures = np.array(
         [
             1.0
@@ -173,7 +173,7 @@ def fit_recordings(
     model = RecordingModel(
         layout=layout,
         usual_shaft=float(np.median(windows.speed) / (2 * np.pi)) if layout.n_orders else 0.0,
-        on_levels=tables.heads(tables.on_levels, every, n_classes, seed),
+        on_band_powers=tables.heads(tables.on_band_powers, every, n_classes, seed),
         on_changes=None
         if tables.on_changes is None
         else tables.heads(tables.on_changes, every, n_classes, seed),

@@ -13,7 +13,7 @@ from jaxtyping import Float, Float64, Int
 
 from swashtwin.foundation import derive_seed
 from swashtwin.learning.networks.tree_network import Forest, forest_of
-from swashtwin.learning.recordings.recording_levels import RecordingLevels, RecordingTable
+from swashtwin.learning.recordings.recording_features import RecordingBandLayout, RecordingTable
 from swashtwin.learning.windows.window_set import WindowSet
 
 _TREES = 150
@@ -35,14 +35,14 @@ class Head:
     """`Forest.tensors`."""
 
     def __post_init__(self) -> None:
-        count, levels = self.weight.shape
+        count, band_powers = self.weight.shape
         if (
-            self.mean.shape != (levels,)
-            or self.deviation.shape != (levels,)
+            self.mean.shape != (band_powers,)
+            or self.deviation.shape != (band_powers,)
             or self.bias.shape != (count,)
         ):
             raise ValueError("a head on whole recordings does not fit itself")
-        if count not in (0, self.n_classes) or self._forest.column.max(initial=-1) >= levels:
+        if count not in (0, self.n_classes) or self._forest.column.max(initial=-1) >= band_powers:
             raise ValueError("the trees on whole recordings do not fit the classes and levels")
 
     @property
@@ -136,11 +136,22 @@ def _fit_head(
             for each in states
         ]
     trees = forest_of(grown, grown[0].classes_, n_classes).tensors(np.float32)
-    n_levels = rows.shape[1]
-    return Head(np.zeros(n_levels), np.ones(n_levels), np.zeros((0, n_levels)), np.zeros(0), trees)
+    n_band_powers = rows.shape[1]
+    return Head(
+        np.zeros(n_band_powers),
+        np.ones(n_band_powers),
+        np.zeros((0, n_band_powers)),
+        np.zeros(0),
+        trees,
+    )
 
 
-HEAD_NAMES = ("levels, discriminant", "levels, trees", "changes, discriminant", "changes, trees")
+HEAD_NAMES = (
+    "band powers, discriminant",
+    "band powers, trees",
+    "changes, discriminant",
+    "changes, trees",
+)
 """What says the class of a whole recording, in the order of the temperatures."""
 
 
@@ -154,10 +165,10 @@ class RecordingModel:
     the machine has healthy recordings.
     """
 
-    layout: RecordingLevels
+    layout: RecordingBandLayout
     usual_shaft: float
     """Shaft frequency [Hz] taken where a recording states none; 0 where levels know no orders."""
-    on_levels: Heads
+    on_band_powers: Heads
     on_changes: Heads | None
     """None where not every machine of the training had two healthy recordings."""
     healthy: RecordingTable
@@ -173,15 +184,15 @@ class RecordingModel:
         """Raise a `ValueError` where heads or healthy recordings are of other channels, levels or
         classes.
         """
-        shape = (n_channels, self.layout.n_levels)
-        for heads in filter(None, (self.on_levels, self.on_changes)):
+        shape = (n_channels, self.layout.n_band_powers)
+        for heads in filter(None, (self.on_band_powers, self.on_changes)):
             counts = ((heads.clean, n_classes), (heads.noisy, n_classes), (heads.gate, 2))
             if any(
                 (head.n_classes, len(head.mean)) != (count, math.prod(shape))
                 for head, count in counts
             ):
                 raise ValueError("heads on whole recordings do not fit the channels and classes")
-        if self.healthy.levels.shape[1:] != shape:
+        if self.healthy.band_powers.shape[1:] != shape:
             raise ValueError("healthy recordings do not fit the channels and levels")
 
     def knows(self, specimen: str) -> bool:
@@ -214,15 +225,15 @@ class RecordingModel:
         """Logarithms of probabilities by each head; NaN rows where a machine has no healthy
         recordings of its own.
         """
-        levels = self.layout.shapes(table.levels)
+        band_powers = self.layout.shapes(table.band_powers)
         answers: list[np.ndarray | None] = [
-            *self.on_levels.log_probabilities(levels.reshape(len(levels), -1))
+            *self.on_band_powers.log_probabilities(band_powers.reshape(len(band_powers), -1))
         ]
         if self.on_changes is None:
             return [*answers, None, None]
         named = tuple(name if self.knows(name) else "" for name in table.specimen)
         flat = self.healthy.changes(self.layout, replace(table, specimen=named)).reshape(
-            len(levels), -1
+            len(band_powers), -1
         )
         known = np.isfinite(flat).all(axis=1)
         on_changes = self.on_changes.log_probabilities(np.where(known[:, None], flat, 0))

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32, Float64, Shaped
 
 from swashtwin.foundation import DataError, InputError
 from swashtwin.learning.choice.candidates import Choice
-from swashtwin.learning.features import level_features
+from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.recordings.recording_model import RecordingModel
 from swashtwin.learning.training.confidence import Confidence
@@ -201,14 +201,14 @@ class FittedClassifier:
     def answer(
         self, windows: WindowSet
     ) -> tuple[Float[np.ndarray, "window class"], Float[np.ndarray, "window feature"]]:
-        """(`predict_proba`, `level_features`) of each window: what a verdict and what its trust
+        """(`predict_proba`, `reference_features`) of each window: what a verdict and what its trust
         rest on.
 
         The levels are of the samples as they are: they tell a new class better than those that a
-        `LevelNetwork` decides by, and far better than the last layer, where a class that it never
+        `BandPowerNetwork` decides by, and far better than the last layer, where a class that it never
         saw fell among the known ones (docs/explanation/diagnosis.md).
         """
-        return self.predict_proba(windows), level_features(windows)
+        return self.predict_proba(windows), reference_features(windows)
 
     def _through(
         self, windows: WindowSet, step: Callable[[np.ndarray, np.ndarray], np.ndarray]

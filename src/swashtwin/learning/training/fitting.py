@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from swashtwin.foundation import DataError, InputError, one_thread
-from swashtwin.learning.features import level_features
+from swashtwin.learning.features import reference_features
 from swashtwin.learning.networks.registry import AnyNetwork
 from swashtwin.learning.networks.solved_network import SolvedNetwork
 from swashtwin.learning.training.classifier import FittedClassifier, Normalization
@@ -122,7 +122,7 @@ def fit(
         manifest=used,
         pressures=distinct_values(windows.cell_pressure),
         speeds=distinct_values(windows.speed),
-        training_reference=build_reference(windows, level_features(windows)),
+        training_reference=build_reference(windows, reference_features(windows)),
     )
 
 

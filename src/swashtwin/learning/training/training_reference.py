@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import InputError
-from swashtwin.learning.features import band_levels, window_powers
+from swashtwin.learning.features import log_band_powers, window_powers
 from swashtwin.learning.training.class_space import ClassSpace, fit_class_space
 from swashtwin.learning.windows.window_set import WindowSet
 
@@ -103,7 +103,7 @@ def signal_facts(
             1 / share_alone[:, channel],
         )
         decibels = 10 * np.log10(np.maximum(np.stack(ratios, axis=1), _LEAST_POWER))
-        facts.append(np.concatenate([decibels, 10 * band_levels(power, N_BANDS)], axis=1))
+        facts.append(np.concatenate([decibels, 10 * log_band_powers(power, N_BANDS)], axis=1))
     return np.stack(facts, axis=1)
 
 

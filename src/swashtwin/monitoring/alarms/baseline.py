@@ -12,9 +12,9 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import order_levels
+from swashtwin.diagnosis import order_band_powers
 from swashtwin.foundation import DataError, from_table
-from swashtwin.learning import Deviation, LevelLayout, level_layout
+from swashtwin.learning import BandPowerLayout, Deviation, band_power_layout
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, values_match
 from swashtwin.recordings import Recording, specified_pressure, specified_shaft_frequency
 from swashtwin.signals import OrderBands
@@ -92,11 +92,11 @@ def match_operating_point(
     return OperatingPoint(nearest.speed, nearest.pressure)
 
 
-def choose_layout(recording: Recording) -> LevelLayout:
+def choose_layout(recording: Recording) -> BandPowerLayout:
     """Levels of the recordings of a point, by its first one; segments are of a length that
     transforms fast.
     """
-    layout, _ = level_layout([recording])
+    layout, _ = band_power_layout([recording])
     length = int(scipy.fft.next_fast_len(layout.length, real=True))
     return replace(layout, length=length) if length <= recording.n_samples else layout
 
@@ -126,7 +126,7 @@ _LEAST_CHANNEL_SPREAD = 3.0
 class OperatingPointBaseline:
     """Levels of the healthy recordings of one operating point, while they are learned and after."""
 
-    layout: LevelLayout
+    layout: BandPowerLayout
     """Which levels."""
     shortest: int
     """Samples of the shortest recording that it learned from."""
@@ -144,9 +144,9 @@ class OperatingPointBaseline:
     """Pistons of the machine as `orders` were measured; None where they were not."""
 
     @classmethod
-    def empty(cls, layout: LevelLayout) -> "OperatingPointBaseline":
+    def empty(cls, layout: BandPowerLayout) -> "OperatingPointBaseline":
         """A baseline that has learned nothing."""
-        return cls(layout, 0, np.empty((0, len(layout.levels))))
+        return cls(layout, 0, np.empty((0, len(layout.band_powers))))
 
     @cached_property
     def median(self) -> Float64[np.ndarray, " level"]:
@@ -177,7 +177,7 @@ class OperatingPointBaseline:
             shorter.
         """
         length = self.layout.length
-        actual = LevelLayout(
+        actual = BandPowerLayout(
             float(recording.sample_rate),
             recording.channels,
             recording.unit,
@@ -189,16 +189,16 @@ class OperatingPointBaseline:
                 f"{recording.recording_id} does not fit the baseline of its operating point ({difference}); restart "
                 "the baseline after a change of sensors."
             )
-        levels = self.layout.measure(recording, self.shortest)
-        if not np.isfinite(levels).all():
+        band_powers = self.layout.measure(recording, self.shortest)
+        if not np.isfinite(band_powers).all():
             raise DataError(
                 f"{recording.recording_id}: a sample is far too large; repair the file."
             )
-        return levels
+        return band_powers
 
     def learn(
         self,
-        levels: Float64[np.ndarray, " level"],
+        band_powers: Float64[np.ndarray, " level"],
         recording: Recording,
         learning: int,
         pistons: int | None = None,
@@ -214,7 +214,7 @@ class OperatingPointBaseline:
         learning : recordings that a complete baseline has.
         pistons : of the machine, where they are known; `orders` are then learned too.
         """
-        rows, notes = np.vstack([self.rows, levels.round(3)]), []
+        rows, notes = np.vstack([self.rows, band_powers.round(3)]), []
         new = np.empty(0) if pistons is None else measure_orders(recording, pistons)
         is_alike = pistons == self.pistons and self.orders.shape == (len(self.rows), new.size)
         orders = np.vstack(
@@ -230,7 +230,7 @@ class OperatingPointBaseline:
             level = int(np.argmax(np.abs(change[furthest])))
             if far[furthest] < UNUSUAL:
                 break
-            which = self.layout.levels[level]
+            which = self.layout.band_powers[level]
             notes.append(
                 f"not learned from {'this' if is_new[furthest] else 'an earlier'} recording: "
                 f"{change[furthest, level]:+.1f} dB at {which.words()}, channel {which.channel}, against the others."
@@ -259,33 +259,33 @@ class OperatingPointBaseline:
             scores.append((_score(row - median, spread), _is_large(row - median, spread)))
         return scores
 
-    def score(self, levels: Float64[np.ndarray, " level"]) -> float:
+    def score(self, band_powers: Float64[np.ndarray, " level"]) -> float:
         """Mean of the `COUNTED` largest (|change| - `TOLERANCE`) / scatter, 0 at least."""
-        return _score(levels - self.median, self.spread)
+        return _score(band_powers - self.median, self.spread)
 
-    def is_large(self, levels: Float64[np.ndarray, " level"]) -> bool:
+    def is_large(self, band_powers: Float64[np.ndarray, " level"]) -> bool:
         """Whether levels changed far: those that changed most by `CHANGE` and `SPREADS` in the
         mean.
 
         Those that rose most must have risen by `TOLERANCE` in the mean: a fault moves power from
         some levels to others, but levels that only fall, as when a machine runs in, are no damage.
         """
-        return _is_large(levels - self.median, self.spread)
+        return _is_large(band_powers - self.median, self.spread)
 
-    def has_fallen(self, levels: Float64[np.ndarray, " level"]) -> bool:
+    def has_fallen(self, band_powers: Float64[np.ndarray, " level"]) -> bool:
         """Whether levels changed as far as those of a large recording, and none rose: a sensor, or
         a pump at rest.
         """
-        change = levels - self.median
+        change = band_powers - self.median
         return _is_far(change, self.spread) and not _is_large(change, self.spread)
 
-    def deviation(self, levels: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
-        """How far a recording is from the baseline, for `diagnosis.level_changes`."""
-        change = levels - self.median
-        return Deviation(self.score(levels), p_value, change, change / self.spread, "", ())
+    def deviation(self, band_powers: Float64[np.ndarray, " level"], p_value: float) -> Deviation:
+        """How far a recording is from the baseline, for `diagnosis.band_power_changes`."""
+        change = band_powers - self.median
+        return Deviation(self.score(band_powers), p_value, change, change / self.spread, "", ())
 
     def channel_distances(
-        self, levels: Float64[np.ndarray, " level"]
+        self, band_powers: Float64[np.ndarray, " level"]
     ) -> Float64[np.ndarray, "channel channel"]:
         """Distance of the levels of each channel (row) from the baseline of each channel (column).
 
@@ -293,11 +293,11 @@ class OperatingPointBaseline:
         """
         count = len(self.layout.channels)
         spread = np.maximum(self.spread, _LEAST_CHANNEL_SPREAD).reshape(count, -1)
-        difference = levels.reshape(count, 1, -1) - self.median.reshape(count, -1)
+        difference = band_powers.reshape(count, 1, -1) - self.median.reshape(count, -1)
         return np.asarray(np.sqrt(np.mean((difference / spread) ** 2, axis=-1)))
 
 
-def baseline_levels(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
+def baseline_band_powers(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
     """(median, scatter) [dB] of each level by its channel and name; empty while the baseline is
     learned.
 
@@ -309,7 +309,7 @@ def baseline_levels(table: Mapping[str, Any]) -> dict[tuple[str, str], tuple[flo
     if not baseline.is_complete:
         return {}
     pairs = zip(baseline.median.tolist(), baseline.spread.tolist(), strict=True)
-    return dict(zip(level_names(baseline.layout), pairs, strict=True))
+    return dict(zip(band_names(baseline.layout), pairs, strict=True))
 
 
 def read_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
@@ -322,9 +322,9 @@ def read_baseline(table: Mapping[str, Any]) -> OperatingPointBaseline:
 
 
 @lru_cache(maxsize=256)
-def level_names(layout: LevelLayout) -> Sequence[tuple[str, str]]:
+def band_names(layout: BandPowerLayout) -> Sequence[tuple[str, str]]:
     """Channel and name of each level."""
-    return [(level.channel, level.words()) for level in layout.levels]
+    return [(level.channel, level.words()) for level in layout.band_powers]
 
 
 def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " order_level"]:
@@ -333,7 +333,7 @@ def measure_orders(recording: Recording, pistons: int) -> Float64[np.ndarray, " 
     """
     bands = OrderBands(pistons)
     try:
-        return order_levels(recording, bands).round(4).ravel()
+        return order_band_powers(recording, bands).round(4).ravel()
     except DataError:
         return np.full(len(recording.channels) * len(bands.names), np.nan)
 

@@ -17,12 +17,12 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import LevelChange, level_changes
+from swashtwin.diagnosis import BandPowerChange, band_power_changes
 from swashtwin.foundation import DataError, InputError, from_table, plural, random_stream, to_table
 from swashtwin.monitoring.alarms.baseline import (
     OperatingPointBaseline,
+    band_names,
     choose_layout,
-    level_names,
     read_baseline,
 )
 from swashtwin.monitoring.alarms.sensors import SensorFinding, check_against_baseline, check_sensors
@@ -242,7 +242,7 @@ class OperatingPointJudgment:
     """Recordings that the baseline has learned from."""
     state: OperatingPointState = field(repr=False)
     """State for the next recording."""
-    levels: Mapping[tuple[str, str], float] = field(repr=False, default_factory=dict)
+    band_powers: Mapping[tuple[str, str], float] = field(repr=False, default_factory=dict)
     """Each level [dB of the squared unit] by its channel and name; empty where a channel is
     flat.
     """
@@ -258,7 +258,7 @@ class OperatingPointJudgment:
     """Whether levels changed far."""
     is_alarm: bool = False
     """Whether the condition of the pump's alarm holds."""
-    moved: tuple[LevelChange, ...] = ()
+    moved: tuple[BandPowerChange, ...] = ()
     """Levels that moved, furthest first; also without an alarm."""
     reasons: tuple[str, ...] = ()
     """Channels that moved as a whole, and levels that moved, in words; what is wrong with the
@@ -275,7 +275,7 @@ class OperatingPointJudgment:
 
     def to_dict(self) -> dict[str, Any]:
         """The evidence, in numbers and words that JSON can hold."""
-        hidden = ("state", "levels", "pump", "sensor")
+        hidden = ("state", "band_powers", "pump", "sensor")
         return {name: to_table(value) for name, value in vars(self).items() if name not in hidden}
 
 
@@ -340,19 +340,19 @@ class OperatingPointMonitor:
         findings = check_sensors(recording)
         if any(finding.kind == "flat" for finding in findings):
             return _at_fault(state, findings, {})
-        levels = state.baseline.measure(recording)
-        named = dict(zip(level_names(state.baseline.layout), levels.tolist(), strict=True))
+        band_powers = state.baseline.measure(recording)
+        named = dict(zip(band_names(state.baseline.layout), band_powers.tolist(), strict=True))
         if not findings and state.baseline.is_complete:
-            findings = check_against_baseline(state.baseline, levels)
+            findings = check_against_baseline(state.baseline, band_powers)
         if findings:
             return _at_fault(state, findings, named)
         sensor, sensor_change = state.sensor.after(False)
         state = replace(state, sensor=sensor)
         if state.baseline.is_complete:
-            judgment = self._watched(state, levels, recording, point)
+            judgment = self._watched(state, band_powers, recording, point)
         else:
             baseline, notes = state.baseline.learn(
-                levels, recording, self.baseline_recordings, self.pistons
+                band_powers, recording, self.baseline_recordings, self.pistons
             )
             test = (
                 ConformalTest.calibrated(baseline.held_out_scores())
@@ -361,17 +361,17 @@ class OperatingPointMonitor:
             )
             state = replace(state, baseline=baseline, test=test)
             judgment = OperatingPointJudgment("learning", len(baseline.rows), state, notes=notes)
-        return replace(judgment, levels=named, sensor=sensor_change)
+        return replace(judgment, band_powers=named, sensor=sensor_change)
 
     def _watched(
         self,
         state: OperatingPointState,
-        levels: Float64[np.ndarray, " level"],
+        band_powers: Float64[np.ndarray, " level"],
         recording: Recording,
         point: str,
     ) -> OperatingPointJudgment:
         baseline, test = state.baseline, state.test
-        score, is_large = baseline.score(levels), baseline.is_large(levels)
+        score, is_large = baseline.score(band_powers), baseline.is_large(band_powers)
         tie = random_stream(0, "alarm", self.machine, point, test.n_scores).random()
         p_value = test.p_value(score, is_large, tie)
         if not state.pump.is_active:
@@ -380,9 +380,9 @@ class OperatingPointMonitor:
         pump, change = state.pump.after(is_large, is_proven=capital * self.false_alarm_rate >= 1)
         if change == "cleared":
             test = ConformalTest(test.scores)  # which has made no bet
-        shifts, moved = level_changes(
-            baseline.deviation(levels, p_value),
-            baseline.layout.levels,
+        shifts, moved = band_power_changes(
+            baseline.deviation(band_powers, p_value),
+            baseline.layout.band_powers,
             specified_shaft_frequency(recording),
         )
         return OperatingPointJudgment(
@@ -403,7 +403,7 @@ class OperatingPointMonitor:
 def _at_fault(
     state: OperatingPointState,
     findings: tuple[SensorFinding, ...],
-    levels: Mapping[tuple[str, str], float],
+    band_powers: Mapping[tuple[str, str], float],
 ) -> OperatingPointJudgment:
     """What a recording says with a sensor at fault: nothing is learned, nothing is bet."""
     sensor, change = state.sensor.after(True)
@@ -411,7 +411,7 @@ def _at_fault(
         "sensor",
         len(state.baseline.rows),
         replace(state, sensor=sensor),
-        levels=levels,
+        band_powers=band_powers,
         is_alarm=state.pump.is_active,
         reasons=tuple(finding.sentence for finding in findings),
         findings=findings,

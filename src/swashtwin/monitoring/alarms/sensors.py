@@ -119,7 +119,7 @@ def _compared_channels(
 
 
 def check_against_baseline(
-    baseline: OperatingPointBaseline, levels: Float64[np.ndarray, " level"]
+    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " level"]
 ) -> tuple[SensorFinding, ...]:
     """Findings against a complete baseline: levels that fell, and channels that are swapped.
 
@@ -131,7 +131,7 @@ def check_against_baseline(
     names = baseline.layout.channels
     change, spread, median, heights = (
         values.reshape(len(names), 2, -1)[:, 0]
-        for values in (levels - baseline.median, baseline.spread, baseline.median, levels)
+        for values in (band_powers - baseline.median, baseline.spread, baseline.median, band_powers)
     )
     n_bands = change.shape[1] - baseline.layout.n_orders
     bands, far = change[:, :n_bands], change[:, :n_bands] / spread[:, :n_bands]
@@ -167,11 +167,11 @@ def check_against_baseline(
         )
         for n in np.flatnonzero(is_muffled).tolist()
     ]
-    if not findings and (swapped := _swapped_channels(baseline, levels)) is not None:
+    if not findings and (swapped := _swapped_channels(baseline, band_powers)) is not None:
         findings.append(swapped)
-    if not findings and baseline.has_fallen(levels):
-        index = int(np.argmin((levels - baseline.median) / baseline.spread))
-        which, by = baseline.layout.levels[index], levels[index] - baseline.median[index]
+    if not findings and baseline.has_fallen(band_powers):
+        index = int(np.argmin((band_powers - baseline.median) / baseline.spread))
+        which, by = baseline.layout.band_powers[index], band_powers[index] - baseline.median[index]
         sentence = f"levels fell and none rose ({by:+.1f} dB at {which.words()}, channel {which.channel}): gain, "
         findings.append(
             SensorFinding(
@@ -205,7 +205,7 @@ def _has_lost_lines(
 
 
 def _swapped_channels(
-    baseline: OperatingPointBaseline, levels: Float64[np.ndarray, " level"]
+    baseline: OperatingPointBaseline, band_powers: Float64[np.ndarray, " level"]
 ) -> SensorFinding | None:
     """Channels whose levels are those of each other in the baseline, or None.
 
@@ -213,7 +213,7 @@ def _swapped_channels(
     that halves the distance, and each was never as far from its own levels while the baseline was
     learned.
     """
-    distance = baseline.channel_distances(levels)
+    distance = baseline.channel_distances(band_powers)
     rows = np.arange(len(distance))
     if (distance.argmin(axis=1) == rows).all():
         return None

@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float64
 
-from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_levels
+from swashtwin.diagnosis import Diagnosis, PriorClassifier, order_band_powers
 from swashtwin.foundation import DataError, SwashTwinError, exit_with_parent
 from swashtwin.monitoring.alarms.baseline import OperatingPoint, OperatingPointBaseline
 from swashtwin.monitoring.config.settings import Machine
@@ -119,11 +119,11 @@ class PriorAdaptation:
         )
         return replace(
             prior,
-            levels=self.rows.reshape(count, len(self.channels), -1),
+            band_powers=self.rows.reshape(count, len(self.channels), -1),
             specimen=(self.machine.name,) * count,
             point_speed=np.full(count, speed),
             point_pressure=np.full(count, pressure),
-        ).fit_levels()
+        ).fit_band_powers()
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ class Suspects:
         if baseline.pistons != machine.piston_count or not len(rows):
             reason = "its healthy recordings were learned without its pistons; note a maintenance to learn them anew."
             try:
-                order_levels(recording, OrderBands(machine.piston_count))
+                order_band_powers(recording, OrderBands(machine.piston_count))
             except DataError as cause:
                 reason = str(cause)
             return _none(reason)

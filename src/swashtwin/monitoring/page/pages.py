@@ -12,7 +12,7 @@ from markupsafe import Markup
 from starlette.responses import HTMLResponse
 
 from swashtwin.diagnosis import Check, next_checks
-from swashtwin.monitoring.alarms.baseline import baseline_levels
+from swashtwin.monitoring.alarms.baseline import baseline_band_powers
 from swashtwin.monitoring.history.reading import MachineOverview
 from swashtwin.monitoring.history.schema import Judgment
 from swashtwin.monitoring.page.charts import BAND_SPREADS, MOST_HEALTHY, draw_spectrum, draw_trend
@@ -143,14 +143,14 @@ class Pages:
             ]
             furthest = max(moved, key=lambda change: abs(change["change"]), default=None)
             if furthest is not None:
-                channel, level = furthest["channel"], stored_name(furthest["level"])
+                channel, level = furthest["channel"], stored_name(furthest["band"])
         if channel not in by_channel:
             channel = next(iter(by_channel))
         groups = grouped_levels(by_channel[channel])
         if level not in by_channel[channel]:
             level = groups[0][1][0]
         stored = self._read.baseline(machine.name, point)
-        baseline = baseline_levels(stored).get((channel, level)) if stored else None
+        baseline = baseline_band_powers(stored).get((channel, level)) if stored else None
         return {
             "channel": channel,
             "level": level,

@@ -315,7 +315,7 @@ class Pipeline:
         path = self._history.waveforms.write(
             transaction.name, contents.time, contents.digest, recording
         )
-        transaction.add_recording(judgment, found.levels, path)
+        transaction.add_recording(judgment, found.band_powers, path)
         is_unchanged = state is not None and found.state.baseline is state.baseline
         transaction.save_operating_point(
             point.name,

@@ -38,7 +38,7 @@ shorter one scatter more.
 
 
 @dataclass(frozen=True)
-class Level:
+class BandPower:
     """What one level is the power of; or another `quantity`."""
 
     channel: str
@@ -68,7 +68,7 @@ class Level:
 
         Examples
         --------
-        >>> Level("x", True, 9, 8.75, 9.25).words(14.333)
+        >>> BandPower("x", True, 9, 8.75, 9.25).words(14.333)
         'shaft order 9 of the envelope (129 Hz)'
         """
         of = " of the envelope" if self.is_envelope else ""
@@ -80,7 +80,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class LevelLayout(WindowLayout):
+class BandPowerLayout(WindowLayout):
     """Which levels a recording is described by; `length` is that of the half-overlapping segments
     of its spectra.
     """
@@ -99,7 +99,7 @@ class LevelLayout(WindowLayout):
             raise InputError(f"n_orders ({self.n_orders}) must lie between 0 and {MOST_ORDERS}.")
 
     @cached_property
-    def levels(self) -> tuple[Level, ...]:
+    def band_powers(self) -> tuple[BandPower, ...]:
         """What each level is: for each channel bands and orders of the signal, then those of its
         envelope.
         """
@@ -110,16 +110,16 @@ class LevelLayout(WindowLayout):
             for channel in self.channels
             for is_envelope in (False, True)
             for level in (
-                *(Level(channel, is_envelope, None, *pair) for pair in pairwise(edges)),
+                *(BandPower(channel, is_envelope, None, *pair) for pair in pairwise(edges)),
                 *(
-                    Level(channel, is_envelope, k, k - half, k + half)
+                    BandPower(channel, is_envelope, k, k - half, k + half)
                     for k in range(1, self.n_orders + 1)
                 ),
             )
         )
 
     def measure(self, recording: Recording, shortest: int = 0) -> Float64[np.ndarray, " level"]:
-        """The recording's `levels` [dB of the squared unit]; it is never whole in memory.
+        """The recording's `band_powers` [dB of the squared unit]; it is never whole in memory.
 
         10 log10 of the mean square in the band, from power densities (Welch, Hann taper). The
         envelope is the magnitude of the analytic signal of the whole band.
@@ -143,7 +143,7 @@ class LevelLayout(WindowLayout):
         density = recording_density(
             recording, self.length, least=_SHORTEST * shortest, of=with_envelope
         )
-        low, high = np.array([level.edges(shaft) for level in self.levels[: self._n_each]]).T
+        low, high = np.array([level.edges(shaft) for level in self.band_powers[: self._n_each]]).T
         sums, per_hertz = running_sums(density[..., 1:]), self.length / self.sample_rate
         power = between(sums, low * per_hertz, high * per_hertz)
         return np.asarray(
@@ -153,7 +153,7 @@ class LevelLayout(WindowLayout):
     @property
     def _n_each(self) -> int:
         """Levels of one signal: of a channel, or of its envelope."""
-        return len(self.levels) // (2 * len(self.channels))
+        return len(self.band_powers) // (2 * len(self.channels))
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def band_edges(n_lines: int) -> Float64[np.ndarray, " edge"]:
     return np.array(edges)
 
 
-def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[str, ...]]:
+def band_power_layout(recordings: Sequence[Recording]) -> tuple[BandPowerLayout, tuple[str, ...]]:
     """(levels that all of one or more recordings of one layout allow, why orders are not among
     them).
     """
@@ -214,6 +214,6 @@ def level_layout(recordings: Sequence[Recording]) -> tuple[LevelLayout, tuple[st
         segment = min(round(TURNS * first.sample_rate / min(stated)), shortest)
         n_orders = min(MOST_ORDERS, int(0.45 * first.sample_rate / max(stated)))
     notes = (f"Levels at shaft orders are not compared: {reason}.",) if reason else ()
-    return LevelLayout(
+    return BandPowerLayout(
         float(first.sample_rate), first.channels, first.unit, segment, n_orders
     ), notes

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from swashtwin.foundation import DataError, InputError
-from swashtwin.learning import LevelNetwork
-from swashtwin.learning.networks.level_network import HEADS, fit_hidden
-from swashtwin.learning.networks.window_levels import gain_response, window_levels
+from swashtwin.learning import BandPowerNetwork
+from swashtwin.learning.networks.band_power_network import HEADS, fit_hidden
+from swashtwin.learning.networks.window_features import gain_response, window_features
 
 LENGTH = 1024
 
@@ -25,32 +25,32 @@ def signal(turns: float = 0.01, seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("orders", [True, False])
 def test_a_gain_moves_levels_by_their_gain_response(orders: bool) -> None:
     turns = np.full(3, 0.01) if orders else None
-    moved = window_levels(10 * signal(), turns) - window_levels(signal(), turns)
+    moved = window_features(10 * signal(), turns) - window_features(signal(), turns)
     np.testing.assert_allclose(
         moved, np.broadcast_to(gain_response(orders), moved.shape), atol=0.02
     )
 
 
 def test_levels_at_orders_stay_where_the_shaft_turns_faster() -> None:
-    slow, fast = (window_levels(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
+    slow, fast = (window_features(signal(turns), np.full(3, turns)) for turns in (0.012, 0.015))
     orders = slice(5, 25)
     assert np.median(np.abs(slow - fast)[..., orders]) < 0.15
     loudest = [
-        np.sort(levels[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist()
-        for levels in (slow, fast)
+        np.sort(features[..., orders].mean(axis=(0, 1)).argsort()[-3:]).tolist()
+        for features in (slow, fast)
     ]
     assert loudest == [[0, 8, 17], [0, 8, 17]]
 
 
 def test_orders_need_a_speed_only_where_a_window_states_none() -> None:
-    network = LevelNetwork(2, 2, axis="order")
+    network = BandPowerNetwork(2, 2, axis="order")
     assert np.isfinite(network.represent_at(signal(), np.full(3, 0.01))).all()
     with pytest.raises(DataError, match="state the speed, or train with turns"):
         network.represent_at(signal(), np.array([0.01, np.nan, 0.01]))
 
 
 def test_shapes_do_not_change_with_the_gain_of_a_channel() -> None:
-    network = LevelNetwork(2, 2, shape=True)
+    network = BandPowerNetwork(2, 2, shape=True)
     louder = signal() * np.array([10.0, 0.1], dtype=np.float32)[:, None]
     turns = np.full(3, np.nan)
     quiet = network.represent_at(signal(), turns)
@@ -63,32 +63,32 @@ def test_the_discriminant_is_scikit_learns_with_the_shrinkage_of_ledoit_and_wolf
 
     draw = np.random.default_rng(1)
     target = np.repeat([0, 1], 40)
-    network = LevelNetwork(1, 2, heads=("discriminant",))
-    levels = draw.normal(size=(80, len(network.response))).astype(np.float32)
-    levels[:, :5] += target[:, None]
-    network.solve(levels, target, 0)
-    scaled = network.encode(levels).astype(float)
+    network = BandPowerNetwork(1, 2, heads=("discriminant",))
+    features = draw.normal(size=(80, len(network.response))).astype(np.float32)
+    features[:, :5] += target[:, None]
+    network.solve(features, target, 0)
+    scaled = network.encode(features).astype(float)
     centers = np.stack([scaled[target == index].mean(axis=0) for index in range(2)])
     shrinkage = ledoit_wolf(scaled - centers[target], assume_centered=True)[1]
     peer = LinearDiscriminantAnalysis(solver="lsqr", shrinkage=shrinkage, priors=[0.5, 0.5]).fit(
         scaled, target
     )
-    expected = network.log_probabilities(levels)["discriminant"]
+    expected = network.log_probabilities(features)["discriminant"]
     assert np.abs(peer.predict_proba(scaled) - np.exp(expected)).max() < 0.05
 
 
-def solved(heads: tuple[str, ...] = HEADS) -> tuple[LevelNetwork, np.ndarray]:
+def solved(heads: tuple[str, ...] = HEADS) -> tuple[BandPowerNetwork, np.ndarray]:
     """A network of small windows, and their levels."""
-    network = LevelNetwork(2, 3, hidden=8, heads=heads)
-    levels = network.represent_at(signal(), np.full(3, np.nan))
-    network.solve(levels, np.array([0, 1, 2]), 0)
-    return network, levels
+    network = BandPowerNetwork(2, 3, hidden=8, heads=heads)
+    features = network.represent_at(signal(), np.full(3, np.nan))
+    network.solve(features, np.array([0, 1, 2]), 0)
+    return network, features
 
 
 def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
-    network, levels = solved()
+    network, features = solved()
     mean = np.mean(
-        [np.exp(values) for values in network.log_probabilities(levels).values()], axis=0
+        [np.exp(values) for values in network.log_probabilities(features).values()], axis=0
     )
     np.testing.assert_allclose(network.probabilities(signal(), np.full(3, np.nan)), mean, atol=1e-6)
 
@@ -97,12 +97,12 @@ def test_the_network_answers_the_mean_probability_of_its_heads() -> None:
 def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
     heads: tuple[str, ...],
 ) -> None:
-    network = LevelNetwork(1, 3, hidden=8, heads=heads)
-    levels = np.random.default_rng(0).normal(size=(60, len(network.response))).astype(np.float32)
-    network.solve(levels, np.arange(60) % 3, 0)
-    encoded = network.encode(levels)
+    network = BandPowerNetwork(1, 3, hidden=8, heads=heads)
+    features = np.random.default_rng(0).normal(size=(60, len(network.response))).astype(np.float32)
+    network.solve(features, np.arange(60) % 3, 0)
+    encoded = network.encode(features)
     gradient, change = network.mean_gradient(encoded, 0, 2, 500)
-    scores, at_mean = network.scores(levels), network.scores(network.weights["mean"][None])
+    scores, at_mean = network.scores(features), network.scores(network.weights["mean"][None])
     np.testing.assert_allclose(
         change, (scores - at_mean)[:, 0] - (scores - at_mean)[:, 2], rtol=1e-3, atol=1e-3
     )
@@ -111,12 +111,12 @@ def test_the_mean_gradient_times_the_levels_is_the_change_of_the_margin(
 
 def test_the_slopes_of_the_hidden_layer_find_what_only_two_levels_together_tell() -> None:
     draw = np.random.default_rng(0)
-    levels = draw.normal(size=(8000, 6)).astype(np.float32)
-    target = ((levels[:, 0] > 0) != (levels[:, 1] > 0)).astype(int)
+    features = draw.normal(size=(8000, 6)).astype(np.float32)
+    target = ((features[:, 0] > 0) != (features[:, 1] > 0)).astype(int)
     weights = [
-        fit_hidden(levels, target, 2, 32, dropout=0.1, noise=0.1, seed=seed) for seed in (1, 1, 2)
+        fit_hidden(features, target, 2, 32, dropout=0.1, noise=0.1, seed=seed) for seed in (1, 1, 2)
     ]
-    hidden = np.maximum(levels @ weights[0]["hidden"].T + weights[0]["hidden.bias"], 0)
+    hidden = np.maximum(features @ weights[0]["hidden"].T + weights[0]["hidden.bias"], 0)
     answer = (hidden @ weights[0]["output"].T + weights[0]["output.bias"]).argmax(axis=1)
     assert (answer == target).mean() > 0.9
     np.testing.assert_array_equal(weights[0]["hidden"], weights[1]["hidden"])
@@ -133,4 +133,4 @@ def test_the_slopes_of_the_hidden_layer_find_what_only_two_levels_together_tell(
 )
 def test_a_setting_that_cannot_be_is_refused(settings: dict[str, object], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
-        LevelNetwork(1, 2, **settings)
+        BandPowerNetwork(1, 2, **settings)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from swashtwin.diagnosis import Evidence, diagnose, explain
-from swashtwin.diagnosis.attribution import level_bands, level_shares
+from swashtwin.diagnosis.attribution import evidence_bands, feature_shares
 from swashtwin.foundation import MPa, rpm
-from swashtwin.learning import LevelNetwork, TrainingSettings, cut_windows, fit
-from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
+from swashtwin.learning import BandPowerNetwork, TrainingSettings, cut_windows, fit
+from swashtwin.learning.networks.window_features import gain_response, window_bands, window_features
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 from swashtwin.report import write_report
@@ -36,7 +36,9 @@ def evidence_of(axis: str, shape: bool, heads: tuple[str, ...]) -> Evidence:
     train = cut_windows(
         [recording(f"{label} {n}", label) for label in labels for n in range(3)], length=LENGTH
     )
-    network = LevelNetwork(2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16)
+    network = BandPowerNetwork(
+        2, 2, axis=axis, shape=shape, heads=heads, turns=SHAFT / RATE, hidden=16
+    )
     classifier = fit(network, train, settings=TrainingSettings(epochs=1, normalization="set"))
     new = recording("new", "valve_plate")
     new = new.replace(attributes={**new.attributes, "pistons": "9"})
@@ -84,23 +86,23 @@ def test_the_page_names_the_mean_of_the_training_and_the_envelope(
 def test_the_catalogue_names_the_levels_that_a_line_raises(orders: bool) -> None:
     turns, frequency = 0.01, 0.093
     line = np.sin(2 * np.pi * frequency * np.arange(2048)).astype(np.float32)[None, None]
-    levels = window_levels(line, np.array([turns]) if orders else None)[0, 0]
-    catalogue = level_catalogue(2048, orders)
-    assert len(catalogue) == len(levels) == len(gain_response(orders))
+    band_powers = window_features(line, np.array([turns]) if orders else None)[0, 0]
+    catalogue = window_bands(2048, orders)
+    assert len(catalogue) == len(band_powers) == len(gain_response(orders))
     powers = [
         index
         for index, level in enumerate(catalogue)
         if level.quantity == "power" and not level.is_envelope
     ]
     for kind in (powers[:-48], powers[-48:]):  # narrow lines, logarithmic bands
-        low, high = catalogue[max(kind, key=levels.__getitem__)].edges(turns)
+        low, high = catalogue[max(kind, key=band_powers.__getitem__)].edges(turns)
         assert low <= frequency <= high
 
 
 def test_shares_of_each_level_sum_to_one_and_orders_stay_whole() -> None:
-    bands = level_bands(RATE, SHAFT, LENGTH)
-    catalogue = level_catalogue(LENGTH, orders=True)
-    shares = level_shares(catalogue, bands, RATE, SHAFT / RATE)
+    bands = evidence_bands(RATE, SHAFT, LENGTH)
+    catalogue = window_bands(LENGTH, orders=True)
+    shares = feature_shares(catalogue, bands, RATE, SHAFT / RATE)
     np.testing.assert_allclose(shares.sum(axis=1), 1)
     names = [band.name for band in bands]
     assert shares[5 + 8, names.index("order 9")] == pytest.approx(1)

@@ -33,7 +33,7 @@ _FAINTEST = 1e-12
 
 
 @dataclass(frozen=True)
-class RecordingLevels:
+class RecordingBandLayout:
     """Which levels recordings are described by; their number does not depend on how long a
     recording is.
 
@@ -63,7 +63,7 @@ class RecordingLevels:
             )
 
     @classmethod
-    def of(cls, windows: WindowSet, shortest: int) -> "RecordingLevels":
+    def of(cls, windows: WindowSet, shortest: int) -> "RecordingBandLayout":
         """The levels that recordings with these windows allow, the shortest of so many samples."""
         rate, shaft = windows.sample_rate, windows.speed / (2 * np.pi)
         length = min(shortest, LONGEST)
@@ -78,7 +78,7 @@ class RecordingLevels:
         return _THIRDS + (self.n_orders + len(self._groups) if self.n_orders else 4 * _THIRDS)
 
     @property
-    def n_levels(self) -> int:
+    def n_band_powers(self) -> int:
         """Levels of a channel."""
         return self.n_scaled + _OCTAVES * _ENVELOPE_ORDERS
 
@@ -152,11 +152,11 @@ class RecordingLevels:
         return np.maximum(between(sums, *edges), 1e-12)
 
     def shapes(
-        self, levels: Float[np.ndarray, "*row channel level"]
+        self, band_powers: Float[np.ndarray, "*row channel level"]
     ) -> Float[np.ndarray, "*row channel level"]:
         """Levels less the mean of each channel's third octaves where they rise with its gain."""
-        shaped = levels.copy()
-        shaped[..., : self.n_scaled] -= levels[..., :_THIRDS].mean(axis=-1, keepdims=True)
+        shaped = band_powers.copy()
+        shaped[..., : self.n_scaled] -= band_powers[..., :_THIRDS].mean(axis=-1, keepdims=True)
         return shaped
 
     def without_gain(
@@ -192,7 +192,7 @@ def _aligned(
     return float(factor[np.log(line / np.maximum(around, 1e-30) + 1e-3).sum(axis=(0, 2)).argmax()])
 
 
-LEAST_OWN = 2
+MIN_REFERENCES = 2
 """Healthy recordings of a machine from which changes from them are taken."""
 _NEAR = 0.1
 """Distance of two operating points, in logarithms of speed and pressure, at which one counts half
@@ -236,8 +236,8 @@ def shortest_stretch(windows: WindowSet) -> int:
     )
 
 
-def levels_of(
-    layout: RecordingLevels,
+def measure_recordings(
+    layout: RecordingBandLayout,
     windows: WindowSet,
     rows: list[Rows],
     change: Change = lambda stretch: stretch,
@@ -245,60 +245,60 @@ def levels_of(
     """Levels of recordings by their windows' rows: of their stretches, each changed before, the
     mean by length.
     """
-    levels = np.empty((len(rows), windows.n_channels, layout.n_levels), dtype=np.float32)
+    band_powers = np.empty((len(rows), windows.n_channels, layout.n_band_powers), dtype=np.float32)
     for number, members in enumerate(rows):
         shaft = float(windows.speed[members[0]]) / (2 * np.pi)
         parts = list(joined(windows, members))
         weights = [part.shape[1] for part in parts]
-        levels[number] = np.average(
+        band_powers[number] = np.average(
             [layout.measure(change(part), shaft) for part in parts], axis=0, weights=weights
         )
-    return levels
+    return band_powers
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingTable:
     """Levels of whole recordings, with what is known of each; it holds no samples."""
 
-    levels: Float32[np.ndarray, "reference channel level"]
+    band_powers: Float32[np.ndarray, "reference channel level"]
     specimen: tuple[str, ...]
     condition: Float64[np.ndarray, "reference quantity"]
     """Speed [rad/s] and discharge pressure [Pa] of each, NaN where not stated."""
     recording_id: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        count = len(self.levels)
+        count = len(self.band_powers)
         if not count == len(self.specimen) == len(self.condition) == len(self.recording_id):
             raise InputError(
                 "levels of recordings need a machine, an operating point and an id each."
             )
 
     @classmethod
-    def measured(cls, layout: RecordingLevels, windows: WindowSet) -> "RecordingTable":
+    def measured(cls, layout: RecordingBandLayout, windows: WindowSet) -> "RecordingTable":
         """The table of the recordings that windows were cut from, in the order of their ids."""
         rows = recording_rows(windows)
         first = [int(members[0]) for members in rows]
         return cls(
-            levels_of(layout, windows, rows),
+            measure_recordings(layout, windows, rows),
             tuple(windows.specimen[first].tolist()),
             np.stack([windows.condition(index) for index in first]),
             tuple(windows.recording_id[first].tolist()),
         )
 
     def machines(self) -> tuple[str, ...]:
-        """Machines with `LEAST_OWN` healthy recordings or more, in order."""
+        """Machines with `MIN_REFERENCES` healthy recordings or more, in order."""
         names, count = np.unique(self.specimen, return_counts=True)
         return tuple(
             name
             for name, n in zip(names.tolist(), count.tolist(), strict=True)
-            if name and n >= LEAST_OWN
+            if name and n >= MIN_REFERENCES
         )
 
     def joined(self, other: "RecordingTable") -> "RecordingTable":
         """These and further recordings; of one id the new one."""
         old = self.only(~np.isin(self.recording_id, other.recording_id))
         return RecordingTable(
-            np.concatenate([old.levels, other.levels]),
+            np.concatenate([old.band_powers, other.band_powers]),
             old.specimen + other.specimen,
             np.concatenate([old.condition, other.condition]),
             old.recording_id + other.recording_id,
@@ -309,10 +309,10 @@ class RecordingTable:
         specimen, recording_id = (
             tuple(compress(part, used.tolist())) for part in (self.specimen, self.recording_id)
         )
-        return RecordingTable(self.levels[used], specimen, self.condition[used], recording_id)
+        return RecordingTable(self.band_powers[used], specimen, self.condition[used], recording_id)
 
     def changes(
-        self, layout: RecordingLevels, of: "RecordingTable"
+        self, layout: RecordingBandLayout, of: "RecordingTable"
     ) -> Float32[np.ndarray, "recording channel level"]:
         """Changes of recordings from the others of their machine in this table of healthy ones; NaN
         where it has none.
@@ -320,13 +320,13 @@ class RecordingTable:
         What an operating point adds is the same for all machines (`_of_points`) and is taken off,
         as other machines have it: so each healthy recording of a machine counts, those near the
         recording's point most. A channel that moved as a whole is taken for a gain
-        (`RecordingLevels.without_gain`).
+        (`RecordingBandLayout.without_gain`).
         """
         own, ids = (
             np.array(self.specimen, dtype=np.str_),
             np.array(self.recording_id, dtype=np.str_),
         )
-        changes = np.full(of.levels.shape, np.nan, dtype=np.float32)
+        changes = np.full(of.band_powers.shape, np.nan, dtype=np.float32)
         for row, (name, at, this) in enumerate(
             zip(of.specimen, of.condition, of.recording_id, strict=True)
         ):
@@ -334,9 +334,9 @@ class RecordingTable:
             if name and others.size:
                 weight = 1 / (1 + _distance(self.condition[others], at) / _NEAR)
                 added = np.stack([self._added_at(name, at) for at in self.condition[others]])
-                usual = np.average(self.levels[others] - added, axis=0, weights=weight)
+                usual = np.average(self.band_powers[others] - added, axis=0, weights=weight)
                 changes[row] = layout.without_gain(
-                    of.levels[row] - self._added_at(name, at) - usual
+                    of.band_powers[row] - self._added_at(name, at) - usual
                 )
         return changes
 
@@ -353,7 +353,7 @@ class RecordingTable:
             )
         points, added = self._points[name]
         if not len(points):
-            return np.zeros(self.levels.shape[1:])
+            return np.zeros(self.band_powers.shape[1:])
         distance = _distance(points, at)
         near = distance < _SAME
         return np.asarray(np.average(added, axis=0, weights=near if near.any() else distance**-2.0))
@@ -371,13 +371,13 @@ def _of_points(
     plus point.
     """
     if not table.specimen:
-        return np.zeros((0, 2)), np.zeros((0, *table.levels.shape[1:]))
+        return np.zeros((0, 2)), np.zeros((0, *table.band_powers.shape[1:]))
     points, point = operating_points(table.condition)
     machine = np.unique(table.specimen, return_inverse=True)[1]
-    added = np.zeros((len(points), *table.levels.shape[1:]))
+    added = np.zeros((len(points), *table.band_powers.shape[1:]))
     for _ in range(_ROUNDS):
-        own = group_means(table.levels - added[point], machine)
-        added = group_means(table.levels - own[machine], point)
+        own = group_means(table.band_powers - added[point], machine)
+        added = group_means(table.band_powers - own[machine], point)
     return points, added
 
 

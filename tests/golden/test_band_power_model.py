@@ -6,11 +6,11 @@ import numpy as np
 from safetensors.numpy import load_file
 
 from swashtwin.foundation import MPa
-from swashtwin.learning import LevelNetwork, Normalization, WindowSet, cut_windows
+from swashtwin.learning import BandPowerNetwork, Normalization, WindowSet, cut_windows
 from swashtwin.pump import OperatingCondition
 from swashtwin.recordings import Recording
 
-MODEL = Path(__file__).parent / "level_model.safetensors"
+MODEL = Path(__file__).parent / "band_power_model.safetensors"
 UNDER_TORCH = [
     [0.712662822, 0.160486053, 0.126851124],
     [0.159156257, 0.710402119, 0.130441624],
@@ -53,6 +53,6 @@ def test_a_saved_network_on_levels_answers_as_under_torch() -> None:
     scaling = Normalization(
         "set", arrays.pop("normalization.mean"), arrays.pop("normalization.deviation")
     )
-    network = LevelNetwork(2, 3, axis="order", shape=True, turns=0.02, hidden=8).loaded(arrays)
+    network = BandPowerNetwork(2, 3, axis="order", shape=True, turns=0.02, hidden=8).loaded(arrays)
     answer = network.probabilities(scaling.apply(windows()), windows().turns_per_sample)[::8]
     np.testing.assert_allclose(answer, UNDER_TORCH, rtol=0, atol=1e-6)

@@ -8,9 +8,9 @@ import scipy
 from jaxtyping import Float, Float32, Float64, Int
 
 from swashtwin.foundation import DataError, InputError, random_stream
-from swashtwin.learning.healthy.levels import Level
+from swashtwin.learning.healthy.band_power_layout import BandPower
 from swashtwin.learning.networks.solved_network import SolvedNetwork, require_shapes
-from swashtwin.learning.networks.window_levels import gain_response, level_catalogue, window_levels
+from swashtwin.learning.networks.window_features import gain_response, window_bands, window_features
 from swashtwin.learning.training.class_space import shrunk_covariance
 
 HEADS = ("discriminant", "hidden")
@@ -23,13 +23,13 @@ _LEAST_DEVIATION = 0.01
 _RIDGE = 1e-6  # added to each variance, which a level that never changes has none of
 
 
-class LevelNetwork(SolvedNetwork):
+class BandPowerNetwork(SolvedNetwork):
     """Levels of a window's spectrum and envelopes, decided on by a discriminant, a hidden layer, or
     both; ours.
 
     A level is log10 of a power: of narrow lines at the shaft's orders (or of equal width in hertz),
     of logarithmic bands, of the same of the envelope of all of the signal and of what lies above 1
-    kHz and 4 kHz (at 25.6 kHz), and the shape of the distributions (`window_levels`). With `shape`
+    kHz and 4 kHz (at 25.6 kHz), and the shape of the distributions (`window_features`). With `shape`
     each channel's own level is subtracted, so that no gain changes anything.
 
     The discriminant is linear: Gaussian classes of one covariance, shrunk by Ledoit and Wolf (2004,
@@ -66,11 +66,11 @@ class LevelNetwork(SolvedNetwork):
 
     Examples
     --------
-    >>> LevelNetwork(1, 5).represent_at(np.zeros((2, 1, 2048), dtype=np.float32), np.zeros(2)).shape
+    >>> BandPowerNetwork(1, 5).represent_at(np.zeros((2, 1, 2048), dtype=np.float32), np.zeros(2)).shape
     (2, 535)
     """
 
-    name: ClassVar[str] = "levels"
+    name: ClassVar[str] = "band_powers"
     has_gradients: ClassVar[bool] = True
 
     def __init__(
@@ -108,11 +108,11 @@ class LevelNetwork(SolvedNetwork):
         """Whether narrow lines are orders of the shaft."""
         return bool(self.settings["axis"] == "order")
 
-    def catalogue(self, length: int) -> tuple[Level, ...]:
+    def catalogue(self, length: int) -> tuple[BandPower, ...]:
         """What each level of a channel is of, in windows of `length` samples; a feature is level
         after level, channel after channel.
         """
-        return level_catalogue(length, self.uses_speed)
+        return window_bands(length, self.uses_speed)
 
     def represent_at(
         self,
@@ -128,20 +128,20 @@ class LevelNetwork(SolvedNetwork):
                 "the model counts orders of the shaft: state the speed, or train with turns (per sample)."
             )
         return self.shaped(
-            window_levels(
+            window_features(
                 windows, np.where(np.isnan(turns), usual, turns) if self.uses_speed else None
             )
         )
 
     def shaped(
-        self, levels: Float32[np.ndarray, "window channel level"]
+        self, features: Float32[np.ndarray, "window channel level"]
     ) -> Float32[np.ndarray, "window value"]:
-        """Levels of `window_levels`, channel after channel; with `shape` less what each channel's
+        """Levels of `window_features`, channel after channel; with `shape` less what each channel's
         own level adds.
         """
         if self.settings["shape"]:
-            levels = levels - self.response * levels[..., :1]
-        return levels.reshape(len(levels), -1)
+            features = features - self.response * features[..., :1]
+        return features.reshape(len(features), -1)
 
     def encode(
         self, values: Float32[np.ndarray, "window level"]
@@ -156,21 +156,21 @@ class LevelNetwork(SolvedNetwork):
         seed: int,
     ) -> None:
         """Find the weights from levels and classes."""
-        solve_alike([self], [values], target, seed)
+        solve_together([self], [values], target, seed)
 
     def log_probabilities(
         self, values: Float32[np.ndarray, "window level"]
     ) -> dict[str, Float64[np.ndarray, "window class"]]:
         """Logarithm of each class's probability by head."""
-        levels = self.encode(values)
+        features = self.encode(values)
         logarithms = {}
         for head in self.settings["heads"]:
             if head == "hidden":
-                levels_seen, layer = np.maximum(self._affine("hidden", levels), 0), "output"
+                layer_input, layer = np.maximum(self._affine("hidden", features), 0), "output"
             else:
-                levels_seen, layer = levels, head
+                layer_input, layer = features, head
             logarithms[head] = scipy.special.log_softmax(
-                self._affine(layer, levels_seen).astype(np.float64), axis=1
+                self._affine(layer, layer_input).astype(np.float64), axis=1
             )
         return logarithms
 
@@ -181,15 +181,15 @@ class LevelNetwork(SolvedNetwork):
         return mean_of_heads(list(self.log_probabilities(values).values()))
 
     def mean_gradient(
-        self, levels: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
+        self, features: Float32[np.ndarray, "window level"], label: int, rival: int, steps: int
     ) -> tuple[Float64[np.ndarray, "window level"], Float64[np.ndarray, " window"]]:
         """(mean gradient on the straight way from 0, change on it) of a class's score less that of
         its rival.
 
-        `levels` are as `encode` gives them, `steps` the points of the midpoint rule.
+        `features` are as `encode` gives them, `steps` the points of the midpoint rule.
         """
         names = self.settings["heads"]
-        inner = {head: (levels @ self.weights[head].T).astype(np.float64) for head in names}
+        inner = {head: (features @ self.weights[head].T).astype(np.float64) for head in names}
         slope = {head: np.zeros_like(part) for head, part in inner.items()}
         for step in range(steps):
             ways = {
@@ -229,13 +229,13 @@ class LevelNetwork(SolvedNetwork):
         scores = (sums * active) @ self.weights["output"].T + self.weights["output.bias"]
         return scipy.special.log_softmax(scores, axis=1), active
 
-    def loaded(self, weights: Mapping[str, np.ndarray]) -> "LevelNetwork":
+    def loaded(self, weights: Mapping[str, np.ndarray]) -> "BandPowerNetwork":
         """This network with the weights of a saved one; a `ValueError` where they are of another
         shape.
         """
-        n_levels, hidden = self.n_channels * len(self.response), self.settings["hidden"]
-        needed: dict[str, tuple[int, ...]] = {"mean": (n_levels,), "deviation": (n_levels,)}
-        layers = {"discriminant": (self.n_classes, n_levels), "hidden": (hidden, n_levels)}
+        n_features, hidden = self.n_channels * len(self.response), self.settings["hidden"]
+        needed: dict[str, tuple[int, ...]] = {"mean": (n_features,), "deviation": (n_features,)}
+        layers = {"discriminant": (self.n_classes, n_features), "hidden": (hidden, n_features)}
         layers = {head: layers[head] for head in self.settings["heads"]}
         if "hidden" in layers:
             layers["output"] = (self.n_classes, hidden)
@@ -251,8 +251,8 @@ class LevelNetwork(SolvedNetwork):
         return x @ self.weights[layer].T + self.weights[f"{layer}.bias"]
 
 
-def solve_alike(
-    networks: Sequence[LevelNetwork],
+def solve_together(
+    networks: Sequence[BandPowerNetwork],
     values: Sequence[Float32[np.ndarray, "window level"]],
     target: Int[np.ndarray, " window"],
     seed: int,
@@ -260,7 +260,7 @@ def solve_alike(
     """Find the weights of networks that differ in `shape` only, each from its levels; noise is
     drawn once for all.
     """
-    heads, levels = networks[0].settings["heads"], []
+    heads, features = networks[0].settings["heads"], []
     for network, part in zip(networks, values, strict=True):
         deviation = (
             part.std(axis=0, ddof=1, dtype=np.float64) if len(part) > 1 else np.ones(part.shape[1])
@@ -269,15 +269,15 @@ def solve_alike(
             "mean": part.mean(axis=0, dtype=np.float64).astype(np.float32),
             "deviation": np.maximum(deviation, _LEAST_DEVIATION).astype(np.float32),
         }
-        levels.append(network.encode(part))
+        features.append(network.encode(part))
         if "discriminant" in heads:
-            network.weights |= discriminant(levels[-1], target, network.n_classes)
+            network.weights |= discriminant(features[-1], target, network.n_classes)
     if "hidden" in heads:
         size, dropout, noise = (
             networks[0].settings[name] for name in ("hidden", "dropout", "noise")
         )
         layers = fit_hidden(
-            np.stack(levels),
+            np.stack(features),
             target,
             network.n_classes,
             size,
@@ -297,12 +297,14 @@ def mean_of_heads(
 
 
 def discriminant(
-    levels: Float32[np.ndarray, "window level"], target: Int[np.ndarray, " window"], n_classes: int
+    features: Float32[np.ndarray, "window level"],
+    target: Int[np.ndarray, " window"],
+    n_classes: int,
 ) -> dict[str, Float32[np.ndarray, "..."]]:
     """Weights of the linear discriminant: W = S⁻¹ m_c, b = -m_cᵀ S⁻¹ m_c / 2, S the covariance
     within classes.
     """
-    x = levels.astype(np.float64)
+    x = features.astype(np.float64)
     centers = np.stack([x[target == index].mean(axis=0) for index in range(n_classes)])
     covariance = shrunk_covariance(x - centers[target])
     covariance[np.diag_indices(len(covariance))] += _RIDGE
@@ -320,7 +322,7 @@ _MOMENTUM, _LEAST_VARIANCE = 0.1, 1e-5
 
 
 def fit_hidden(
-    levels: Float32[np.ndarray, "*alike window level"],
+    features: Float32[np.ndarray, "*alike window level"],
     target: Int[np.ndarray, " window"],
     n_classes: int,
     size: int,
@@ -339,10 +341,10 @@ def fit_hidden(
     noise of deviation `noise` is added to the levels; all kinds of these share the draws.
     """
     rng = random_stream(seed, "hidden layer")
-    n, n_levels = levels.shape[-2:]
-    alike = (*levels.shape[:-2], 1, 1)
+    n, n_features = features.shape[-2:]
+    alike = (*features.shape[:-2], 1, 1)
     weights = {
-        "first": np.tile(_uniform(rng, (size, n_levels), n_levels), alike),
+        "first": np.tile(_uniform(rng, (size, n_features), n_features), alike),
         "gain": np.ones((*alike[:-1], size), dtype=np.float32),
         "shift": np.zeros((*alike[:-1], size), dtype=np.float32),
         "second": np.tile(_uniform(rng, (n_classes, size), size), alike),
@@ -365,7 +367,7 @@ def fit_hidden(
         order = rng.permutation(n)
         for start, last in zip(starts, [*starts[1:], n], strict=True):
             rows = order[start:last]
-            x = levels[..., rows, :]
+            x = features[..., rows, :]
             if noise:
                 x += np.float32(noise) * rng.standard_normal(x.shape[-2:], dtype=np.float32)
             sums = x @ weights["first"].swapaxes(-1, -2)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Complex64, Float, Float32, Int
 
 from swashtwin.learning.features import running_sums, up_to
-from swashtwin.learning.healthy.levels import Level
+from swashtwin.learning.healthy.band_power_layout import BandPower
 from swashtwin.signals import band_shares, hann_taper, inverse_transform, transform
 
 FLOOR = 1e-7
@@ -37,20 +37,20 @@ _N_SHAPE = 5  # log10 deviation, and four numbers that no gain changes
 
 
 @lru_cache(maxsize=4)
-def level_catalogue(length: int, orders: bool) -> tuple[Level, ...]:
-    """What each level of a channel is of, in the order of `window_levels`, for windows of `length`
+def window_bands(length: int, orders: bool) -> tuple[BandPower, ...]:
+    """What each level of a channel is of, in the order of `window_features`, for windows of `length`
     samples.
 
     Edges are in periods per sample, or in orders.
 
     Examples
     --------
-    >>> level_catalogue(2048, True)[5].edges(0.01)
+    >>> window_bands(2048, True)[5].edges(0.01)
     (0.005, 0.015)
     """
 
-    def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[Level]:
-        n, level = length // 2, partial(Level, "", is_envelope)
+    def of(is_envelope: bool, n_lines: int, share: float, n_bands: int) -> list[BandPower]:
+        n, level = length // 2, partial(BandPower, "", is_envelope)
         if orders:
             lines = [level(order, order - 0.5, order + 0.5) for order in range(1, n_lines + 1)]
         else:
@@ -65,12 +65,12 @@ def level_catalogue(length: int, orders: bool) -> tuple[Level, ...]:
     counts = line_counts(orders)
     envelope = [
         *of(True, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS),
-        Level("", True, None, 0.0, 0.5, "deviation"),
+        BandPower("", True, None, 0.0, 0.5, "deviation"),
     ]
     return (*of(False, counts[0], LINE_SHARE, BANDS), *envelope * len(ENVELOPE_FROM))
 
 
-def window_levels(
+def window_features(
     windows: Float32[np.ndarray, "window channel time"], turns: Float[np.ndarray, " window"] | None
 ) -> Float32[np.ndarray, "window channel level"]:
     """Levels of each channel, the logarithm of its deviation first.
@@ -82,19 +82,19 @@ def window_levels(
     deviation = np.maximum(np.sqrt(_mean_product(x, x)), np.float32(LEAST_DEVIATION))
     x /= deviation
     length, counts = x.shape[-1], line_counts(turns is not None)
-    parts = _levels(x, turns, counts[0], LINE_SHARE, BANDS)
+    parts = _band_features(x, turns, counts[0], LINE_SHARE, BANDS)
     spectrum = transform(x)
     for above in ENVELOPE_FROM:
         envelope = _envelope(x, spectrum, math.floor(above * (length // 2)) + 1)
         mean = envelope.mean(axis=-1, keepdims=True)
         envelope -= mean
         parts += [
-            *_levels(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS),
+            *_band_features(envelope, turns, counts[1], ENVELOPE_SHARE, ENVELOPE_BANDS),
             np.log10(mean + FLOOR),
         ]
-    levels = np.concatenate(parts, axis=-1, dtype=np.float32)
-    levels += gain_response(turns is not None) * np.log10(deviation)
-    return levels
+    features = np.concatenate(parts, axis=-1, dtype=np.float32)
+    features += gain_response(turns is not None) * np.log10(deviation)
+    return features
 
 
 def line_counts(orders: bool) -> tuple[int, int]:
@@ -122,7 +122,7 @@ def gain_response(orders: bool) -> Float32[np.ndarray, " level"]:
     """
     decades = {"power": 2.0, "deviation": 1.0, "shape": 0.0}
     return np.array(
-        [decades[level.quantity] for level in level_catalogue(2, orders)], dtype=np.float32
+        [decades[level.quantity] for level in window_bands(2, orders)], dtype=np.float32
     )
 
 
@@ -148,7 +148,7 @@ def _envelope(
     return np.sqrt(square, out=square)
 
 
-def _levels(
+def _band_features(
     x: Float32[np.ndarray, "window channel time"],
     turns: Float[np.ndarray, " window"] | None,
     n_narrow: int,

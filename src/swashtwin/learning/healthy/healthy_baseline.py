@@ -11,7 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, Int64
 
 from swashtwin.foundation import DataError, InputError, plural
-from swashtwin.learning.healthy.levels import Deviation, LevelLayout, level_layout
+from swashtwin.learning.healthy.band_power_layout import (
+    BandPowerLayout,
+    Deviation,
+    band_power_layout,
+)
 from swashtwin.pump import PRESSURE_TOLERANCE, SPEED_TOLERANCE, merge_close_values, values_match
 from swashtwin.recordings import (
     Manifest,
@@ -36,7 +40,7 @@ recordings.
 
 
 def point_residuals(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+    band_powers: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> tuple[Float64[np.ndarray, "recording level"], Float64[np.ndarray, " recording"]]:
     """(levels less the mean of their point, factor to the spread of a difference from the other
     recordings' mean).
@@ -45,26 +49,26 @@ def point_residuals(
     variance of one recording, at every point.
     """
     count = np.bincount(point)[point]
-    sums = np.zeros((int(point.max()) + 1, levels.shape[1]))
-    np.add.at(sums, point, levels)
-    return levels - sums[point] / count[:, None], np.sqrt(count / (count - 1))
+    sums = np.zeros((int(point.max()) + 1, band_powers.shape[1]))
+    np.add.at(sums, point, band_powers)
+    return band_powers - sums[point] / count[:, None], np.sqrt(count / (count - 1))
 
 
 def robust_spread(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+    band_powers: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Float64[np.ndarray, " level"]:
     """Standard deviation [dB] of each level within the points: 1.4826 times the median magnitude,
     and `LEAST_SPREAD`.
 
     Both are added as variances; every point has two recordings at least.
     """
-    residual, factor = point_residuals(levels, point)
+    residual, factor = point_residuals(band_powers, point)
     magnitude = np.median(np.abs(residual * factor[:, None]), axis=0)
     return np.asarray(np.sqrt((1.4826 * magnitude) ** 2 + LEAST_SPREAD**2))
 
 
 def nonconformity_scores(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+    band_powers: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Float64[np.ndarray, " recording"]:
     """Nonconformity score of each recording: its squared Mahalanobis distance from all others of
     the set.
@@ -76,8 +80,8 @@ def nonconformity_scores(
     + N ρ I)^-1, d is h / (1 - h) up to a factor. No order of the recordings matters, so the scores
     of exchangeable recordings are exchangeable.
     """
-    residual, factor = point_residuals(levels, point)
-    scaled = residual / robust_spread(levels, point)
+    residual, factor = point_residuals(band_powers, point)
+    scaled = residual / robust_spread(band_powers, point)
     gram = scaled @ scaled.T
     share = np.linalg.solve(gram + len(gram) * RIDGE * np.eye(len(gram)), gram)
     leverage = factor**2 * np.diag(share)
@@ -94,20 +98,20 @@ def conformal_p_value(scores: Float[np.ndarray, " recording"]) -> float:
     return float(np.mean(scores >= scores[-1] * (1 - 1e-9)))
 
 
-LEAST_HEALTHY = 5
+MIN_HEALTHY_RECORDINGS = 5
 """Healthy recordings that levels are compared with at least: of fewer, no spread can be told."""
-USUAL_ERROR_RATE = 0.05
+DEFAULT_ERROR_RATE = 0.05
 """False-alarm rate of a detector where none is asked for and the recordings allow it."""
 
 
 @dataclass(frozen=True, eq=False)
-class HealthyLevels:
+class HealthyBaseline:
     """Levels of healthy recordings, with the machine and the operating point of each; it holds no
     samples.
     """
 
-    layout: LevelLayout
-    levels: Float64[np.ndarray, "recording level"]
+    layout: BandPowerLayout
+    band_powers: Float64[np.ndarray, "recording level"]
     """Levels of each recording [dB]."""
     specimen: tuple[str, ...]
     """Machine of each; empty where none is stated."""
@@ -129,9 +133,9 @@ class HealthyLevels:
             raise InputError(
                 f"{count} healthy recordings need as many speeds, pressures and entries of the manifest."
             )
-        if self.levels.shape != (count, len(self.layout.levels)):
+        if self.band_powers.shape != (count, len(self.layout.band_powers)):
             raise InputError(
-                f"the levels have the shape {self.levels.shape} for {count} recordings."
+                f"the levels have the shape {self.band_powers.shape} for {count} recordings."
             )
         if count < 2 or np.bincount(self.point_index).min() < 2:
             raise InputError(
@@ -141,7 +145,7 @@ class HealthyLevels:
     @property
     def n_recordings(self) -> int:
         """Number of recordings."""
-        return len(self.levels)
+        return len(self.band_powers)
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
@@ -174,28 +178,30 @@ class HealthyLevels:
         return self.deviation_of(self.layout.measure(recording, self.shortest), index, notes)
 
     def deviation_of(
-        self, levels: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()
+        self, band_powers: Float64[np.ndarray, " level"], index: int, notes: tuple[str, ...] = ()
     ) -> Deviation:
-        """How far `levels` [dB] are from those of the healthy recordings of a point, by its
+        """How far `band_powers` [dB] are from those of the healthy recordings of a point, by its
         index.
         """
         scores = nonconformity_scores(
-            np.vstack([self.levels, levels]), np.append(self.point_index, index)
+            np.vstack([self.band_powers, band_powers]), np.append(self.point_index, index)
         )
-        members = self.levels[self.point_index == index]
-        change = levels - members.mean(axis=0)
-        scatter = robust_spread(self.levels, self.point_index) * math.sqrt(1 + 1 / len(members))
+        members = self.band_powers[self.point_index == index]
+        change = band_powers - members.mean(axis=0)
+        scatter = robust_spread(self.band_powers, self.point_index) * math.sqrt(
+            1 + 1 / len(members)
+        )
         words = _words(self.points[index]) if len(self.points) > 1 else ""
         p_value = conformal_p_value(scores)
         return Deviation(float(scores[-1]), p_value, change, change / scatter, words, notes)
 
-    def subset(self, chosen: Bool[np.ndarray, " recording"]) -> "HealthyLevels":
+    def subset(self, chosen: Bool[np.ndarray, " recording"]) -> "HealthyBaseline":
         """The same of some recordings."""
         rows = np.flatnonzero(chosen).tolist()
         entries = list(self.manifest.items())
         return replace(
             self,
-            levels=self.levels[rows],
+            band_powers=self.band_powers[rows],
             specimen=tuple(self.specimen[row] for row in rows),
             speed=self.speed[rows],
             pressure=self.pressure[rows],
@@ -206,7 +212,7 @@ class HealthyLevels:
         """Levels [dB] of the healthy recordings of a recording's machine and point; a `DataError`
         without any.
         """
-        return self.levels[self.point_index == self._point_of(recording)[0]]
+        return self.band_powers[self.point_index == self._point_of(recording)[0]]
 
     def _point_of(self, recording: Recording) -> tuple[int, tuple[str, ...]]:
         """Index of a recording's point, and notes on what it does not state."""
@@ -253,9 +259,9 @@ _FACTS = (("specimen", 0.0), ("speed", SPEED_TOLERANCE), ("pressure", PRESSURE_T
 """Facts of a point, and the relative difference up to which two are the same."""
 
 
-def measure_healthy(
+def measure_baseline(
     recordings: Sequence[Recording], *, progress: Callable[[int, int], None] | None = None
-) -> tuple[HealthyLevels, tuple[str, ...]]:
+) -> tuple[HealthyBaseline, tuple[str, ...]]:
     """(levels of healthy recordings, notes on what was left out and why).
 
     Recordings of one machine within 2 % of speed and 6 % of pressure are of one operating point.
@@ -267,7 +273,7 @@ def measure_healthy(
     Raises
     ------
     DataError
-        Recordings that do not fit together or are unfit, or fewer than `LEAST_HEALTHY` are left.
+        Recordings that do not fit together or are unfit, or fewer than `MIN_HEALTHY_RECORDINGS` are left.
     InputError
         A recording is synthetic.
     """
@@ -295,22 +301,22 @@ def measure_healthy(
             f"{distinct[keys.index(key)].recording_id} is the only one at {_words(key)} and is left out."
         )
     used = [index for index, key in enumerate(keys) if keys.count(key) > 1]
-    if len(used) < LEAST_HEALTHY:
+    if len(used) < MIN_HEALTHY_RECORDINGS:
         raise DataError(
             f"{plural(len(used), 'healthy recording')} of {len(recordings)} can be compared with others of the same "
-            f"machine and operating point; {LEAST_HEALTHY} are needed at least, and 20 for a false-alarm rate of "
+            f"machine and operating point; {MIN_HEALTHY_RECORDINGS} are needed at least, and 20 for a false-alarm rate of "
             f"0.05. {' '.join(notes)}".rstrip()
         )
     kept = [distinct[index] for index in used]
-    layout, reason = level_layout(kept)
+    layout, reason = band_power_layout(kept)
     rows = []
     for number, recording in enumerate(kept):
         if progress is not None:
             progress(number, len(kept))
         rows.append(layout.measure(recording))
-    healthy = HealthyLevels(
+    healthy = HealthyBaseline(
         layout=layout,
-        levels=np.stack(rows),
+        band_powers=np.stack(rows),
         specimen=tuple(recording.specimen or "" for recording in kept),
         speed=speed[used],
         pressure=pressure[used],
@@ -350,7 +356,7 @@ def _fact_words(part: int, value: str | float | None) -> str:
     return f"{value * 30 / math.pi:.4g} rev/min" if part == 1 else f"{value / 1e6:.3g} MPa"
 
 
-MOST_ODD = 0.2
+MAX_OUTLIER_SHARE = 0.2
 """Share of the recordings that is left out at most: more of them are no exception but another state
 of the machine.
 """
@@ -361,8 +367,8 @@ are nearly normal (Wilson and Hilferty 1931).
 """
 
 
-def usual_recordings(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+def find_inliers(
+    band_powers: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Bool[np.ndarray, " recording"]:
     """Which recordings, two or more of each point, are alike; the others are odd.
 
@@ -372,9 +378,9 @@ def usual_recordings(
     recordings cannot hide one another. A point of which one recording would be left is odd as a
     whole.
     """
-    usual = _central_half(levels, point)
-    for _ in range(len(levels)):
-        scores = scores_against(levels, point, usual)
+    usual = _central_half(band_powers, point)
+    for _ in range(len(band_powers)):
+        scores = scores_against(band_powers, point, usual)
         root = np.cbrt(scores)
         middle = np.median(root[usual])
         deviation = max(1.4826 * np.median(np.abs(root[usual] - middle)), _LEAST_SPREAD * middle)
@@ -387,27 +393,28 @@ def usual_recordings(
 
 
 def scores_against(
-    levels: Float[np.ndarray, "recording level"],
+    band_powers: Float[np.ndarray, "recording level"],
     point: Int[np.ndarray, " recording"],
     usual: Bool[np.ndarray, " recording"],
 ) -> Float64[np.ndarray, " recording"]:
     """Nonconformity score of each recording against the usual ones without it; infinite where its
     point has none.
     """
-    scores = np.full(len(levels), np.inf)
-    scores[usual] = nonconformity_scores(levels[usual], point[usual])
+    scores = np.full(len(band_powers), np.inf)
+    scores[usual] = nonconformity_scores(band_powers[usual], point[usual])
     count = np.bincount(point[usual], minlength=point.max() + 1)[point]
     other = ~usual & (count > 0)
     means = np.stack(
-        [levels[usual & (point == own)].mean(axis=0) for own in point[other]] or [levels[0]]
+        [band_powers[usual & (point == own)].mean(axis=0) for own in point[other]]
+        or [band_powers[0]]
     )
-    change = (levels[other] - means[: other.sum()]) * np.sqrt(count / (count + 1))[other, None]
-    scores[other] = _distance(levels[usual], point[usual], change)
+    change = (band_powers[other] - means[: other.sum()]) * np.sqrt(count / (count + 1))[other, None]
+    scores[other] = _distance(band_powers[usual], point[usual], change)
     return scores
 
 
-def least_rise(
-    levels: Float[np.ndarray, "recording level"],
+def detectable_rise(
+    band_powers: Float[np.ndarray, "recording level"],
     point: Int[np.ndarray, " recording"],
     error_rate: float,
 ) -> float:
@@ -417,37 +424,37 @@ def least_rise(
     The score is quadratic in the change: x² w = s - m, with w the score of a rise by 1 dB, s the
     score that an alarm takes at the false-alarm rate, and m the median score of the recordings.
     """
-    scores = np.sort(nonconformity_scores(levels, point))
-    needed = scores[-max(1, int(error_rate * (len(levels) + 1) + 1e-9))]
-    rise = _distance(levels, point, np.eye(levels.shape[1]))
+    scores = np.sort(nonconformity_scores(band_powers, point))
+    needed = scores[-max(1, int(error_rate * (len(band_powers) + 1) + 1e-9))]
+    rise = _distance(band_powers, point, np.eye(band_powers.shape[1]))
     return float(np.median(np.sqrt((needed - np.median(scores)) / rise)))
 
 
 def _distance(
-    levels: Float[np.ndarray, "recording level"],
+    band_powers: Float[np.ndarray, "recording level"],
     point: Int[np.ndarray, " recording"],
     change: Float[np.ndarray, "other level"],
 ) -> Float64[np.ndarray, " other"]:
     """Squared Mahalanobis distance of changes [dB], each of the variance of one recording:
     `nonconformity_scores`.
     """
-    spread, ridge = robust_spread(levels, point), (len(levels) + 1) * RIDGE
-    residual, scaled = point_residuals(levels, point)[0] / spread, change / spread
+    spread, ridge = robust_spread(band_powers, point), (len(band_powers) + 1) * RIDGE
+    residual, scaled = point_residuals(band_powers, point)[0] / spread, change / spread
     along = residual @ scaled.T
     inner = np.linalg.solve(residual @ residual.T + ridge * np.eye(len(residual)), along)
     return np.asarray(((scaled**2).sum(axis=1) - (along * inner).sum(axis=0)) / ridge)
 
 
 def _central_half(
-    levels: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
+    band_powers: Float[np.ndarray, "recording level"], point: Int[np.ndarray, " recording"]
 ) -> Bool[np.ndarray, " recording"]:
     """The recordings of each point that are nearest to its median in all levels together: more than
     half.
     """
-    change = levels - np.stack([np.median(levels[point == own], axis=0) for own in point])
+    change = band_powers - np.stack([np.median(band_powers[point == own], axis=0) for own in point])
     spread = np.sqrt(np.median(np.abs(change), axis=0) ** 2 + 1)
     distance = ((change / spread) ** 2).sum(axis=1)
-    central = np.zeros(len(levels), dtype=bool)
+    central = np.zeros(len(band_powers), dtype=bool)
     for own in np.unique(point):
         members = np.flatnonzero(point == own)
         central[members[np.argsort(distance[members])][: len(members) // 2 + 1]] = True

@@ -18,7 +18,7 @@ def test_the_demo_ends_with_a_history_of_all_recordings(
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         result = run("watch", "demo", "--out", tmp_path, "--port", port, code=3)
-    assert f"no page at 127.0.0.1:{port}" in result.stderr
+    assert f"Cannot serve at 127.0.0.1:{port}" in result.stderr
     assert not list(tmp_path.iterdir())
     monkeypatch.setattr(watch_demo, "RECORDINGS", 4)
     monkeypatch.setattr(watch_demo, "ONSET", 2)

@@ -8,7 +8,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from swashtwin.foundation import InputError
-from swashtwin.monitoring.page.guard import MOST_UPLOAD_BYTES
+from swashtwin.monitoring.page.guard import MAX_UPLOAD_BYTES
 from swashtwin.monitoring.page.watch_page import build_watch_page
 from swashtwin.monitoring.sources.delivery import check_facts
 from swashtwin.monitoring.status import WatchStatus
@@ -187,7 +187,7 @@ def test_a_recording_that_is_too_large_is_refused_before_it_fills_the_disk(
     sender: TestClient, spool: Spool, plant
 ):
     def pieces():
-        for _ in range(MOST_UPLOAD_BYTES // (1 << 20) + 2):
+        for _ in range(MAX_UPLOAD_BYTES // (1 << 20) + 2):
             yield bytes(1 << 20)
 
     assert sender.post(

@@ -74,6 +74,16 @@ def test_the_page_of_the_container_is_reached_from_its_computer_alone() -> None:
     assert "cap_drop: [ALL]" in text
 
 
+def test_the_page_behind_the_proxy_believes_the_address_of_the_proxy() -> None:
+    text = (DEPLOY / "compose.proxy.yaml").read_text()
+    proxy = text[text.index("  proxy:") :]
+    address = re.search(r"ipv4_address: ([\d.]+)", proxy)[1]
+    guide = (DEPLOY.parent / "docs" / "how-to" / "watch-page.md").read_text()
+    assert f'proxy = "{address}"' in guide
+    assert "./Caddyfile:/etc/caddy/Caddyfile" in proxy
+    assert re.findall(r"^ +ports: (.*)$", text, re.MULTILINE) == ['["443:443"]']
+
+
 def test_the_lock_file_pins_all_that_a_plant_needs_by_hash() -> None:
     """``pip-compile`` with the options that the file's first lines state makes it again."""
     text = (DEPLOY.parent / "requirements-plant.txt").read_text()

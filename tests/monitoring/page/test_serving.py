@@ -18,10 +18,10 @@ pytestmark = pytest.mark.nightly
 
 @pytest.fixture
 def port(plant, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """Port of a page that hangs up on silent clients after half a second."""
-    monkeypatch.setattr(server, "HEADER_SECONDS", 0.5)
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 50)
-    monkeypatch.setattr(server, "ANSWER_SECONDS", 1.0)
+    """Port of a page with short time limits."""
+    monkeypatch.setattr(server, "KEEP_ALIVE_S", 1)
+    monkeypatch.setattr(server, "MAX_CONNECTIONS", 50)
+    monkeypatch.setattr(server, "ANSWER_TIMEOUT_S", 1.0)
     number = free_port()
     application = build_watch_page(plant.config, plant.history, upload=lambda *_: "id")
     application.router.routes.insert(
@@ -39,18 +39,20 @@ def _answer(connection: socket.socket) -> bytes:
     return content
 
 
-def test_who_says_nothing_or_half_of_it_is_hung_up_on(port: int) -> None:
-    with contextlib.ExitStack() as stack:
-        silent, slow, second = (
-            stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(3)
-        )
-        slow.sendall(b"GET / HTTP/1.1\r\nHost: 127")
-        second.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET / HT")
-        before = time.monotonic()
-        assert _answer(silent) == _answer(slow) == b""
-        answer = _answer(second)
-        assert (b" 200 " in answer[:20], answer.count(b"HTTP/1.1")) == (True, 1)
-        assert time.monotonic() - before < 10  # half a second where nothing else runs
+def test_a_connection_is_closed_if_no_further_request_follows_an_answer(port: int) -> None:
+    start = time.monotonic()
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        answer = _answer(connection)
+    assert (b" 200 " in answer[:20], answer.count(b"HTTP/1.1")) == (True, 1)
+    assert time.monotonic() - start < 10  # one second if nothing else runs
+
+
+def test_a_head_that_is_too_long_is_refused(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        line = b"X-Long: " + b"x" * server.MAX_HEADER_BYTES
+        connection.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\n" + line)
+        assert b" 400 " in _answer(connection)[:20]
 
 
 def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
@@ -61,16 +63,25 @@ def test_who_does_not_take_an_answer_is_hung_up_on(port: int) -> None:
         start = lazy.recv(1024)
         length = int(start.split(b"content-length: ")[1].split(b"\r\n")[0])
         time.sleep(3)
-        assert len(_answer(lazy)) < length - 10**6  # the system holds some of it
+        try:
+            content = _answer(lazy)
+        except ConnectionResetError:  # the kernel ended the connection
+            content = b""
+        assert len(content) < length - 10**6  # the system holds some of it
 
 
-def test_idle_connections_of_a_stranger_do_not_keep_others_out(port: int) -> None:
+def test_a_request_beyond_the_limit_of_connections_is_refused_until_others_end(port: int) -> None:
+    request = b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
     with contextlib.ExitStack() as stack:
-        for _ in range(server.MOST_CONNECTIONS + 20):
+        for _ in range(server.MAX_CONNECTIONS):
             stack.enter_context(socket.create_connection(("127.0.0.1", port)))
-        with socket.create_connection(("127.0.0.1", port)) as other:
-            other.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
-            assert b" 200 " in _answer(other)[:20]
+        with socket.create_connection(("127.0.0.1", port)) as late:
+            late.sendall(request)
+            assert b" 503 " in _answer(late)[:20]
+    time.sleep(0.5)
+    with socket.create_connection(("127.0.0.1", port)) as later:
+        later.sendall(request)
+        assert b" 200 " in _answer(later)[:20]
 
 
 def test_an_upload_that_breaks_off_is_no_error_of_ours(

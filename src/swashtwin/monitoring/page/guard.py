@@ -1,6 +1,7 @@
-"""The server, and what is refused before any page is asked: foreign hosts and origins, strangers,
-large and slow bodies, clients that send or take nothing. And the headers by which a browser refuses
-the rest.
+"""Refuse requests before any page sees them.
+
+The guard refuses foreign hosts and origins, strangers, and bodies that are too large or too slow.
+It also sets the headers by which a browser refuses the rest.
 """
 
 import asyncio
@@ -16,17 +17,22 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from swashtwin.foundation import SwashTwinError
 from swashtwin.monitoring.page.sessions import Access
 
-MOST_FORM_BYTES = 64 * 1024
-"""Largest body [byte] of anything but an upload."""
-MOST_UPLOAD_BYTES = 64 * 1024 * 1024
-"""Largest recording [byte] that is taken by HTTP."""
-BODY_SECONDS = 120.0
-"""Longest time [s] that a whole body may take."""
+MAX_FORM_BYTES = 64 * 1024
+"""Largest body of anything but an upload."""
+MAX_UPLOAD_BYTES = 64 * 1024 * 1024
+"""Largest recording that is accepted by HTTP."""
+BODY_TIMEOUT_S = 120.0
+"""Time in which a whole body must arrive."""
 UPLOAD_PATH = "/api/recordings"
+"""Address that accepts recordings."""
 
+_MAX_LENGTH_DIGITS = 12
+"""Digits of a content length that is converted at all; `int` of a long text is slow."""
+_PUBLIC_PATHS = ("/login", "/health")
 _POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
-    "font-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:;"
+    " connect-src 'self'; font-src 'self'; form-action 'self'; frame-ancestors 'none';"
+    " base-uri 'none'"
 )
 _HEADERS = {
     "content-security-policy": _POLICY,
@@ -41,18 +47,23 @@ _HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d{1,5})?")
 
 
 class _BodyError(Exception):
-    """A body is longer, or took longer, than it may; with the status of the answer and its text."""
+    """A body is too large or too slow."""
+
+    def __init__(self, code: int, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+        self.text = text
 
 
 class Guard:
-    """Middleware around the whole page.
+    """Middleware around all addresses.
 
     Parameters
     ----------
-    hosts : names by which the page may be called; any other ``Host`` is refused, so that a foreign
-        site that points its own name to this computer (DNS rebinding) reads nothing. ``*`` takes
-        any.
-    access : who may use the page; `Visitor` is handed on as ``request.state.visitor``.
+    hosts : names by which the page may be called. Any other ``Host`` is refused, so that a foreign
+        site that points its own name to this computer (DNS rebinding) reads nothing. ``*`` allows
+        any name.
+    access : decides who may use the page; the `Visitor` becomes ``request.state.visitor``.
     uploads : addresses whose bodies may be as large as a recording.
     """
 
@@ -69,99 +80,129 @@ class Guard:
         self.hosts = frozenset(host.lower().strip("[]") for host in hosts)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            if scope["type"] == "lifespan":
-                await self.app(scope, receive, send)
+        """Answer a request, or pass it on."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
+        if scope["type"] != "http":
+            return
+
         path: str = scope["path"]
-        has_answer = False
+        has_started = False
 
         async def send_with_headers(message: Message) -> None:
-            nonlocal has_answer
+            nonlocal has_started
             if message["type"] == "http.response.start":
-                has_answer = True
-                sent = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
-                    sent[name] = value
-                sent["cache-control"] = (
-                    "public, max-age=3600" if path.startswith("/static/") else "no-store"
-                )
+                has_started = True
+                _add_headers(message, path)
             await send(message)
 
-        limit = MOST_UPLOAD_BYTES if path in self.uploads else MOST_FORM_BYTES
-        answer = self._refusal(scope, headers, limit)
-        if answer is None:
+        max_bytes = MAX_UPLOAD_BYTES if path in self.uploads else MAX_FORM_BYTES
+        refusal = self._refusal(scope, max_bytes)
+        if refusal is None:
             try:
-                await self.app(scope, _bounded(receive, limit), send_with_headers)
+                await self.app(scope, _limit_body(receive, max_bytes), send_with_headers)
             except _BodyError as error:
-                answer = _refused(*error.args)
-        if answer is not None and not has_answer:
-            await answer(scope, receive, send_with_headers)
+                refusal = _refuse(error.code, error.text)
 
-    def _refusal(self, scope: Scope, headers: Headers, limit: int) -> Response | None:
+        # An answer that has begun cannot be replaced by a refusal.
+        if refusal is not None and not has_started:
+            await refusal(scope, receive, send_with_headers)
+
+    def _refusal(self, scope: Scope, max_bytes: int) -> Response | None:
+        """Return the answer to a request that is refused; `None` if it may pass."""
+        headers = Headers(scope=scope)
         host = headers.get("host", "")
-        match = _HOST.fullmatch(host)
-        if match is None or not ("*" in self.hosts or match[1].lower().strip("[]") in self.hosts):
-            return _refused(421, "The page is not called by this name; list it under [page] hosts.")
-        if scope["method"] not in ("GET", "HEAD", "OPTIONS"):
-            origin = headers.get("origin")
-            is_foreign = origin is not None and urlsplit(origin).netloc.lower() != host.lower()
-            if is_foreign or headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
-                return _refused(403, "The request comes from another site.")
+        if not self._is_allowed_host(host):
+            return _refuse(421, f"Host not allowed: {host[:100]}. Add it to [page] hosts.")
+
+        is_reading = scope["method"] in ("GET", "HEAD", "OPTIONS")
+        if not is_reading and _is_from_another_site(headers, host):
+            return _refuse(403, "The request comes from another site.")
+
         length = headers.get("content-length", "0")
         if not (length.isascii() and length.isdecimal()):
-            return _refused(400, "The content length is no number.")
-        if len(length) > 12 or int(length) > limit:
-            return _refused(413, f"The body is larger than {limit} bytes.")
-        return self._stranger(scope)
+            return _refuse(400, "The content length is not a number.")
+        if len(length) > _MAX_LENGTH_DIGITS or int(length) > max_bytes:
+            return _refuse(413, f"The body is larger than {max_bytes} bytes.")
 
-    def _stranger(self, scope: Scope) -> Response | None:
-        """What a stranger is told; None for everybody else, and for what everybody may see."""
+        return self._refuse_stranger(scope)
+
+    def _is_allowed_host(self, host: str) -> bool:
+        match = _HOST.fullmatch(host)
+        if match is None:
+            return False
+        return "*" in self.hosts or match[1].lower().strip("[]") in self.hosts
+
+    def _refuse_stranger(self, scope: Scope) -> Response | None:
+        """Return the answer to a stranger; `None` if the visitor is known or the path is public."""
         try:
             visitor = self.access.visitor(HTTPConnection(scope))
         except (SwashTwinError, OSError):
-            return _refused(503, "The file of users cannot be read.")
+            return _refuse(503, "The file of users cannot be read.")
+
         scope.setdefault("state", {})["visitor"] = visitor
         path: str = scope["path"]
-        if visitor is not None or path in ("/login", "/health") or path.startswith("/static/"):
+        if visitor is not None or path in _PUBLIC_PATHS or path.startswith("/static/"):
             return None
-        if scope["method"] == "GET" and not path.startswith(("/api/", "/metrics")):
+
+        is_page = scope["method"] == "GET" and not path.startswith(("/api/", "/metrics"))
+        if is_page:
             query = scope["query_string"].decode("latin-1")
-            return RedirectResponse(
-                f"/login?next={quote(path + '?' * bool(query) + query, safe='')}", 303
-            )
-        return _refused(
+            target = f"{path}?{query}" if query else path
+            return RedirectResponse(f"/login?next={quote(target, safe='')}", 303)
+
+        return _refuse(
             401,
             "Log in, or send a token: Authorization: Bearer TOKEN.",
             {"www-authenticate": "Bearer"},
         )
 
 
-def _refused(code: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
+def _add_headers(message: Message, path: str) -> None:
+    headers = MutableHeaders(scope=message)
+    for name, value in _HEADERS.items():
+        headers[name] = value
+
+    is_static = path.startswith("/static/")
+    headers["cache-control"] = "public, max-age=3600" if is_static else "no-store"
+
+
+def _is_from_another_site(headers: Headers, host: str) -> bool:
+    origin = headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        return True
+    return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
+
+
+def _refuse(code: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
+    # The connection is closed, since the rest of a refused body may still be on its way.
     return PlainTextResponse(text, code, headers={"connection": "close", **(headers or {})})
 
 
-def _bounded(receive: Receive, limit: int) -> Receive:
-    """`receive` that ends with an error where the body is too large or takes too long."""
-    total = 0
-    is_whole = False
-    end: float | None = None
+def _limit_body(receive: Receive, max_bytes: int) -> Receive:
+    """Return a `receive` that raises an error if the body is too large or too slow."""
+    total_bytes = 0
+    is_complete = False
+    deadline: float | None = None
 
-    async def receive_bounded() -> Message:
-        nonlocal total, is_whole, end
-        if is_whole:
-            return await receive()  # waits for the end of the connection
+    async def receive_limited() -> Message:
+        nonlocal total_bytes, is_complete, deadline
+        if is_complete:
+            return await receive()  # waits until the client disconnects, which has no limit
+
         loop = asyncio.get_running_loop()
-        end = loop.time() + BODY_SECONDS if end is None else end
+        if deadline is None:
+            deadline = loop.time() + BODY_TIMEOUT_S
         try:
-            message = await asyncio.wait_for(receive(), end - loop.time())
+            message = await asyncio.wait_for(receive(), deadline - loop.time())
         except TimeoutError:
-            raise _BodyError(408, f"The body took longer than {BODY_SECONDS:g} s.") from None
-        total += len(message.get("body", b""))
-        is_whole = message["type"] != "http.request" or not message.get("more_body", False)
-        if total > limit:
-            raise _BodyError(413, f"The body is larger than {limit} bytes.")
+            raise _BodyError(408, f"The body took longer than {BODY_TIMEOUT_S:g} s.") from None
+
+        total_bytes += len(message.get("body", b""))
+        is_complete = message["type"] != "http.request" or not message.get("more_body", False)
+        if total_bytes > max_bytes:
+            raise _BodyError(413, f"The body is larger than {max_bytes} bytes.")
         return message
 
-    return receive_bounded
+    return receive_limited

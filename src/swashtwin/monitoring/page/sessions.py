@@ -1,4 +1,8 @@
-"""Decide who sent a request: a person with a session, a program with a token, or a local visitor."""
+"""Decide who sent a request.
+
+A visitor is a person with a session, a program with a token, or, if there is no file of users,
+anyone on this computer.
+"""
 
 import hashlib
 import hmac
@@ -18,11 +22,12 @@ from swashtwin.monitoring.page.throttle import Throttle, drop_oldest
 from swashtwin.monitoring.page.users import UserFile, digest
 
 COOKIE = "swashtwin_visit"
+"""Name of the cookie; it holds the id of a visit, and after a login that of the session."""
 SESSION_SECONDS = 12 * 3600.0
-"""How long a login lasts without a request [s]."""
-LONGEST_SESSION_SECONDS = 7 * 24 * 3600.0
-"""How long a login lasts at most [s]."""
-_MOST_SESSIONS = 1000
+"""How long a login lasts without a request [s]: one shift."""
+MAX_SESSION_SECONDS = 7 * 24 * 3600.0
+"""How long a login lasts in total [s]."""
+_MAX_SESSIONS = 1000
 
 
 @dataclass(frozen=True)
@@ -30,129 +35,145 @@ class Visitor:
     """Who sent a request."""
 
     name: str
-    """Name of the person or of the program's token; empty where the page asks for none."""
+    """Name of the person or of the program's token; empty if the page has no logins."""
     kind: Literal["person", "token", "control", "local"]
-    """How we know; ``control``: by a token that may acknowledge, silence and note events."""
+    """How the visitor is known; ``control`` is a token that may also change things."""
 
 
 class _Session(NamedTuple):
     name: str
     """Name of the person."""
     mark: str
-    """Mark of the password with which the person logged in."""
-    last_end: float
-    """When it ends at the latest [s]."""
-    end: float
+    """Mark of the password with which the person logged in (`UserFile.mark`)."""
+    final_end: float
+    """When it ends even if it is used [s]."""
+    idle_end: float
     """When it ends without a request [s]."""
 
 
 class Access:
-    """Logins, sessions and form tokens of one page."""
+    """Logins, sessions and form tokens of one page.
+
+    Raises
+    ------
+    InputError
+        The file of users has no entry, so nobody could use the page.
+    DataError
+        The file of users is absent or damaged.
+    """
 
     def __init__(self, settings: PageSettings) -> None:
         self.settings = settings
         self.users = None if settings.users is None else UserFile(settings.users)
-        """People and programs; None where the page is open to this computer only."""
+        """People and programs; `None` if the page is open to this computer only."""
         self._throttle = Throttle()
-        self._key = secrets.token_bytes(32)
+        self._form_key = secrets.token_bytes(32)
         self._sessions: OrderedDict[str, _Session] = OrderedDict()
         self._familiar: OrderedDict[tuple[str, str], None] = OrderedDict()
-        """Addresses from which a person logged in; there only the address is slowed down after
-        wrong passwords.
+        """Addresses from which a person has logged in. Only the address is slowed down there, so
+        that strangers who guess passwords cannot lock that person out.
         """
         self._lock = threading.Lock()
         if self.users is not None and not self.users.entries():
             raise InputError(
-                f"{settings.users} names no user and no token; add one with swashtwin watch user."
+                f"{settings.users} has no user and no token; add one with swashtwin watch user."
             )
 
     def visitor(self, request: HTTPConnection) -> Visitor | None:
-        """Who sent this request; None where nobody who may use the page."""
+        """Return who sent a request; `None` if the sender may not use the page."""
         if self.users is None:
             return Visitor("", "local")
+
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             program = self.users.program(token.strip())
             return None if program is None else Visitor(program.name, program.kind)
-        person = self._session(self.users, request.cookies.get(COOKIE, ""))
+
+        person = self._session_name(self.users, request.cookies.get(COOKIE, ""))
         return None if person is None else Visitor(person, "person")
 
     def login(self, request: HTTPConnection, name: str, password: str) -> str | int:
-        """A session's id for the cookie; or, where the login failed, the seconds to wait before the
-        next attempt.
+        """Return a new session's id, or the seconds to wait before the next attempt.
+
+        The result is 0 if the login failed and another attempt may follow at once.
         """
-        address, person = request.client.host if request.client else "unknown", digest(name)
-        if address == self.settings.proxy and (
-            stated := ",".join(request.headers.getlist("x-forwarded-for"))
-        ):
-            address = stated.rpartition(",")[
-                2
-            ].strip()  # the proxy states last where a request came from
-        keys = [f"address {address}"]
-        if (
-            address,
-            person,
-        ) not in self._familiar:  # else strangers who guess could lock a person out
-            keys.append(f"name {person}")
         if self.users is None:
             return 0
-        if wait := self._throttle.attempt(*keys):
+
+        address = self._address(request)
+        person = digest(name)
+        keys = [f"address {address}"]
+        if (address, person) not in self._familiar:
+            keys.append(f"name {person}")
+
+        wait = self._throttle.attempt(*keys)
+        if wait:
             return wait
         mark = self.users.checked_mark(name, password)
         if mark is None:
             return self._throttle.wait(*keys)
+
         self._throttle.succeed(*keys)
-        session = secrets.token_urlsafe(32)
-        now = time.monotonic()
-        with self._lock:
-            self._familiar[address, person] = None
-            drop_oldest(self._familiar, _MOST_SESSIONS)
-            entry = _Session(name, mark, now + LONGEST_SESSION_SECONDS, now + SESSION_SECONDS)
-            self._sessions[digest(session)] = entry
-            drop_oldest(self._sessions, _MOST_SESSIONS)
-        return session
+        return self._start_session(name, mark, (address, person))
 
     def logout(self, request: HTTPConnection) -> None:
-        """End the session of this request."""
+        """End the session of a request."""
         with self._lock:
             self._sessions.pop(digest(request.cookies.get(COOKIE, "")), None)
 
     def form_token(self, visit: str) -> str:
-        """Token that forms of the visit with this cookie carry."""
-        return hmac.new(self._key, visit.encode(), hashlib.sha256).hexdigest()
+        """Return the token that the forms of a visit carry."""
+        return hmac.new(self._form_key, visit.encode(), hashlib.sha256).hexdigest()
 
     def is_form_token(self, request: HTTPConnection, token: str) -> bool:
-        """Whether a form came from a page that we gave to the same visit."""
+        """Return whether a form comes from a page that was sent to the same visit."""
         visit = request.cookies.get(COOKIE, "")
-        return bool(visit) and hmac.compare_digest(
-            self.form_token(visit).encode(), token.encode("utf-8", "replace")
-        )
+        expected_token = self.form_token(visit).encode()
+        return bool(visit) and hmac.compare_digest(expected_token, token.encode("utf-8", "replace"))
 
     def set_cookie(self, response: Response, visit: str) -> None:
-        """Give the visit's cookie to the browser.
+        """Set the visit's cookie in the browser.
 
-        Scripts can not read it, and no form of another site sends it. A link in a message does
-        (``Lax``), so that an alarm's mail leads to the alarm and not to the login.
+        Scripts cannot read it, and forms of another site do not send it. A link does send it
+        (``Lax``), so that a link in an alarm's mail leads to the alarm and not to the login.
         """
         response.set_cookie(
             COOKIE, visit, httponly=True, samesite="lax", secure=self.settings.https, path="/"
         )
 
-    def _session(self, users: UserFile, visit: str) -> str | None:
-        """Name of the person whose session has that id; None where it ended or the password is
-        another one now.
-        """
+    def _address(self, request: HTTPConnection) -> str:
+        """Return the address that an attempt to log in comes from."""
+        address = request.client.host if request.client else "unknown"
+        if address != self.settings.proxy:
+            return address
+
+        # The proxy appends the client's address; what precedes it is the client's own claim.
+        forwarded = ",".join(request.headers.getlist("x-forwarded-for"))
+        return forwarded.rpartition(",")[2].strip() or address
+
+    def _start_session(self, name: str, mark: str, origin: tuple[str, str]) -> str:
+        session_id = secrets.token_urlsafe(32)
         now = time.monotonic()
+        session = _Session(name, mark, now + MAX_SESSION_SECONDS, now + SESSION_SECONDS)
+
         with self._lock:
-            key = digest(visit)
+            self._familiar[origin] = None
+            drop_oldest(self._familiar, _MAX_SESSIONS)
+            self._sessions[digest(session_id)] = session
+            drop_oldest(self._sessions, _MAX_SESSIONS)
+        return session_id
+
+    def _session_name(self, users: UserFile, session_id: str) -> str | None:
+        """Return the person of a session; `None` if it ended or the password changed since."""
+        now = time.monotonic()
+        key = digest(session_id)
+        with self._lock:
             session = self._sessions.pop(key, None)
-            if (
-                session is None
-                or min(session.end, session.last_end) < now
-                or users.mark(session.name) != session.mark
-            ):
+            if session is None or min(session.idle_end, session.final_end) < now:
                 return None
-            self._sessions[key] = session._replace(
-                end=now + SESSION_SECONDS
-            )  # at the end: the oldest goes first
+            if users.mark(session.name) != session.mark:
+                return None
+
+            # Inserted again at the end, since the first entries are dropped when space is short.
+            self._sessions[key] = session._replace(idle_end=now + SESSION_SECONDS)
             return session.name

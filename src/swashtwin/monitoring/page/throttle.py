@@ -9,16 +9,22 @@ from typing import Any
 
 FREE_ATTEMPTS = 5
 """Wrong passwords in a row before the first wait."""
-FIRST_WAIT = 2.0
-"""Length of the first wait [s]; each further wrong password doubles it."""
-LONGEST_WAIT = 900.0
-"""Longest wait [s], and how long a quiet key is remembered."""
-_MOST_KEYS = 10_000
+FIRST_WAIT_S = 2.0
+"""Length of the first wait; each further wrong password doubles it."""
+MAX_WAIT_S = 900.0
+"""Longest wait, and how long a quiet key is remembered."""
+_MAX_DOUBLINGS = 20
+"""Doublings after which the wait has long been `MAX_WAIT_S`; it keeps the power finite."""
+_MAX_KEYS = 10_000
+"""Keys that are remembered; a stranger who invents names must not fill the memory."""
 
 
 class Throttle:
-    """Fewer and fewer attempts to log in after wrong passwords, by key, such as an address or a
-    user's name.
+    """Waits between attempts to log in, by key, such as an address or a user's name.
+
+    Parameters
+    ----------
+    clock : returns the time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -27,28 +33,30 @@ class Throttle:
         self._lock = threading.Lock()
 
     def attempt(self, *keys: str) -> int:
-        """Whole seconds until the next attempt; 0 where one is made now, which counts as wrong
-        until `succeed`.
+        """Start an attempt, and return 0; or return the seconds to wait before the next one.
 
-        So guesses that come at the same time do not all pass before the first is counted.
+        An attempt counts as wrong until `succeed`. Guesses that arrive together therefore cannot
+        all pass before the first of them is counted.
         """
         now = self._clock()
         with self._lock:
-            wait = max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
-            if not wait:
-                for key in keys:
-                    count, last = self._failures.pop(key, (0, now))
-                    self._failures[key] = (count + 1 if now - last < LONGEST_WAIT else 1, now)
-                drop_oldest(self._failures, _MOST_KEYS)
-            return wait
+            wait = self._wait(keys, now)
+            if wait:
+                return wait
+
+            for key in keys:
+                count, failed_at = self._failures.pop(key, (0, now))
+                if now - failed_at >= MAX_WAIT_S:
+                    count = 0
+                self._failures[key] = (count + 1, now)
+
+            drop_oldest(self._failures, _MAX_KEYS)
+            return 0
 
     def wait(self, *keys: str) -> int:
-        """Whole seconds until the next attempt under all of these keys; 0 where it may be made
-        now.
-        """
-        now = self._clock()
+        """Return the whole seconds until the next attempt under all keys; 0 if none is needed."""
         with self._lock:
-            return max(0, *(math.ceil(self._until(key, now) - now) for key in keys))
+            return self._wait(keys, self._clock())
 
     def succeed(self, *keys: str) -> None:
         """Forget the failures under each key."""
@@ -56,14 +64,20 @@ class Throttle:
             for key in keys:
                 self._failures.pop(key, None)
 
-    def _until(self, key: str, now: float) -> float:
-        count, last = self._failures.get(key, (0, -math.inf))
+    def _wait(self, keys: tuple[str, ...], now: float) -> int:
+        waits = [math.ceil(self._blocked_until(key, now) - now) for key in keys]
+        return max(0, *waits)
+
+    def _blocked_until(self, key: str, now: float) -> float:
+        count, failed_at = self._failures.get(key, (0, -math.inf))
         if count < FREE_ATTEMPTS:
             return now
-        return last + min(FIRST_WAIT * 2.0 ** min(count - FREE_ATTEMPTS, 20), LONGEST_WAIT)
+
+        doublings = min(count - FREE_ATTEMPTS, _MAX_DOUBLINGS)
+        return failed_at + min(FIRST_WAIT_S * 2.0**doublings, MAX_WAIT_S)
 
 
-def drop_oldest(entries: OrderedDict[Any, Any], count: int) -> None:
-    """Remove the oldest entries until `count` remain."""
-    while len(entries) > count:
+def drop_oldest(entries: OrderedDict[Any, Any], max_count: int) -> None:
+    """Remove the oldest entries until at most `max_count` remain."""
+    while len(entries) > max_count:
         entries.popitem(last=False)

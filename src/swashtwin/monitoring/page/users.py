@@ -1,9 +1,9 @@
 """Keep the file of users and tokens.
 
-People and programs are in one JSON file that only its owner can read: where root writes it, the
-owner of the file before or of its folder. A password is kept as an argon2id hash, a token as its
-SHA-256: a token has 256 random bits, so that no slow hash is needed and each request can be checked
-at once.
+The file is JSON that only its owner can read. If root writes it, it is given to the owner of the
+previous file, or else of its folder. A password is kept as an argon2id hash, a token as its
+SHA-256: a token has 256 random bits, so a slow hash would add nothing, and each request can be
+checked at once.
 """
 
 import hashlib
@@ -26,17 +26,19 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from swashtwin.foundation import DataError, InputError, MissingFileError, from_table, to_table
 from swashtwin.monitoring.sources.spool import lock_file
 
-LEAST_PASSWORD = 10
-"""Characters that a password needs."""
+MIN_PASSWORD_LENGTH = 10
+"""Minimum length of a password, in characters."""
+MAX_PASSWORD_LENGTH = 1000
+"""Maximum length of a password, in characters; it bounds the time of one hash."""
 
 _NAME = re.compile(r"[\w.@ -]{1,64}")
 _HASHER = PasswordHasher()
-_CHECKING = threading.Lock()
-"""One password at a time: a check takes 64 MiB."""
+_CHECK_LOCK = threading.Lock()
+"""Held while a password is checked: a check takes 64 MiB, so they run one after the other."""
 
 Kind = Literal["person", "token", "control"]
-"""People see and acknowledge; tokens read and upload; tokens for control acknowledge, silence and
-note events too.
+"""A person sees and acknowledges. A token reads and uploads; a token for control may also
+acknowledge, silence and add events.
 """
 
 
@@ -44,105 +46,118 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One person or program."""
 
     name: str
+    """Name."""
     kind: Kind
+    """What the entry may do."""
     hash: str
-    """Of the password or the token."""
+    """Hash of the password or of the token."""
 
 
 def add_user(path: Path, name: str, password: str) -> None:
-    """Write a person into the file at `path`, which is created where absent; one of the same name
-    is replaced.
-
-    Raises
-    ------
-    InputError
-        A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space, or a short
-        password.
-    """
-    if not LEAST_PASSWORD <= len(password) <= 1000:
-        raise InputError(
-            f"The password needs {LEAST_PASSWORD} to 1000 characters; this one has {len(password)}."
-        )
-    _replace(path, Entry(name, "person", _HASHER.hash(password)))
-
-
-def add_token(path: Path, name: str, *, control: bool = False) -> str:
-    """A fresh token for the program `name`; the file at `path` keeps its hash only, so it can not
-    be shown again.
+    """Add a person to a file of users, or replace the person's password.
 
     Parameters
     ----------
-    control : whether the program may acknowledge, silence and note events too, and not only read
-        and upload.
+    path : file of users; it is created if absent.
 
     Raises
     ------
     InputError
-        A name with signs beyond letters, digits, ``.``, ``@``, ``-`` and space.
+        The name is invalid, or the password is too short or too long.
+    """
+    if not MIN_PASSWORD_LENGTH <= len(password) <= MAX_PASSWORD_LENGTH:
+        raise InputError(
+            f"The password has {len(password)} characters; use {MIN_PASSWORD_LENGTH} to"
+            f" {MAX_PASSWORD_LENGTH}."
+        )
+    _replace_entry(path, Entry(name, "person", _HASHER.hash(password)))
+
+
+def add_token(path: Path, name: str, *, control: bool = False) -> str:
+    """Add a program to a file of users and return its new token.
+
+    The file keeps only the token's hash, so the token cannot be shown again.
+
+    Parameters
+    ----------
+    path : file of users; it is created if absent.
+    control : whether the program may also acknowledge, silence and add events.
+
+    Raises
+    ------
+    InputError
+        The name is invalid.
     """
     token = f"st_{secrets.token_urlsafe(32)}"
-    _replace(path, Entry(name, "control" if control else "token", digest(token)))
+    kind: Kind = "control" if control else "token"
+    _replace_entry(path, Entry(name, kind, digest(token)))
     return token
 
 
 def remove_entry(path: Path, name: str) -> None:
-    """Take the person and the token called `name` out of the file at `path`.
+    """Remove the person and the token of a name from a file of users.
 
     Raises
     ------
     InputError
-        Nobody there has that name.
+        No entry has that name.
     """
-    with _changing(path) as entries:
-        kept = [entry for entry in entries if entry.name != name]
-        if len(kept) == len(entries):
+    with _editing(path) as entries:
+        remaining_entries = [entry for entry in entries if entry.name != name]
+        if len(remaining_entries) == len(entries):
             raise InputError(f"{path} has no user and no token called {name!r}.")
-        entries[:] = kept
+
+        entries[:] = remaining_entries
 
 
 @dataclass
 class UserFile:
-    """The file as the page asks it; read again whenever it changed."""
+    """A file of users; it is read again whenever it changed."""
 
     path: Path
-    """Where it is."""
+    """Path of the file."""
     _stamp: tuple[int, int, int] | None = field(default=None, init=False)
     _entries: list[Entry] = field(default_factory=list, init=False)
 
     def mark(self, name: str) -> str | None:
-        """Text that changes with the password of the person `name` and does not tell it; None where
-        nobody's name.
-        """
-        return None if (known := self._hash(name)) is None else digest(known)
+        """Return a text that changes with a person's password; `None` if nobody has the name."""
+        password_hash = self._password_hash(name)
+        if password_hash is None:
+            return None
+        return digest(password_hash)
 
     def checked_mark(self, name: str, password: str) -> str | None:
-        """Mark of the person `name` where the password is right; takes as long for a name that
-        nobody has.
+        """Return a person's mark if the password is right, else `None`.
+
+        The check takes as long for a name that nobody has, so its time does not reveal names.
         """
-        known = self._hash(name)
-        with _CHECKING:
+        password_hash = self._password_hash(name)
+        with _CHECK_LOCK:
             try:
-                _HASHER.verify(known or _nobody(), password[:1000])
+                _HASHER.verify(password_hash or _decoy_hash(), password[:MAX_PASSWORD_LENGTH])
             except (VerificationError, InvalidHashError):
                 return None
-        return None if known is None else digest(known)
+
+        if password_hash is None:
+            return None
+        return digest(password_hash)
 
     def program(self, token: str) -> Entry | None:
-        """The program whose token this is; None where nobody's."""
+        """Return the program that has this token; `None` if no program has it."""
         token_hash = digest(token)
-        programs = [item for item in self.entries() if item.kind != "person"]
-        return next(
-            (item for item in programs if secrets.compare_digest(item.hash, token_hash)), None
-        )
+        for entry in self.entries():
+            if entry.kind != "person" and secrets.compare_digest(entry.hash, token_hash):
+                return entry
+        return None
 
-    def _hash(self, name: str) -> str | None:
-        return next(
-            (item.hash for item in self.entries() if (item.kind, item.name) == ("person", name)),
-            None,
-        )
+    def _password_hash(self, name: str) -> str | None:
+        for entry in self.entries():
+            if entry.kind == "person" and entry.name == name:
+                return entry.hash
+        return None
 
     def entries(self) -> list[Entry]:
-        """People and programs.
+        """Return people and programs.
 
         Raises
         ------
@@ -153,82 +168,91 @@ class UserFile:
             status = self.path.stat()
         except FileNotFoundError:
             raise MissingFileError(
-                f"{self.path}: there is no such file of users; write one with swashtwin watch user."
+                f"{self.path}: no such file of users; create it with swashtwin watch user."
             ) from None
+
         stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
         if stamp != self._stamp:
-            self._entries, self._stamp = _read(self.path), stamp
+            self._entries = _read_entries(self.path)
+            self._stamp = stamp
         return self._entries
 
 
-@cache
-def _nobody() -> str:
-    """Hash that is checked for a name that nobody has, so that the answer takes as long; made when
-    first needed.
-    """
-    return _HASHER.hash(secrets.token_hex(16))
-
-
 def digest(text: str) -> str:
+    """Return the SHA-256 of a text as hexadecimal digits."""
+    # A header may hold lone surrogates, which the strict encoder refuses.
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _replace(path: Path, new: Entry) -> None:
-    if not _NAME.fullmatch(new.name) or new.name != new.name.strip():
+@cache
+def _decoy_hash() -> str:
+    """Return the hash that is checked for a name that nobody has."""
+    return _HASHER.hash(secrets.token_hex(16))
+
+
+def _replace_entry(path: Path, entry: Entry) -> None:
+    if not _NAME.fullmatch(entry.name) or entry.name != entry.name.strip():
         raise InputError(
-            f"The name {new.name!r} is none: use up to 64 letters, digits, '.', '@', '-', '_' or spaces, none at the "
-            "ends."
+            f"Invalid name {entry.name!r}: use up to 64 letters, digits, '.', '@', '-', '_' or"
+            " spaces, with no space at the ends."
         )
-    with _changing(path) as entries:
-        same = ("person",) if new.kind == "person" else ("token", "control")
+
+    # A person and a program may share a name; two programs may not.
+    replaced_kinds = ("person",) if entry.kind == "person" else ("token", "control")
+    with _editing(path) as entries:
         entries[:] = [
-            entry for entry in entries if entry.name != new.name or entry.kind not in same
-        ] + [new]
+            present
+            for present in entries
+            if present.name != entry.name or present.kind not in replaced_kinds
+        ]
+        entries.append(entry)
 
 
 @contextmanager
-def _changing(path: Path) -> Iterator[list[Entry]]:
-    """Entries of the file, to be changed in the block; two commands at once change it one after the
-    other.
+def _editing(path: Path) -> Iterator[list[Entry]]:
+    """Yield the entries of a file, and write what the block makes of them.
+
+    A lock lets two commands edit the file one after the other.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    lock = path.with_name(f".{path.name}.lock")
-    with lock_file(lock):
-        _give(lock, path)
-        entries = _read(path) if path.exists() else []
+    lock_path = path.with_name(f".{path.name}.lock")
+    with lock_file(lock_path):
+        _give_to_owner(lock_path, path)
+        entries = _read_entries(path) if path.exists() else []
         yield entries
-        _write(path, entries)
+        _write_entries(path, entries)
 
 
-def _read(path: Path) -> list[Entry]:
+def _read_entries(path: Path) -> list[Entry]:
     try:
         return from_table(json.loads(path.read_text(encoding="utf-8")), list[Entry])
     except ValueError as cause:
         raise DataError(
-            f"{path} is no file of users; write one with swashtwin watch user."
+            f"{path} is not a file of users; create one with swashtwin watch user."
         ) from cause
 
 
-def _give(made: Path, path: Path) -> None:
-    """Let what root made belong to the owner of the file at `path`, or of its folder: a service's
-    user needs it.
-    """
-    if hasattr(os, "geteuid") and os.geteuid() == 0:
-        owner = (path if path.exists() else path.parent).stat()
-        os.chown(made, owner.st_uid, owner.st_gid, follow_symlinks=False)
-
-
-def _write(path: Path, entries: list[Entry]) -> None:
-    temporary = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
+def _write_entries(path: Path, entries: list[Entry]) -> None:
+    temporary_path = path.with_name(f".{path.name}-{secrets.token_hex(6)}")
     try:
-        descriptor = os.open(
-            temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600
-        )  # never readable by others
+        # The mode is set when the file is created, so nobody else can read it at any time.
+        descriptor = os.open(temporary_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with open(descriptor, "w", encoding="utf-8", newline="\n") as file:
             json.dump(to_table(entries), file, indent=1)
             file.flush()
             os.fsync(file.fileno())
-        _give(temporary, path)
-        temporary.replace(path)
+
+        _give_to_owner(temporary_path, path)
+        temporary_path.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        temporary_path.unlink(missing_ok=True)
+
+
+def _give_to_owner(new_path: Path, path: Path) -> None:
+    """Give a file that root made to the owner of `path`, or else of its folder.
+
+    Without this, a service that runs as its own user could not read what root wrote for it.
+    """
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        owner = (path if path.exists() else path.parent).stat()
+        os.chown(new_path, owner.st_uid, owner.st_gid, follow_symlinks=False)

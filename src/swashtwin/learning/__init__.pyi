@@ -74,6 +74,8 @@ from .training.settings import Epoch as Epoch
 from .training.settings import TrainingSettings as TrainingSettings
 from .training.settings import at_other_speeds as at_other_speeds
 from .training.settings import with_gains as with_gains
+from .training.training_data import TrainingData as TrainingData
+from .training.training_data import prepare_training_data as prepare_training_data
 from .training.training_reference import N_FACTS as N_FACTS
 from .training.training_reference import OutsideFact as OutsideFact
 from .training.training_reference import TrainingReference as TrainingReference
